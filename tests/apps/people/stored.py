@@ -1,11 +1,13 @@
-"""The answers of a study, as its export has them; and what tests of studies do again and again."""
+"""Helpers of study tests: stored answers, threads, unchanged folders and refused commands."""
 
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+from wordcraft_kg.apps.people.protocol import Answer, HumanProtocol, PosedTask
 from wordcraft_kg.apps.people.study import read_study
 
 
@@ -15,6 +17,13 @@ def lines_of(folder: Path) -> list[SimpleNamespace]:
         SimpleNamespace(**{name: tuple(value) if isinstance(value, list) else value for name, value in line.items()})
         for line in read_study(folder).lines()
     ]
+
+
+def answered(protocol: HumanProtocol, task: PosedTask, is_right: bool, seconds: float = 1.0) -> Answer:
+    """Return a right answer, or one of an entity with itself that is not in the plan."""
+    one, other = (task.table.index(label) for label in task.plans[0][:2])
+    wrong = next(slot for slot in range(len(task.table)) if slot not in (one, other))
+    return protocol.answer(task, (one, other) if is_right else (wrong, wrong), seconds)
 
 
 def at_once(work: Callable[[], object], threads: int) -> None:
@@ -37,3 +46,11 @@ def unchanged(folder: Path) -> Iterator[None]:
     before = contents(folder)
     yield
     assert contents(folder) == before
+
+
+def refused(outcome: Any, kind: str = "ConfigError") -> str:
+    """Return the message of a command that was refused: one line, of this kind of error, without output."""
+    assert (outcome.code, outcome.out, outcome.kind) == (1, "", kind)
+    assert outcome.err.startswith("error: ")
+    assert "Traceback" not in outcome.err
+    return str(outcome.err)

@@ -1,4 +1,4 @@
-"""The paper's protocol for people: picks, tasks, the file of answers, its summary, and the interval of a rate."""
+"""The paper's protocol for people: picks, tasks, the file of answers, and the interval of a rate."""
 
 import json
 import math
@@ -20,10 +20,8 @@ from wordcraft_kg.apps.people.session_file import Session, append_answer, open_s
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.envs.words import results_of, table_labels
+from wordcraft_kg.envs.words import table_labels
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
-
-EDIT = Callable[[dict[str, Any]], Any]
 
 
 @pytest.fixture(scope="module")
@@ -31,29 +29,28 @@ def protocol(kitchen: RecipeGraph) -> HumanProtocol:
     return HumanProtocol(kitchen)
 
 
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "human.jsonl"
+
+
 def answer_to(protocol: HumanProtocol, part: str, number: int) -> Answer:
     """The answer of somebody who combines the first two things, or in every third task is right."""
-    env, observation = protocol.pose(part, number)
-    table = table_labels(env, observation)
-    picks = tuple(env.task.plans[0][0][:2]) if number % 3 == 0 else table[:2]
-    made = results_of(env, *picks)
-    return Answer(part, number, env.task.goal, table, picks, made, env.task.goal in made, 1.5)
+    task = protocol.task(part, number)
+    slots = tuple(task.table.index(label) for label in task.plans[0][:2]) if number % 3 == 0 else (0, 1)
+    return protocol.answer(task, slots, 1.5)
 
 
 def play(path: Path, protocol: HumanProtocol, count: int = 80) -> Session:
     """Go on with a session until so many tasks are answered."""
     session = open_session(path, protocol)
-    for part, number in protocol.turns[len(session.answers) : count]:
-        session = append_answer(path, session, answer_to(protocol, part, number))
+    for turn in protocol.turns[len(session.answers) : count]:
+        session = append_answer(path, session, answer_to(protocol, *turn))
     return session
 
 
-# --- protocol --------------------------------------------------------------------------------------------------------
-
-
 def test_a_session_is_40_train_tasks_and_then_40_test_tasks():
-    assert [part for part, _ in schedule()] == ["train"] * 40 + ["test"] * 40
-    assert [number for _, number in schedule()] == [*range(1, 41), *range(1, 41)]
+    assert schedule() == tuple((part, number) for part in ("train", "test") for number in range(1, 41))
 
 
 def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol: HumanProtocol, kitchen: RecipeGraph):
@@ -75,10 +72,12 @@ def test_fewer_tasks_are_the_first_of_more_and_a_world_may_be_shared(protocol: H
     assert few.header == msgspec.structs.replace(protocol.header, settings=settings)
 
 
-@pytest.mark.parametrize("tasks", [0, -1, 1_001, True, 1.5])
-def test_a_number_of_tasks_that_cannot_be_is_refused(protocol: HumanProtocol, tasks: Any):
-    with refuses("tasks"):
-        HumanProtocol(protocol.world, tasks=tasks)
+@pytest.mark.parametrize(
+    ("setting", "value"), [*(("tasks", value) for value in (0, -1, 1_001, True, 1.5)), ("seed", -1)]
+)
+def test_a_setting_that_cannot_be_is_refused(protocol: HumanProtocol, setting: str, value: Any):
+    with refuses(setting):
+        HumanProtocol(protocol.world, **{setting: value})
 
 
 def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol: HumanProtocol):
@@ -124,36 +123,22 @@ def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
     assert {key: episode_seed(*key) for key in golden} == golden
 
 
-def test_a_negative_seed_is_refused(kitchen: RecipeGraph):
-    with refuses("seed"):
-        HumanProtocol(kitchen, seed=-1)
-
-
 def test_the_header_says_what_makes_sessions_comparable_and_nothing_about_people(
-    protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path
+    protocol: HumanProtocol, kitchen: RecipeGraph, path: Path
 ):
-    play(tmp_path / "human.jsonl", protocol, 3)
-    lines = (tmp_path / "human.jsonl").read_text().splitlines()
-    header, first = json.loads(lines[0]), json.loads(lines[1])
-    assert header["format"] == "wordcraft-kg human protocol 1"
-    assert (header["graph"], header["graph_hash"]) == ("kitchen", kitchen.hash)
-    assert header["split_hash"] == make_split(kitchen, SplitConfig()).hash
-    assert header["settings"] == {
-        "tasks_per_part": 40,
-        "depth": 1,
-        "num_distractors": 8,
-        "attempts": 1,
-        "distractor_weighting": "use",
-        "distractor_policy": "any",
-        "task_weighting": "task",
-        "ambiguity": "all",
+    play(path, protocol, 3)
+    header, first, *_ = map(json.loads, path.read_text().splitlines())
+    settings = {"tasks_per_part": 40, "depth": 1, "num_distractors": 8, "attempts": 1}
+    weights = {"distractor_weighting": "use", "distractor_policy": "any", "task_weighting": "task", "ambiguity": "all"}
+    assert header == {
+        "format": "wordcraft-kg human protocol 1",
+        "graph": "kitchen",
+        "graph_hash": kitchen.hash,
+        "split_hash": make_split(kitchen, SplitConfig()).hash,
+        "settings": settings | weights,
+        "seed": 0,
     }
-    assert header["seed"] == 0
-    assert set(header) == {"format", "graph", "graph_hash", "split_hash", "settings", "seed"}
-    assert set(first) == {"part", "number", "goal", "table", "picks", "made", "success", "seconds"}
-
-
-# --- file ------------------------------------------------------------------------------------------------------------
+    assert list(first) == ["part", "number", "goal", "table", "picks", "made", "success", "seconds"]
 
 
 def test_a_session_in_pieces_is_the_session_in_one(protocol: HumanProtocol, tmp_path: Path):
@@ -165,9 +150,8 @@ def test_a_session_in_pieces_is_the_session_in_one(protocol: HumanProtocol, tmp_
 
 
 def test_a_last_line_torn_anywhere_is_dropped_and_its_task_asked_again(
-    protocol: HumanProtocol, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    protocol: HumanProtocol, path: Path, caplog: pytest.LogCaptureFixture
 ):
-    path = tmp_path / "human.jsonl"
     play(path, protocol, 3)
     data = path.read_bytes()
     start = data.rindex(b"\n", 0, -1) + 1
@@ -182,49 +166,47 @@ def test_a_last_line_torn_anywhere_is_dropped_and_its_task_asked_again(
 
 
 @pytest.mark.parametrize(
-    ("other", "kind", "message"),
+    ("other", "kind", "name"),
     [
-        ({"seed": 1}, ConfigError, "has seed 0, but this command has 1"),
-        ({"num_distractors": 1}, ConfigError, "has num_distractors 8, but this command has 1"),
+        ({"seed": 1}, ConfigError, "seed 0, but this command has 1"),
+        ({"num_distractors": 1}, ConfigError, "num_distractors 8, but this command has 1"),
         ({"split": 1}, GraphMismatchError, "split_hash"),
         ({"graph": 1}, GraphMismatchError, "graph_hash"),
     ],
 )
 def test_a_file_of_another_session_is_refused_and_stays(
-    protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path, other: dict[str, int], kind: type, message: str
+    protocol: HumanProtocol, kitchen: RecipeGraph, path: Path, other: dict[str, int], kind: type, name: str
 ):
-    path = tmp_path / "human.jsonl"
     play(path, protocol, 3)
     with path.open("ab") as file:
         file.write(b'{"torn')
     before = path.read_bytes()
-    graph = kitchen
-    if other.pop("graph", None):
-        graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), ("bread", "sand", "kiln")])
-    split = make_split(graph, SplitConfig(seed=other.pop("split", 0)))
-    with pytest.raises(kind, match=message):
+    changed, other = other.keys() & {"graph", "split"}, {key: other[key] for key in other.keys() - {"graph", "split"}}
+    more = [("bread", "sand", "kiln")] if "graph" in changed else []
+    graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), *more]) if more else kitchen
+    split = make_split(graph, SplitConfig(seed=int("split" in changed)))
+    with pytest.raises(kind, match=name):
         open_session(path, HumanProtocol(OpenedGraph(graph, split, "here"), **other))
     assert path.read_bytes() == before
 
 
-def test_another_name_of_the_same_graph_goes_on(protocol: HumanProtocol, kitchen: RecipeGraph, tmp_path: Path):
-    play(tmp_path / "human.jsonl", protocol, 3)
+def test_another_name_of_the_same_graph_goes_on(protocol: HumanProtocol, kitchen: RecipeGraph, path: Path):
+    play(path, protocol, 3)
     renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
-    assert len(open_session(tmp_path / "human.jsonl", HumanProtocol(renamed)).answers) == 3
+    assert len(open_session(path, HumanProtocol(renamed)).answers) == 3
 
 
 @pytest.mark.parametrize(
     "content", ["", "my notes", "my notes\n", "{}\n", "[]\n", "\n", '{"format": "other"}\n', "\xff"]
 )
-def test_a_file_that_is_something_else_is_refused_and_stays(protocol: HumanProtocol, tmp_path: Path, content: str):
-    path = tmp_path / "notes"
+def test_a_file_that_is_something_else_is_refused_and_stays(protocol: HumanProtocol, path: Path, content: str):
     path.write_text(content, encoding="latin-1")
     with pytest.raises(ArtefactError, match="not a file of the human protocol"):
         open_session(path, protocol)
     assert path.read_text(encoding="latin-1") == content
 
 
-DAMAGES: dict[str, EDIT] = {
+DAMAGES: dict[str, Callable[[dict[str, Any]], Any]] = {
     "another part": lambda row: row | {"part": "test"},
     "another number": lambda row: row | {"number": 3},
     "a number that is none": lambda row: row | {"number": True},
@@ -242,8 +224,7 @@ DAMAGES: dict[str, EDIT] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_answer_is_refused_with_its_line(protocol: HumanProtocol, tmp_path: Path, damage: str):
-    path = tmp_path / "human.jsonl"
+def test_a_damaged_answer_is_refused_with_its_line(protocol: HumanProtocol, path: Path, damage: str):
     play(path, protocol, 4)
     lines = path.read_text().splitlines()
     lines[2] = json.dumps(DAMAGES[damage](json.loads(lines[2])))
@@ -255,8 +236,7 @@ def test_a_damaged_answer_is_refused_with_its_line(protocol: HumanProtocol, tmp_
     assert path.read_bytes() == before
 
 
-def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, tmp_path: Path):
-    path = tmp_path / "human.jsonl"
+def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, path: Path):
     session = play(path, protocol, 2)
     third = answer_to(protocol, "train", 3)
     append_answer(path, session, msgspec.structs.replace(third, table=third.table[::-1]))
@@ -266,8 +246,7 @@ def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, tmp_
 
 @pytest.mark.parametrize("name", ["tasks_per_part", "num_distractors"])
 @pytest.mark.parametrize("value", [None, "8", True, -1, 10**9, 1.0])
-def test_a_header_whose_settings_are_none_is_refused(protocol: HumanProtocol, tmp_path: Path, name: str, value: Any):
-    path = tmp_path / "human.jsonl"
+def test_a_header_whose_settings_are_none_is_refused(protocol: HumanProtocol, path: Path, name: str, value: Any):
     play(path, protocol, 2)
     header, *lines = path.read_text().splitlines()
     changed = json.loads(header)
@@ -277,25 +256,21 @@ def test_a_header_whose_settings_are_none_is_refused(protocol: HumanProtocol, tm
         read_session(path)
 
 
-def test_a_session_of_fewer_tasks_ends_after_them(protocol: HumanProtocol, tmp_path: Path):
+def test_a_session_of_fewer_tasks_ends_after_them(protocol: HumanProtocol, path: Path):
     few = HumanProtocol(protocol.world, tasks=2)
-    assert [play(tmp_path / "few.jsonl", few, count).is_finished for count in (3, 4)] == [False, True]
-    assert read_session(tmp_path / "few.jsonl").is_finished
-    with pytest.raises(ConfigError, match="has tasks_per_part 2, but this command has 40"):
-        open_session(tmp_path / "few.jsonl", protocol)
+    assert [play(path, few, count).is_finished for count in (3, 4)] == [False, True]
+    assert read_session(path).is_finished
+    with pytest.raises(ConfigError, match="tasks_per_part 2, but this command has 40"):
+        open_session(path, protocol)
 
 
-def test_lines_lost_doubled_or_in_excess_are_refused(protocol: HumanProtocol, tmp_path: Path):
-    path = tmp_path / "human.jsonl"
+def test_lines_lost_doubled_or_in_excess_are_refused(protocol: HumanProtocol, path: Path):
     play(path, protocol)
     lines = path.read_bytes().splitlines(keepends=True)
     for changed in (lines[:3] + lines[4:], [*lines[:3], *lines[2:]], [*lines, lines[-1]], [*lines[:4], b"\n"]):
         path.write_bytes(b"".join(changed))
         with pytest.raises(ArtefactError, match="damaged"):
             read_session(path)
-
-
-# --- Wilson ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,20 @@
 """Sums over people: rates by condition and part, their intervals, and an agent at the same tables."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
+from tests.apps.people.stored import answered
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.apps.people.beside import greedy_slots, successes_beside
 from wordcraft_kg.apps.people.protocol import HumanProtocol
 from wordcraft_kg.apps.people.session_file import Session
-from wordcraft_kg.apps.people.summary import view_people
+from wordcraft_kg.apps.people.summary import HumanSummary, view_people
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.base.statistics import wilson_interval
@@ -23,15 +24,10 @@ from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_spli
 
 def session(protocol: HumanProtocol, right: str, seconds: float = 1.0) -> Session:
     """Somebody's answers: a digit for each, 1 for a right one."""
-    answers = []
-    for turn, digit in zip(protocol.turns, right, strict=False):
-        task = protocol.task(*turn)
-        one, other = (task.table.index(label) for label in task.plans[0][:2])
-        wrong = next(slot for slot in range(len(task.table)) if slot not in (one, other))
-        answer = protocol.answer(task, (one, other) if digit == "1" else (wrong, wrong), seconds)
-        assert answer.success == (digit == "1")
-        answers.append(answer)
-    return Session(protocol.header, tuple(answers))
+    turns = zip(protocol.turns, right, strict=False)
+    answers = tuple(answered(protocol, protocol.task(*turn), digit == "1", seconds) for turn, digit in turns)
+    assert [answer.success for answer in answers] == [digit == "1" for digit in right]
+    return Session(protocol.header, answers)
 
 
 @pytest.fixture(scope="module")
@@ -39,17 +35,14 @@ def protocol(kitchen: RecipeGraph) -> HumanProtocol:
     return HumanProtocol(kitchen, tasks=3)
 
 
-def by_file(*sessions: Session) -> dict[Path, Sequence[Session]]:
-    return {Path(f"{number}.jsonl"): (one,) for number, one in enumerate(sessions)}
-
-
-# --- rates -----------------------------------------------------------------------------------------------------------
+def summed(*sessions: Session, beside: Any = None) -> HumanSummary:
+    view = view_people({Path(f"{number}.jsonl"): (one,) for number, one in enumerate(sessions)}, beside)
+    checked_values(view)
+    return view
 
 
 def test_each_part_is_summed_up_over_all_sessions(protocol: HumanProtocol):
-    people = [session(protocol, "110100"), session(protocol, "1110"), session(protocol, "")]
-    view = view_people(by_file(*people))
-    checked_values(view)
+    view = summed(*(session(protocol, right) for right in ("110100", "1110", "")))
     assert (view.graph, view.sessions, view.finished) == ("kitchen", 3, 1)
     assert view.settings == {k: v for k, v in protocol.header.settings.items() if k != "num_distractors"}
     (condition,) = view.conditions
@@ -63,73 +56,63 @@ def test_each_part_is_summed_up_over_all_sessions(protocol: HumanProtocol):
 
 def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol: HumanProtocol):
     """With two people there are four resamples, which a thousand draws meet about equally often."""
-    people = [session(protocol, "111"), session(protocol, "100")]
-    row = view_people(by_file(*people)).conditions[0].parts["train"]
+    row = summed(session(protocol, "111"), session(protocol, "100")).conditions[0].parts["train"]
     drawn = [np.mean([3, 3]) / 3, np.mean([3, 1]) / 3, np.mean([1, 3]) / 3, np.mean([1, 1]) / 3]
     assert row.people_interval == pytest.approx((min(drawn), max(drawn)))
 
 
 @pytest.mark.parametrize("answers", ["111", "000"])
 def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(protocol: HumanProtocol, answers: str):
-    people = [session(protocol, answers[:2]), session(protocol, answers), session(protocol, answers[:1])]
-    sessions = by_file(*people)
+    people = [session(protocol, right) for right in (answers[:2], answers, answers[:1])]
     made = {one.table_of(answer): answers == "111" for one in people for answer in one.answers}
-    row = view_people(sessions, {"agent": made}).conditions[0].parts["train"]
+    row = summed(*people, beside={"agent": made}).conditions[0].parts["train"]
     right = 3 * (answers == "111")
     assert row.people_interval == wilson_interval(right, 3)
     assert (row.agents["agent"].tables, row.agents["agent"].interval) == (3, wilson_interval(right, 3))
 
 
 def test_one_person_alone_has_no_interval_over_people_and_none_without_answers(protocol: HumanProtocol):
-    row = view_people(by_file(session(protocol, "111"))).conditions[0]
-    assert row.parts["train"].people_interval is None
-    assert row.parts["test"].interval is None
-    assert row.parts["test"].rate is None
-    assert row.parts["test"].people == 0
+    parts = summed(session(protocol, "111")).conditions[0].parts
+    assert parts["train"].people_interval is None
+    assert (parts["test"].interval, parts["test"].rate, parts["test"].people) == (None, None, 0)
 
 
 def test_numbers_of_distractors_are_conditions_of_their_own(protocol: HumanProtocol):
     few = HumanProtocol(protocol.world, 1, tasks=3)
-    view = view_people(by_file(session(protocol, "110"), session(few, "100100"), session(few, "000", 2.0)))
-    assert [condition.distractors for condition in view.conditions] == [1, 8]
-    assert [condition.parts["train"].successes for condition in view.conditions] == [1, 2]
-    assert [condition.sessions for condition in view.conditions] == [2, 1]
-    assert [condition.finished for condition in view.conditions] == [1, 0]
+    view = summed(session(protocol, "110"), session(few, "100100"), session(few, "000", 2.0))
+    shown = [(one.distractors, one.parts["train"].successes, one.sessions, one.finished) for one in view.conditions]
+    assert shown == [(1, 1, 2, 1), (8, 2, 1, 0)]
 
 
 def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(protocol: HumanProtocol):
     other = HumanProtocol(protocol.world, seed=1, tasks=3)
-    assert view_people(by_file(session(protocol, "1"), session(other, "1"))).sessions == 2
+    assert summed(session(protocol, "1"), session(other, "1")).sessions == 2
     longer = HumanProtocol(protocol.world, tasks=4)
     with pytest.raises(ConfigError, match=r"'1\.jsonl' has tasks_per_part 4, but '0\.jsonl' has 3"):
-        view_people(by_file(session(protocol, "1"), session(longer, "1")))
+        summed(session(protocol, "1"), session(longer, "1"))
 
 
 @pytest.mark.parametrize("what", ["graph", "split"])
 def test_another_graph_or_split_is_not_summed_up(protocol: HumanProtocol, kitchen: RecipeGraph, what: str):
-    graph = kitchen
-    if what == "graph":
-        graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), ("bread", "sand", "kiln")])
+    more = [("bread", "sand", "kiln")] if what == "graph" else []
+    graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), *more]) if more else kitchen
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "here")
     with pytest.raises(GraphMismatchError, match=f"{what}_hash"):
-        view_people(by_file(session(protocol, "1"), session(HumanProtocol(opened, tasks=3), "1")))
+        summed(session(protocol, "1"), session(HumanProtocol(opened, tasks=3), "1"))
 
 
 def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol: HumanProtocol):
     with pytest.raises(ArtefactError, match=r"1\.jsonl has the same answers as 0\.jsonl"):
-        view_people(by_file(session(protocol, "10"), session(protocol, "10")))
-    assert view_people(by_file(session(protocol, ""), session(protocol, ""))).sessions == 2
+        summed(session(protocol, "10"), session(protocol, "10"))
+    assert summed(session(protocol, ""), session(protocol, "")).sessions == 2
 
 
 def test_a_torn_session_and_no_session_are_refused(protocol: HumanProtocol):
     with pytest.raises(ArtefactError, match="torn"):
-        view_people(by_file(replace(session(protocol, "1"), torn=3)))
+        summed(replace(session(protocol, "1"), torn=3))
     for nothing in ({}, {Path("study"): ()}):
         with pytest.raises(ConfigError, match="at least one"):
             view_people(nothing)
-
-
-# --- agents beside people --------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -174,8 +157,7 @@ def test_an_agent_stands_beside_each_answer_at_the_table_of_that_answer(agent: O
     people = [session(first, "1" * 40), session(first, "0" * 7), session(second, "01" * 12)]
     made = successes_beside(agent, people)
     assert len(made) == 40 + 24
-    view = view_people(by_file(*people), {"guided": made})
-    checked_values(view)
+    view = summed(*people, beside={"guided": made})
     for part, row in view.conditions[0].parts.items():
         expected = []
         for protocol, one in zip((first, first, second), people, strict=True):
@@ -193,13 +175,10 @@ def test_an_agent_stands_beside_each_answer_at_the_table_of_that_answer(agent: O
 
 
 def test_an_agent_of_another_graph_or_split_is_refused(agent: OpenedAgent, kitchen: RecipeGraph):
-    split = make_split(kitchen, SplitConfig(seed=1))
-    other = HumanProtocol(OpenedGraph(kitchen, split, "here"), 5, tasks=3)
-    with pytest.raises(GraphMismatchError):
-        successes_beside(agent, [session(other, "1")])
-    everyday = HumanProtocol("everyday", 5, tasks=3)
-    with pytest.raises(GraphMismatchError):
-        successes_beside(agent, [session(everyday, "1")])
+    other = OpenedGraph(kitchen, make_split(kitchen, SplitConfig(seed=1)), "here")
+    for graph in (other, "everyday"):
+        with pytest.raises(GraphMismatchError):
+            successes_beside(agent, [session(HumanProtocol(graph, 5, tasks=3), "1")])
 
 
 def test_answers_at_a_table_that_is_not_posed_today_are_refused(agent: OpenedAgent):

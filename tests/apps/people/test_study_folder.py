@@ -1,4 +1,4 @@
-"""The folder of a study: who gets which tasks, what is stored once and stays, and what is refused unchanged."""
+"""The folder of a study: assignment, stored answers, and damage that is refused without a change."""
 
 import json
 import math
@@ -13,14 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from refusals import refuses
 
 from tests.apps.people.stored import at_once, contents, lines_of, unchanged
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant, read_answers
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
-from wordcraft_kg.apps.people.session_file import read_session
+from wordcraft_kg.apps.people.session_file import append_answer, open_session, read_session
 from wordcraft_kg.apps.people.study import (
     ANSWERS_FILE,
+    STUDY_FILE,
     Cell,
     Study,
     check_study_folder,
@@ -33,6 +35,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 
 SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
+FILES = [ANSWERS_FILE, STUDY_FILE]
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +55,8 @@ def folder(study: Study, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def answers(folder: Path) -> Iterator[AnswersDatabase]:
-    found = opened(folder)
-    yield found
-    found.close()
+    with closing(opened(folder)) as answers:
+        yield answers
 
 
 def opened(folder: Path) -> AnswersDatabase:
@@ -76,20 +78,15 @@ def go_on(answers: AnswersDatabase, study: Study, person: Participant, count: in
 
 
 def answered(folder: Path, study: Study, count: int = 6) -> None:
-    """Begin a session, answer so many tasks, and close the database."""
-    answers = opened(folder)
-    go_on(answers, study, begin(answers, study), count)
-    answers.close()
-
-
-# --- codes -----------------------------------------------------------------------------------------------------------
+    """Begin a session and answer so many tasks."""
+    with closing(opened(folder)) as answers:
+        go_on(answers, study, begin(answers, study), count)
 
 
 def test_codes_are_read_as_people_type_them():
     code = new_code()
     assert len(set(code)) > 4
-    assert read_code(code) == code
-    for typed in (code.upper(), code.replace("-", ""), f"  {code.replace('-', ' ')}\n", code.replace("-", "–")):
+    for typed in (code, code.upper(), code.replace("-", ""), f"  {code.replace('-', ' ')}\n", code.replace("-", "–")):
         assert read_code(typed) == code
 
 
@@ -112,12 +109,9 @@ def test_a_code_is_not_stored(study: Study, folder: Path, answers: AnswersDataba
     code = new_code()
     go_on(answers, study, answers.begin(code_hash(code), study.cells), 2)
     answers.close()
-    for data in contents(folder).values():
-        assert code.encode() not in data
-        assert code.replace("-", "").encode() not in data
-
-
-# --- tasks -----------------------------------------------------------------------------------------------------------
+    stored = b"".join(contents(folder).values())
+    assert code.encode() not in stored
+    assert code.replace("-", "").encode() not in stored
 
 
 def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_seed(study: Study, kitchen: RecipeGraph):
@@ -134,56 +128,46 @@ def test_several_threads_get_the_same_tasks(kitchen: RecipeGraph):
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "setting"),
     [
-        ({"tasks": 0}, "`tasks` 0"),
-        ({"tasks": MOST_TASKS + 1}, "`tasks`"),
-        ({"forms": 0}, "`forms` 0"),
-        ({"forms": MOST_FORMS + 1}, "`forms`"),
-        ({"seed": -1}, "`seed` -1"),
-        ({"seed": 2**63 - 1}, "`seed`"),
-        ({"distractors": ()}, "expected 1 to 10 different"),
-        ({"distractors": (1, 1)}, "expected 1 to 10 different"),
-        ({"distractors": tuple(range(MOST_CONDITIONS + 1))}, "expected 1 to 10 different"),
-        ({"distractors": (1, -1)}, "`num_distractors` -1"),
-        ({"distractors": (1, 10_000)}, "`num_distractors` 10000"),
-        ({"consent": " \n"}, "`consent`"),
-        ({"consent": "x" * 20_001}, "at most 20,000"),
+        ({"tasks": 0}, "tasks"),
+        ({"tasks": MOST_TASKS + 1}, "tasks"),
+        ({"forms": 0}, "forms"),
+        ({"forms": MOST_FORMS + 1}, "forms"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 2**63 - 1}, "seed"),
+        *(({"distractors": amounts}, "num_distractors") for amounts in ((), (1, 1), (1, -1), (1, 10_000))),
+        ({"distractors": tuple(range(MOST_CONDITIONS + 1))}, "num_distractors"),
+        ({"consent": " \n"}, "consent"),
+        ({"consent": "x" * 20_001}, "consent"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(kitchen: RecipeGraph, changes: dict[str, Any], message: str):
-    with pytest.raises(ConfigError, match=message):
+def test_settings_that_cannot_be_are_refused(kitchen: RecipeGraph, changes: dict[str, Any], setting: str):
+    with refuses(setting):
         Study(kitchen, replace(SMALL, **changes))
-
-
-# --- assignment ------------------------------------------------------------------------------------------------------
 
 
 def test_people_are_assigned_to_the_cell_that_fewest_have_begun(study: Study, answers: AnswersDatabase):
     people = [begin(answers, study) for _ in range(8)]
     assert [person.number for person in people] == list(range(1, 9))
-    expected = [Cell(0, 1), Cell(0, 8), Cell(1, 1), Cell(1, 8)]
-    assert [person.cell for person in people] == expected * 2
+    assert [person.cell for person in people] == [Cell(0, 1), Cell(0, 8), Cell(1, 1), Cell(1, 8)] * 2
 
 
 def test_of_cells_that_as_many_have_begun_the_one_fewest_have_finished_comes_first(
     study: Study, answers: AnswersDatabase
 ):
     people = [begin(answers, study) for _ in range(4)]
-    go_on(answers, study, people[0])
-    go_on(answers, study, people[1])
-    go_on(answers, study, people[2], 5)  # not quite
-    assert begin(answers, study).cell == people[2].cell
-    assert begin(answers, study).cell == people[3].cell
-    assert begin(answers, study).cell == people[0].cell
+    for person, count in zip(people, (6, 6, 5), strict=False):
+        go_on(answers, study, person, count)
+    assert [begin(answers, study).cell for _ in range(3)] == [people[place].cell for place in (2, 3, 0)]
     assert answers.stored().finished == 2
 
 
 def test_people_who_begin_at_once_are_spread_evenly(study: Study, answers: AnswersDatabase):
-    found: list[Participant] = []
-    at_once(lambda: found.append(begin(answers, study)), 40)
-    assert Counter(person.cell for person in found) == dict.fromkeys(study.cells, 10)
-    assert sorted(person.number for person in found) == list(range(1, 41))
+    people: list[Participant] = []
+    at_once(lambda: people.append(begin(answers, study)), 40)
+    assert Counter(person.cell for person in people) == dict.fromkeys(study.cells, 10)
+    assert sorted(person.number for person in people) == list(range(1, 41))
 
 
 def test_a_code_begins_one_session(study: Study, answers: AnswersDatabase):
@@ -192,9 +176,6 @@ def test_a_code_begins_one_session(study: Study, answers: AnswersDatabase):
     assert answers.begin(code, study.cells) == person == answers.find(code)
     assert answers.find(code_hash(new_code())) is None
     assert answers.stored().people == 1
-
-
-# --- answers ---------------------------------------------------------------------------------------------------------
 
 
 def test_the_first_answer_to_a_task_stays(study: Study, folder: Path, answers: AnswersDatabase):
@@ -242,7 +223,7 @@ def test_what_is_read_is_what_was_given_while_it_is_served_and_afterwards(
     answers.close()
     with unchanged(folder):
         read = read_study(folder)
-    assert sorted(path.name for path in folder.iterdir()) == ["answers.sqlite", "study.json"]
+    assert sorted(contents(folder)) == FILES
     for found in (served, read):
         assert [len(session.answers) for session in found.sessions()] == [6, 4, 0]
         assert [session.is_finished for session in found.sessions()] == [True, False, False]
@@ -256,16 +237,13 @@ def test_what_is_read_is_what_was_given_while_it_is_served_and_afterwards(
 def test_a_session_of_a_study_is_one_that_play_could_have_written(
     study: Study, folder: Path, answers: AnswersDatabase, tmp_path: Path
 ):
-    from wordcraft_kg.apps.people.session_file import append_answer, open_session
-
     person = begin(answers, study)
     go_on(answers, study, person)
     (session,) = read_study(folder).sessions()
-    path = tmp_path / "human.jsonl"
-    written = open_session(path, study.protocol(person.cell))
+    written = open_session(tmp_path / "human.jsonl", study.protocol(person.cell))
     for answer in session.answers:
-        written = append_answer(path, written, answer)
-    assert read_session(path) == session
+        written = append_answer(tmp_path / "human.jsonl", written, answer)
+    assert read_session(tmp_path / "human.jsonl") == session
 
 
 KILLED = """
@@ -291,28 +269,24 @@ def test_what_was_stored_is_there_after_a_kill(study: Study, folder: Path):
     assert done.returncode == -9, done.stderr
     assert (folder / f"{ANSWERS_FILE}-wal").exists()
     assert [len(session.answers) for session in read_study(folder).sessions()] == [4]
-    answers = opened(folder)
-    person = answers.find("0" * 64)
-    assert person is not None
-    assert len(answers.answers_of(person)) == 4
-    assert answers.shown(person, "test", 2) == 200.0
-    go_on(answers, study, person)
-    answers.close()
-    assert sorted(contents(folder)) == ["answers.sqlite", "study.json"]
+    with closing(opened(folder)) as answers:
+        person = answers.find("0" * 64)
+        assert person is not None
+        assert len(answers.answers_of(person)) == 4
+        assert answers.shown(person, "test", 2) == 200.0
+        go_on(answers, study, person)
+    assert sorted(contents(folder)) == FILES
     assert read_study(folder).sessions()[0].is_finished
-
-
-# --- another study, damage -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"tasks": 4}, "with tasks_per_part 3, but this command has 4"),
-        ({"distractors": (8, 1)}, "with distractors 1, 8, but this command has 8, 1"),
-        ({"forms": 3}, "with forms 2, but this command has 3"),
-        ({"seed": 6}, "with seed 5, but this command has 6"),
-        ({"consent": "Do you?"}, "agreed to another text"),
+        ({"tasks": 4}, "tasks_per_part 3, but this command has 4"),
+        ({"distractors": (8, 1)}, "distractors 1, 8, but this command has 8, 1"),
+        ({"forms": 3}, "forms 2, but"),
+        ({"seed": 6}, "seed 5, but"),
+        ({"consent": "Do you?"}, "another text"),
     ],
 )
 def test_a_study_with_other_settings_is_refused_with_what_differs(
@@ -341,7 +315,7 @@ def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study: Study, tm
         with pytest.raises(OutputExistsError):
             check_study_folder(path, study.record)
     for path in (tmp_path, tmp_path / "notes", tmp_path / "nowhere"):
-        with pytest.raises(ArtefactError, match="expected the folder that `people serve` writes"):
+        with pytest.raises(ArtefactError, match="expected the folder"):
             read_study(path)
 
 
@@ -357,13 +331,20 @@ RECORDS: dict[str, Any] = {
 }
 
 
+def refuses_all(folder: Path, *uses: Any, match: str, kind: type[Exception] = ArtefactError) -> None:
+    """Check that each use of a folder is refused, and that nothing is changed."""
+    for use in uses:
+        with unchanged(folder), pytest.raises(kind, match=match):
+            use(folder)
+
+
 @pytest.mark.parametrize("change", RECORDS)
 def test_a_damaged_record_is_refused(study: Study, folder: Path, change: str):
-    path = folder / "study.json"
+    path = folder / STUDY_FILE
     path.write_text(json.dumps(RECORDS[change](json.loads(path.read_text()))))
-    for use in (read_study, lambda folder: check_study_folder(folder, study.record)):
-        with unchanged(folder), pytest.raises(ArtefactError, match=r"study\.json is damaged"):
-            use(folder)
+    refuses_all(
+        folder, read_study, lambda path: check_study_folder(path, study.record), match=r"study\.json is damaged"
+    )
 
 
 def spoil(data: bytes) -> dict[str, bytes]:
@@ -384,26 +365,19 @@ def test_a_damaged_database_is_refused_and_stays(study: Study, folder: Path, dam
     answered(folder, study)
     path = folder / ANSWERS_FILE
     path.write_bytes(spoil(path.read_bytes())[damage])
-    for use in (read_study, opened):
-        with unchanged(folder), pytest.raises(ArtefactError, match=r"sqlite is (damaged|not a database of answers)"):
-            use(folder)
+    refuses_all(folder, read_study, opened, match=r"sqlite is (damaged|not a database of answers)")
 
 
 def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: RecipeGraph, folder: Path):
-    path = folder / ANSWERS_FILE
+    path, record = folder / ANSWERS_FILE, folder / STUDY_FILE
     own = path.read_bytes()
     path.unlink()
-    with sqlite3.connect(path) as connection:
+    with closing(sqlite3.connect(path)) as connection:
         connection.execute("CREATE TABLE mine (thing TEXT)")
-    connection.close()
-    with unchanged(folder), pytest.raises(ArtefactError, match="not a database of answers"):
-        opened(folder)
+    refuses_all(folder, opened, match="not a database of answers")
     path.write_bytes(own)
-    record = folder / "study.json"
     record.write_text(record.read_text().replace('"seed": 5', '"seed": 6'))
-    for use in (opened, read_study):
-        with unchanged(folder), pytest.raises(ArtefactError, match="belongs to another study"):
-            use(folder)
+    refuses_all(folder, opened, read_study, match="belongs to another study")
 
 
 CHANGES = {
@@ -442,16 +416,14 @@ def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder:
     opened(folder).close()
     with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
         connection.executescript(foreign)
-    for use in (read_study, opened):
-        with unchanged(folder), pytest.raises(ArtefactError, match="its tables are not those of a study"):
-            use(folder)
+    refuses_all(folder, read_study, opened, match="its tables are not those of a study")
 
 
 def test_a_database_that_was_not_finished_is_made_again(study: Study, folder: Path):
     (folder / ANSWERS_FILE).unlink()
     (folder / f".{ANSWERS_FILE}.new").write_bytes(b"half")
     answered(folder, study, 1)
-    assert sorted(path.name for path in folder.iterdir()) == ["answers.sqlite", "study.json"]
+    assert sorted(contents(folder)) == FILES
 
 
 def test_reading_needs_the_file(folder: Path):

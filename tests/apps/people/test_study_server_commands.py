@@ -21,19 +21,23 @@ from typing import Any
 
 import pytest
 
+from tests.apps.people.stored import answered, refused, unchanged
 from wordcraft_kg.apps.people.config import StudyConfig
+from wordcraft_kg.apps.people.protocol import HumanProtocol
+from wordcraft_kg.apps.people.session_file import append_answer, open_session
 from wordcraft_kg.apps.people.study import Study, kept_answers, read_study
 
 Run = Callable[..., Any]
 ROOT = Path(__file__).parents[3]
 SETTINGS = {"--tasks": "2", "--distractors": "1,8", "--forms": "2"}
 SMALL = ("--no-browser", *(word for option in SETTINGS.items() for word in option))
+SERVE = ("people", "serve", "kitchen", "--port", "0", "--out")
 
 
 @contextmanager
-def served(out: Path, *options: str, graph: str = "kitchen") -> Iterator[tuple[subprocess.Popen[str], str]]:
+def served(out: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Serve a study on a free port; yield the process and its address."""
-    command = [sys.executable, "-m", "wordcraft_kg", "people", "serve", graph, "--out", str(out), "--port", "0"]
+    command = [sys.executable, "-m", "wordcraft_kg", *SERVE, str(out)]
     process = subprocess.Popen(
         [*command, *SMALL, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
     )
@@ -66,10 +70,10 @@ def answer(address: str, code: str, task: int) -> str:
     return page(address, f"/s/{code}/answer", task=str(task), first="1", second="2")
 
 
-def refused(outcome: Any, kind: str) -> str:
-    assert (outcome.code, outcome.out, outcome.kind) == (1, "", kind)
-    assert outcome.err.startswith("error: ")
-    return str(outcome.err)
+@pytest.fixture
+def summary(run: Run) -> Run:
+    """Summarise studies and files, with options."""
+    return lambda *arguments: run("people", "summary", *arguments)
 
 
 @pytest.fixture(autouse=True)
@@ -80,9 +84,6 @@ def nothing_waits(monkeypatch: pytest.MonkeyPatch) -> None:
         raise AssertionError("it serves")
 
     monkeypatch.setattr("wordcraft_kg.apps.web.serving.serve", serve)
-
-
-# --- serving ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp_path: Path):
@@ -120,7 +121,7 @@ def test_two_servers_do_not_share_a_folder(run: Run, tmp_path: Path):
     out = tmp_path / "study"
     with served(out) as (_, address):
         code = begin(address)
-        outcome = run("people", "serve", "kitchen", "--out", out, *SMALL, "--port", "0")
+        outcome = run(*SERVE, out, *SMALL)
         assert "is being served by another process" in refused(outcome, "ArtefactError")
         assert "First come 2 practice tasks" in page(address, f"/s/{code}")
 
@@ -131,7 +132,7 @@ def test_a_port_in_use_is_an_error_before_anything_is_written(run: Run, tmp_path
         other.listen()
         port = str(other.getsockname()[1])
         outcome = run("people", "serve", "kitchen", "--out", tmp_path / "study", *SMALL, "--port", port)
-    assert f"--port {port} is in use by another program" in refused(outcome, "ConfigError")
+    assert f"--port {port} is in use by another program" in refused(outcome)
     assert not (tmp_path / "study").exists()
 
 
@@ -150,9 +151,6 @@ def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path: Path):
         assert status(address, "evil.example.org") == 421
 
 
-# --- what is refused -------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study whose four people have answered 4, 3, 2 and 1 of 4 tasks; every other answer is right."""
@@ -162,16 +160,14 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for person in [answers.begin(str(number), study.cells) for number in range(4)]:
             for place, task in list(enumerate(study.tasks(person.cell)))[: 5 - person.number]:
                 answers.show(person, task.part, task.number, 1.0)
-                one, other = (task.table.index(label) for label in task.plans[0][:2])
-                slots = (0, 0) if place % 2 else (one, other)
-                answers.add(person, study.protocol(person.cell).answer(task, slots, 3.5))
+                answers.add(person, answered(study.protocol(person.cell), task, place % 2 == 0, 3.5))
     return folder
 
 
 @pytest.mark.parametrize(
     ("graph", "options", "kind", "message"),
     [
-        ("everyday", {}, "GraphMismatchError", "is a study of the graph"),
+        ("everyday", {}, "GraphMismatchError", "is a study with graph_hash"),
         ("kitchen", {"--tasks": "3"}, "ConfigError", "with tasks_per_part 2, but this command has 3"),
         ("kitchen", {"--distractors": "8"}, "ConfigError", "with distractors 1, 8, but this command has 8"),
         ("kitchen", {"--seed": "1"}, "ConfigError", "with seed 0, but this command has 1"),
@@ -183,43 +179,42 @@ def test_a_folder_of_another_study_is_refused_and_stays(
 ):
     monkeypatch.chdir(tmp_path)
     Path("consent.txt").write_text("Do you agree?")
-    before = {path.name: path.read_bytes() for path in begun.iterdir()}
     settings = [word for option in (SETTINGS | options).items() for word in option]
-    outcome = run("people", "serve", graph, "--out", begun, *settings, "--port", "0", "--no-browser")
+    with unchanged(begun):
+        outcome = run("people", "serve", graph, "--out", begun, *settings, "--port", "0", "--no-browser")
     assert message in refused(outcome, kind)
-    assert {path.name: path.read_bytes() for path in begun.iterdir()} == before
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--tasks", "0"), "--tasks 0: expected a whole number, 1 to 1000"),
-        (("--forms", "0"), "--forms 0"),
-        (("--seed", "-1"), "--seed -1"),
-        (("--distractors", "x"), "--distractors 'x': expected whole numbers"),
-        (("--distractors", "10000"), "--distractors 10000"),
-        (("--port", "65536"), "--port 65536"),
-        (("--host", "256.1.1.1"), "--host '256.1.1.1': there is no such host"),
-        (("--consent", "nowhere.txt"), "--consent nowhere.txt: expected a text file"),
-        (("--consent", "latin.txt"), "not a text in UTF-8"),
-        (("--consent", "empty.txt"), "--consent: the text has 0 characters"),
+        ("--tasks 0", "--tasks 0: expected a whole number, 1 to 1000"),
+        ("--forms 0", "--forms 0"),
+        ("--seed -1", "--seed -1"),
+        ("--distractors x", "--distractors 'x': expected whole numbers"),
+        ("--distractors 10000", "--distractors 10000"),
+        ("--port 65536", "--port 65536"),
+        ("--host 256.1.1.1", "--host '256.1.1.1': there is no such host"),
+        ("--consent nowhere.txt", "--consent nowhere.txt: expected a text file"),
+        ("--consent latin.txt", "not a text in UTF-8"),
+        ("--consent empty.txt", "--consent: the text has 0 characters"),
     ],
 )
 def test_options_that_cannot_be_are_one_line_and_nothing_is_written(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], message: str
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: str, message: str
 ):
     monkeypatch.chdir(tmp_path)
     Path("latin.txt").write_bytes("Einverständnis".encode("latin-1"))
     Path("empty.txt").write_text(" \n\n")
-    settings = ("--port", "0", "--no-browser") if "--port" not in options else ("--no-browser",)
-    outcome = run("people", "serve", "kitchen", "--out", "study", *settings, *options)
-    assert message in refused(outcome, "ConfigError")
+    port = () if "--port" in options else ("--port", "0")
+    outcome = run("people", "serve", "kitchen", "--out", "study", "--no-browser", *port, *options.split())
+    assert message in refused(outcome)
     assert not Path("study").exists()
 
 
 def test_a_folder_with_something_else_is_refused(run: Run, tmp_path: Path):
     (tmp_path / "notes.txt").write_text("mine")
-    outcome = run("people", "serve", "kitchen", "--out", tmp_path, *SMALL, "--port", "0")
+    outcome = run(*SERVE, tmp_path, *SMALL)
     assert "expected the folder of this study, or a new one" in refused(outcome, "OutputExistsError")
 
 
@@ -231,62 +226,48 @@ def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path: P
     assert shown[:2] == ["What it is about.\nIt takes long.", "Do you agree?"]
 
 
-# --- export ----------------------------------------------------------------------------------------------------------
-
-
-def test_the_export_has_a_line_for_each_answer_and_the_study_stays(run: Run, begun: Path, tmp_path: Path):
-    before = {path.name: path.read_bytes() for path in begun.iterdir()}
+def test_the_export_has_a_line_for_each_answer_and_the_study_stays(summary: Run, begun: Path, tmp_path: Path):
     out = tmp_path / "answers.jsonl"
-    outcome = run("people", "summary", begun, "--export", out)
+    with unchanged(begun):
+        outcome = summary(begun, "--export", out)
     assert (outcome.code, outcome.out) == (0, f"wrote {out}: answers: 10, people: 4\n")
     lines = [SimpleNamespace(**json.loads(line)) for line in out.read_text().splitlines()]
-    assert [(line.session, line.form, line.distractors, line.seed) for line in lines[::4]] == [
-        (1, 0, 1, 0),
-        (2, 0, 8, 0),
-        (3, 1, 1, 1),
-    ]
+    assigned = [(line.session, line.form, line.distractors, line.seed) for line in lines[::4]]
+    assert assigned == [(1, 0, 1, 0), (2, 0, 8, 0), (3, 1, 1, 1)]
     assert [line.success for line in lines[:4]] == [True, False, True, False]
     assert {(line.seconds, line.loads) for line in lines} == {(3.5, 1)}
-    assert {path.name: path.read_bytes() for path in begun.iterdir()} == before
-    assert json.loads(run("people", "summary", begun, "--export", out, "--force", "--json").out) == {
-        "out": str(out),
-        "people": 4,
-        "answers": 10,
-    }
-    assert "exists" in refused(run("people", "summary", begun, "--export", out), "OutputExistsError")
+    values = json.loads(summary(begun, "--export", out, "--force", "--json").out)
+    assert values == {"out": str(out), "people": 4, "answers": 10}
+    assert "exists" in refused(summary(begun, "--export", out), "OutputExistsError")
     for wrong in ((begun, begun, "--export", out), (begun, "--export", out, "--run", "agent"), (begun, "--force")):
-        assert "--export" in refused(run("people", "summary", *wrong), "ConfigError")
+        assert "--export" in refused(summary(*wrong))
 
 
-def test_answers_can_be_exported_while_they_come_in(run: Run, tmp_path: Path):
+def test_answers_can_be_exported_while_they_come_in(summary: Run, tmp_path: Path):
     with served(tmp_path / "study") as (_, address):
         code = begin(address)
         answer(address, code, 0)
-        outcome = run("people", "summary", tmp_path / "study", "--export", tmp_path / "one.jsonl")
-        assert "answers: 1, people: 1" in outcome.out
+        assert "answers: 1, people: 1" in summary(tmp_path / "study", "--export", tmp_path / "one.jsonl").out
         answer(address, code, 1)
-        assert "of 2 right" in run("people", "summary", tmp_path / "study").out
+        assert "of 2 right" in summary(tmp_path / "study").out
 
 
-@pytest.mark.parametrize("command", ["people summary {} --export out", "people summary {}"])
-def test_a_folder_that_is_no_study_is_named(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str):
+@pytest.mark.parametrize("options", [["--export", "out"], []])
+def test_a_folder_that_is_no_study_is_named(summary: Run, tmp_path: Path, monkeypatch, options: list[str]):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
-    outcome = run(*command.format("empty").split())
-    assert "'empty' is an empty folder; expected the folder that" in refused(outcome, "ArtefactError")
+    assert "'empty' is an empty folder; expected the folder" in refused(summary("empty", *options), "ArtefactError")
     assert not Path("out").exists()
 
 
-# --- summary ---------------------------------------------------------------------------------------------------------
-
-
-def test_the_summary_of_a_study_is_by_condition_with_its_people(run: Run, begun: Path):
-    values = json.loads(run("people", "summary", begun, "--json").out)
+def test_the_summary_of_a_study_is_by_condition_with_its_people(summary: Run, begun: Path):
+    values = json.loads(summary(begun, "--json").out)
     assert (values["graph"], values["sessions"], values["finished"]) == ("kitchen", 4, 1)
-    answered = [[part["answered"] for part in one["parts"].values()] for one in values["conditions"]]
-    assert [condition["distractors"] for condition in values["conditions"]] == [1, 8]
-    assert answered == [[4, 2], [3, 1]]
-    text = run("people", "summary", begun).out.splitlines()
+    answered = {
+        one["distractors"]: [part["answered"] for part in one["parts"].values()] for one in values["conditions"]
+    }
+    assert answered == {1: [4, 2], 8: [3, 1]}
+    text = summary(begun).out.splitlines()
     assert text[0] == "kitchen; sessions: 4, finished: 1"
     assert text[1].startswith("1 distractor, train   2 of 4 right, rate 0.500 [")
     assert text[2] == "  over 2 people       [0.500, 0.500]"
@@ -294,39 +275,33 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(run: Run, begun:
     assert max(map(len, text)) <= 80
 
 
-def test_a_study_and_files_of_play_are_summed_up_together(run: Run, begun: Path, tmp_path: Path):
-    from wordcraft_kg.apps.people.protocol import HumanProtocol
-    from wordcraft_kg.apps.people.session_file import append_answer, open_session
-
+def test_a_study_and_files_of_play_are_summed_up_together(summary: Run, begun: Path, tmp_path: Path):
     protocol = HumanProtocol("kitchen", 8, seed=3, tasks=2)
     path = tmp_path / "human.jsonl"
     session = open_session(path, protocol)
     append_answer(path, session, protocol.answer(protocol.task("train", 1), (0, 0), 1.0))
-    values = json.loads(run("people", "summary", begun, path, "--json").out)
+    values = json.loads(summary(begun, path, "--json").out)
     assert values["sessions"] == 5
     assert values["conditions"][1]["parts"]["train"]["answered"] == 4
 
 
-def test_agents_stand_beside_people(run: Run, begun: Path, tmp_path: Path):
+def test_agents_stand_beside_people(run: Run, summary: Run, begun: Path, tmp_path: Path):
     for name in ("one", "two"):
         assert run("train-agent", "kitchen", "--steps", "256", "--eval-every", "0", "--out", tmp_path / name).code == 0
     options = ("--run", tmp_path / "one", "--run", tmp_path / "two")
-    values = json.loads(run("people", "summary", begun, *options, "--json").out)
+    values = json.loads(summary(begun, *options, "--json").out)
     agents = values["conditions"][0]["parts"]["train"]["agents"]
     assert list(agents) == ["one", "two"]
     assert agents["one"]["tables"] == 4
-    assert "  one " in (text := run("people", "summary", begun, *options).out)
+    assert "  one " in (text := summary(begun, *options).out)
     assert "at the same 4 tables" in text
-    assert "expected a run" in refused(run("people", "summary", begun, "--run", tmp_path / "nowhere"), "ArtefactError")
+    assert "expected a run" in refused(summary(begun, "--run", tmp_path / "nowhere"), "ArtefactError")
 
 
-def test_an_agent_of_another_graph_does_not_stand_beside_people(run: Run, begun: Path, tmp_path: Path):
+def test_an_agent_of_another_graph_does_not_stand_beside_people(run: Run, summary: Run, begun: Path, tmp_path: Path):
     steps = ("--steps", "64", "--batch-size", "16", "--eval-every", "0")
     assert run("train-agent", "paper-examples", *steps, "--distractors", "0", "--out", tmp_path / "other").code == 0
-    assert "graph" in refused(run("people", "summary", begun, "--run", tmp_path / "other"), "GraphMismatchError")
-
-
-# --- many people and a killed server ---------------------------------------------------------------------------------
+    assert "graph" in refused(summary(begun, "--run", tmp_path / "other"), "GraphMismatchError")
 
 
 def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_double(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""The subject of a site: a graph, models of it and runs on it, with values that are computed once for all pages."""
+"""The subject of a site: a graph, models and runs, with values that are computed once for all pages."""
 
 import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class Explored:
-    """A graph with models and runs by name; runs may be unfinished or in training."""
+    """A graph with models and runs by name; runs may be unfinished."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Explored:
 
     @classmethod
     def open(cls, graph: str | Path, models: Iterable[str | Path] = (), runs: Iterable[str | Path] = ()) -> "Explored":
-        """Open a graph, models and runs; nothing is written.
+        """Open a graph, models and runs.
 
         Args:
             graph: graph folder, recipe book or known book's name.
@@ -45,7 +45,7 @@ class Explored:
             runs: run folders of agents, or folders of several seeds.
 
         Raises:
-            ArtefactError: if a folder is not of its kind, unfinished (a model), or damaged.
+            ArtefactError: if a folder is damaged or of another kind, or a model is unfinished.
             GraphMismatchError: if a model or a run belongs to another graph or split.
         """
         opened = open_graph(graph)
@@ -57,32 +57,27 @@ class Explored:
         return cls(opened, opened_models, folders)
 
     def predictor(self, name: str = "") -> LinkPredictor:
-        """Return a model with its evidence; without a name the first.
+        """Return a model with its evidence, by default the first.
 
         Raises:
             ConfigError: if there is no model, or it has too many entities for evidence.
             UnknownEntityError: if no model has this name.
         """
-        found = self._found("model", self.models, name)
-        self.once(("evidence", found.name), lambda: found.evidence)
-        return found
+        predictor = self._by_name("model", self.models, name)
+        self.once(("evidence", predictor.name), lambda: predictor.evidence)
+        return predictor
 
     def run(self, name: str = "") -> tuple[str, Path]:
-        """Return the name and folder of a run; without a name the first.
+        """Return the name and folder of a run, by default the first; errors as for models."""
+        return self._by_name("run", {name: (name, folder) for name, folder in self.runs.items()}, name)
 
-        Raises:
-            ConfigError: if there is no run.
-            UnknownEntityError: if no run has this name.
-        """
-        return self._found("run", {name: (name, folder) for name, folder in self.runs.items()}, name)
-
-    def _found(self, what: str, known: Mapping[str, T], name: str) -> T:
+    def _by_name(self, kind: str, known: Mapping[str, T], name: str) -> T:
         if not known:
-            raise ConfigError(f"This page needs a {what}; start with `wordcraft-kg explore GRAPH --{what} FOLDER`.")
+            raise ConfigError(f"This page needs a {kind}; start with `wordcraft-kg explore GRAPH --{kind} FOLDER`.")
         name = name or next(iter(known))
         if name not in known:
             raise UnknownEntityError(
-                f"no {what} '{name[:60]}'; there is {', '.join(known)}.{nearest(name[:60], known)}"
+                f"no {kind} '{name[:60]}'; there is {', '.join(known)}.{nearest(name[:60], known)}"
             )
         return known[name]
 
@@ -91,10 +86,7 @@ class Explored:
         return self.once("planner", lambda: Planner(self.opened.graph))
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return the value of ``make``, called once for each key while other threads that ask for it wait.
-
-        A failure is not kept: the next call tries again.
-        """
+        """Return the value of ``make``, called once for each key while other threads wait; failures are not kept."""
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:
@@ -104,7 +96,7 @@ class Explored:
 
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:
-    """Name folders after themselves; of equal names, later ones are named after their parents too."""
+    """Name folders after themselves; of equal names, later folders after their parents, too."""
     named: dict[str, Path] = {}
     for folder in folders:
         name, above = run_name(folder), folder.resolve().parent

@@ -1,9 +1,8 @@
-"""A site as files: the pages that need no server, with relative links, to publish or to open from a disk."""
+"""Static sites: the pages that need no server, with relative links, to publish or to open from a disk."""
 
 import json
 import os
 import re
-from collections.abc import Callable
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -15,8 +14,8 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.apps.explorer.rendering import Site
-from wordcraft_kg.apps.explorer.server import scripts
-from wordcraft_kg.apps.web.style_sheet import style_sheet
+from wordcraft_kg.apps.explorer.server import PACKAGE, SCRIPTS
+from wordcraft_kg.apps.web.files import static_texts, style_sheet
 from wordcraft_kg.base.artefacts import dump_json, sha256_of, staged_folder, write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.progress import stage, steps
@@ -32,7 +31,7 @@ class ExportedSite(Record):
     """A static site (``site.json``).
 
     Attributes:
-        pages: number of its pages.
+        pages: number of pages.
         largest: bytes of the largest page.
         bytes: bytes of all pages.
         models: hashes of the models' weights by name.
@@ -53,7 +52,7 @@ class ExportedSite(Record):
 
 @stage("writing the site")
 def export_site(explored: Explored, out: Path, *, force: bool = False) -> ExportedSite:
-    """Write the pages of a site that need no server into a folder, with ``index.html`` as the first.
+    """Write the pages that need no server into a folder, with ``index.html`` as the first.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
@@ -61,10 +60,11 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
     files = _Files(explored)
     sizes, skipped = [], {}
     with staged_folder(out, force=force) as folder:
-        for name, text in {"explorer.css": style_sheet(), **scripts(), "search.js": files.search()}.items():
+        texts = {"explorer.css": style_sheet(), "search.js": files.search(), **static_texts(PACKAGE, SCRIPTS)}
+        for name, text in texts.items():
             write_atomically(folder / name, text)
         for (page, state), name in steps("writing pages", list(files.names.items())):
-            site = Site(explored, files.from_file(name), partial(_relative, to=name), is_static=True)
+            site = Site(explored, partial(files.address, seen_from=name), partial(_relative, to=name), is_static=True)
             try:
                 text = site.page(PAGES[page], state)
             except WordCraftKGError as error:
@@ -74,7 +74,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             (folder / name).parent.mkdir(exist_ok=True)
             write_atomically(folder / name, content)
             sizes.append(len(content))
-        found = ExportedSite(
+        exported = ExportedSite(
             graph=explored.opened.graph.name,
             graph_hash=explored.opened.graph.hash,
             split_hash=explored.opened.split.hash,
@@ -85,8 +85,8 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
             skipped=skipped,
         )
-        write_atomically(folder / SITE_FILE, dump_json(as_values(found)))
-    return found
+        write_atomically(folder / SITE_FILE, dump_json(as_values(exported)))
+    return exported
 
 
 class _Files:
@@ -104,26 +104,21 @@ class _Files:
                     self.names[page.name, state] = name = next(name for name in names if name not in taken)
                     taken.add(name)
 
-    def from_file(self, name: str) -> Callable[[Page[Any], State], str]:
-        """Return the function that returns the address of a page from that of a file; empty if there is none."""
-
-        def address(page: Page[Any], state: State) -> str:
-            found = self.names.get((page.name, state))
-            return "" if found is None else _relative(found, name)
-
-        return address
+    def address(self, page: Page[Any], state: State, *, seen_from: str) -> str:
+        """Return the relative address of a page, seen from a file; empty if the site does not have the page."""
+        target = self.names.get((page.name, state))
+        return "" if target is None else _relative(target, seen_from)
 
     def search(self) -> str:
         """Return the script with the entities, the most used first, and the files of their pages."""
         graph, entity = self.explored.opened.graph, PAGES["entity"]
         labels = graph.labels(sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i]))
-        files = [self.names.get((entity.name, entity.state(entity=label))) for label in labels]
-        found = [[label, file] for label, file in zip(labels, files, strict=True) if file]
-        return f"window.entities = {json.dumps(found, ensure_ascii=True)};\n"
+        files = {label: self.names.get((entity.name, entity.state(entity=label))) for label in labels}
+        return f"window.entities = {json.dumps([entry for entry in files.items() if entry[1]], ensure_ascii=True)};\n"
 
 
 def _without_places(text: str, explored: Explored) -> str:
-    """Return a text with names for folders: their places on this machine are private."""
+    """Replace the folders in a text by names: their places on this machine are private."""
     folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
     for name, folder in folders.items():
         if folder.is_absolute():
@@ -132,7 +127,7 @@ def _without_places(text: str, explored: Explored) -> str:
 
 
 def _stem(page: Page[Any], state: State) -> str:
-    """Return the name of a state's file, from letters and digits of its choices."""
+    """Return the name of a state's file: letters and digits of its choices."""
     plain = page.state()
     values = ((getattr(state, name), getattr(plain, name)) for name in state.__struct_fields__)
     chosen = "-".join(str(value) for value, usual in values if value != usual)

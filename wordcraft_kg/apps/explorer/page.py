@@ -23,6 +23,11 @@ Addresses = Callable[["Page[Any]", State], str]
 """Returns the address of a page, or an empty text where there is none."""
 
 
+def has_entities(explored: Explored) -> bool:
+    """Return whether the graph has entities."""
+    return explored.opened.graph.num_entities > 0
+
+
 def has_models(explored: Explored) -> bool:
     """Return whether there is a model."""
     return bool(explored.models)
@@ -34,7 +39,7 @@ def has_runs(explored: Explored) -> bool:
 
 
 def nowhere(_: Explored) -> tuple[()]:
-    """Return no state: for a page that only a server can make."""
+    """Return no state: for a page that needs a server."""
     return ()
 
 
@@ -43,17 +48,17 @@ class Page(Generic[S]):
     """A kind of page.
 
     Attributes:
-        name: first segment of its address, and the name of its template.
-        state: its choices.
+        name: first segment of the address, and name of the template.
+        state: choices of the page.
         view: returns the view of a state. An UnknownEntityError becomes a page "not found", any other error of a user's
-            input a page with its message.
-        title: its name in the menu; without one it is not in the menu.
-        subject: the field of the state that is the second segment of the address, as in ``/entity/paper``.
-        draw: returns the pictures of a view, as server-side SVG, by the names that the template uses.
-        exported: the states that a static site holds.
-        is_there: whether there is something to show.
-        is_live: whether the view of a state may change, so that the page must not be kept.
-        package: the package with the template, in its folder ``templates``.
+            input a page with the message.
+        title: name in the menu; empty for pages outside the menu.
+        subject: field of the state that is the second segment of the address, as in ``/entity/paper``.
+        draw: returns the pictures of a view, as server-side SVG, by their names in the template.
+        exported: returns the states of a static site; by default the state without any choices.
+        is_there: returns whether there is something to show.
+        is_live: returns whether the view of a state may change, so that the page must not be cached.
+        package: package with the template, in the folder ``templates``.
     """
 
     name: str
@@ -68,7 +73,7 @@ class Page(Generic[S]):
     package: str = "wordcraft_kg.apps.explorer"
 
     def states(self, explored: Explored) -> Iterable[S]:
-        """Return the states that a static site holds: by default the one without any choices."""
+        """Return the states of a static site."""
         if not self.is_there(explored):
             return []
         if self.exported is not None:
@@ -76,7 +81,7 @@ class Page(Generic[S]):
         return [] if self.subject else [self.state()]
 
     def address(self, state: S) -> str:
-        """Return the path and query of a state; choices at their defaults are left out."""
+        """Return the path and query of a state, without choices at their defaults."""
         path = f"/{self.name}"
         query: list[tuple[str, str]] = []
         for field in _fields(self.state):
@@ -91,11 +96,11 @@ class Page(Generic[S]):
         """Return the state of an address.
 
         Args:
-            subject: the second segment of the path, decoded; may be empty.
-            query: names and values of the query; an empty value, as forms send it, is the default.
+            subject: second segment of the path, decoded; may be empty.
+            query: names and values of the query; empty values, as of forms, mean the default.
 
         Raises:
-            ConfigError: for an unknown name, a value of another type, or one that is given twice.
+            ConfigError: for an unknown name, a value of another type, or two values.
         """
         fields = {field.name: field for field in _fields(self.state)}
         given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
@@ -122,7 +127,6 @@ def _fits_path(value: str) -> bool:
 
 @cache
 def _fields(state: type[State]) -> tuple[msgspec.structs.FieldInfo, ...]:
-    """Return the fields of a state; a page needs them once for each of its links."""
     return msgspec.structs.fields(state)
 
 

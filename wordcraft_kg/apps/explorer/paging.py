@@ -5,7 +5,7 @@ from wordcraft_kg.base.records import Count, Record
 
 
 class Paging(Record):
-    """The rows of a page: the numbers of the first (0 if there are none) and last row and of the page, and totals."""
+    """A page of rows: numbers of the first (0 without rows) and last row, all rows, this page, and all pages."""
 
     first: Count
     last: Count
@@ -15,15 +15,12 @@ class Paging(Record):
 
     @property
     def rows(self) -> slice:
-        """The rows of the page, among all."""
+        """The rows of the page."""
         return slice(max(self.first - 1, 0), self.last)
 
 
 def paging(total: int, page: int, size: int) -> Paging:
-    """Return the rows of a page with ``size`` rows.
-
-    Raises:
-        ConfigError: if there is no such page.
+    """Return a page of ``size`` rows; a missing page is a ConfigError.
 
     Example:
         >>> paging(45, 2, 20)

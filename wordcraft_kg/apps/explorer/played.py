@@ -1,5 +1,6 @@
-"""The runs of agents, and the worlds in which agents are asked."""
+"""The runs of agents, and the worlds in which agents act."""
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
 
@@ -13,19 +14,19 @@ from wordcraft_kg.graphs.splits import TEST
 from wordcraft_kg.graphs.tasks import TaskPart
 
 AskedPart = Literal["", "all", "train", "valid", "test"]
-"""A part of the tasks; by default test tasks, or train tasks where the split holds nothing out."""
+"""A part of the tasks; by default test tasks, or train tasks without held-out recipes."""
 AskedDepth = Literal[0, 1, 2, 3, 4, 5]
-"""A depth of tasks; by default that on which the agent was trained."""
+"""A depth of tasks; 0 is the agent's training depth."""
 
 
 def followed(explored: Explored, name: str = "") -> tuple[str, FollowedRun]:
-    """Return a run with its name; without a name the first; errors as of :meth:`Explored.run`."""
-    found, folder = explored.run(name)
-    return found, explored.once(("followed run", found), lambda: FollowedRun(folder, explored.opened))
+    """Return a run with its name, by default the first; errors as of :meth:`Explored.run`."""
+    name, folder = explored.run(name)
+    return name, explored.once(("followed run", name), lambda: FollowedRun(folder, explored.opened))
 
 
 def is_done(run: FollowedRun) -> bool:
-    """Return whether nothing about a run changes any more."""
+    """Return whether a run is final."""
     try:
         return run.records().run.status == "done"
     except ArtefactError:
@@ -33,23 +34,17 @@ def is_done(run: FollowedRun) -> bool:
 
 
 def tasks_of(run: FollowedRun | None) -> TaskConfig:
-    """Return the settings of a run's tasks; the defaults without a run that can be read."""
-    if run is None:
-        return TaskConfig()
-    try:
-        return run.records().config.tasks
-    except ArtefactError:
-        return TaskConfig()
+    """Return the settings of a run's tasks; the defaults without a readable run."""
+    with suppress(ArtefactError):
+        if run is not None:
+            return run.records().config.tasks
+    return TaskConfig()
 
 
 def settings_of(
     explored: Explored, tasks: TaskConfig, part: AskedPart = "", depth: AskedDepth = 0, distractors: int | None = None
 ) -> WordCraftConfig:
-    """Return the settings of a world: those of an agent's tasks, with changes.
-
-    Raises:
-        ConfigError: for a number out of range.
-    """
+    """Return the settings of a world from an agent's tasks, with changes."""
     if depth and depth != tasks.depth:
         enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
         tasks = replace(tasks, depth=depth, max_attempts=tasks.max_attempts if enough else None)
@@ -57,29 +52,14 @@ def settings_of(
 
 
 def plain_world(explored: Explored, config: WordCraftConfig) -> World:
-    """Return a world with the tasks of some settings and without distractors, made once.
-
-    Raises:
-        TaskError: if there is no such task.
-    """
-    plain = WordCraftConfig(
-        part=config.part,
-        depth=config.depth,
-        num_distractors=0,
-        task_weighting=config.task_weighting,
-        num_tasks=config.num_tasks,
-        task_seed=config.task_seed,
-    )
+    """Return a world with the tasks of some settings and without distractors, made once; no task is a TaskError."""
+    kept = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
+    plain = WordCraftConfig(num_distractors=0, **{name: getattr(config, name) for name in kept})
     return explored.once(("world", plain), lambda: World(explored.opened, plain))
 
 
 def world_of(explored: Explored, config: WordCraftConfig) -> World:
-    """Return the world of some settings, made once; it shares its tasks with all that have the same.
-
-    Raises:
-        TaskError: if there is no such task.
-        ConfigError: if there are too few entities for so many distractors.
-    """
+    """Return the world of some settings, made once; worlds with equal tasks share them."""
     return explored.once(("world", config), lambda: World(plain_world(explored, config), config))
 
 

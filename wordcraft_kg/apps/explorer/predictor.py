@@ -26,8 +26,8 @@ NEW = len(PARTS)
 KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
 """Names of the parts by their numbers."""
 Status = Literal["learned", "held out", "not learned", "not in the book", "itself"]
-"""``learned`` is in the model's training data; other links are ``held out``, ``not learned`` (left out by the dose),
-``not in the book``, or ``itself`` (not in the book, head and tail are equal)."""
+"""``learned`` links are in the model's training data; other links are ``held out``, ``not learned`` (excluded by the
+dose), ``not in the book``, or ``itself`` (not in the book, head and tail are equal)."""
 
 
 class PlacedRecipe(Record):
@@ -39,39 +39,41 @@ class PlacedRecipe(Record):
     part: Part
 
     def partner(self, entity: str) -> str:
-        """Return the other ingredient than an entity; it may be the same one."""
+        """Return the other ingredient, which may be the same entity."""
         return self.ingredient_b if self.ingredient_a == entity else self.ingredient_a
 
 
-class PredictedEntity(Record):
-    """An entity in an open slot.
+class ScoredLink(Record):
+    """A model's score of a link, on the model's own scale.
 
     Attributes:
-        place: place by score among the listed links; 0 for one that is not listed.
-        rank: filtered rank with realistic ties.
         known: the part whose recipes give the link.
-        probability: of a link outside the training data; None for others, and without a calibration.
-        reason: the evidence for it.
+        probability: of a link outside the training data; None for other links and without a calibration.
     """
 
-    place: Count
-    rank: float
-    entity: str
     score: float
     status: Status
     known: Known
     probability: Share | None
+
+
+class PredictedEntity(ScoredLink):
+    """An entity in an open slot, with its place by score among the listed links (0 if not listed) and filtered rank."""
+
+    entity: str
+    place: Count
+    rank: float
     reason: LinkReason | None
 
 
 class PredictedSlot(Record):
-    """The best entities in an open slot, whose label is None, beside the true ones.
+    """The best entities in an open slot, whose label is None, and the true ones.
 
     Attributes:
-        with_learned: whether ``best`` has links of the training data.
-        truth: the best ranked entities that make the link true without being learned.
+        with_learned: whether ``best`` includes links of the training data.
+        truth: the best ranked entities of true links outside the training data.
         true_unlearned: number of all such entities.
-        true_learned: number of true links of the slot in the training data.
+        true_learned: number of true links in the training data.
     """
 
     head: str | None
@@ -85,19 +87,15 @@ class PredictedSlot(Record):
 
 
 class FilteredRank(Record):
-    """The realistic rank of a link among those with another entity in one slot, and the number of competing links."""
+    """The realistic rank of a link among links with another entity in one slot, and the number of competing links."""
 
     rank: float
     candidates: Count
 
 
-class JudgedLink(Record):
-    """A model's judgement of a link; see :class:`PredictedEntity`. The score is on a scale of the model's own."""
+class JudgedLink(ScoredLink):
+    """A scored link with its rank among all entities."""
 
-    score: float
-    status: Status
-    known: Known
-    probability: Share | None
     rank: FilteredRank
 
 
@@ -132,7 +130,7 @@ class Slot:
         of = self.scores[entities]
         above = len(others) - np.searchsorted(others, of, "right")
         equal = np.searchsorted(others, of, "right") - np.searchsorted(others, of, "left")
-        # An entity that is not true is among the others itself.
+        # An entity of an untrue link is among the others itself.
         return np.asarray(above + 1 + (equal - (self.part[entities] == NEW)) / 2)
 
     def rank(self, entity: int) -> FilteredRank:
@@ -143,7 +141,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class LinkPredictor:
-    """A model of a graph, opened for questions about links; ``name`` is its name on pages."""
+    """A model of a graph for the pages; ``name`` is its name there."""
 
     name: str
     folder: Path
@@ -151,40 +149,36 @@ class LinkPredictor:
 
     @cached_property
     def scoring(self) -> ScoringModel:
-        """Its scorer with the knowledge of the recipes."""
+        """The scorer with the knowledge of the recipes."""
         return ScoringModel(self.model.scorer, self.split, self.model.kg)
 
     @cached_property
     def evidence(self) -> LinkEvidence:
-        """The links of training that speak for a link.
-
-        Raises:
-            ConfigError: if it has too many entities for the scores of all pairs, and no factors of these.
-        """
+        """The training links that support a link; a model with too many entities for evidence raises a ConfigError."""
         return LinkEvidence(self.model.scorer.whole, self.model.dose.recipes)
 
     @property
     def split(self) -> Split:
-        """The split that it was trained on."""
+        """The split of the training."""
         return self.model.opened.split
 
     @property
     def graph(self) -> RecipeGraph:
-        """The graph that it was trained on."""
+        """The graph of the training."""
         return self.model.opened.graph
 
     @property
     def scores_recipes(self) -> bool:
-        """Whether it scores recipes, and not links only."""
+        """Whether the model scores recipes, not only links."""
         return isinstance(self.model.scorer.whole, RecipeScores)
 
     @property
     def has_seen_the_test_recipes(self) -> bool:
-        """Whether it was trained on all recipes."""
+        """Whether the model was trained on all recipes."""
         return self.model.kg == "full"
 
     def learned(self, triples: Ids) -> NDArray[np.bool_]:
-        """Return which triples are in its training data, shape (T, 3) -> (T,)."""
+        """Return which triples are in the training data, shape (T, 3) -> (T,)."""
         return is_in(triples, self.model.triples, self.graph.num_entities)
 
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
@@ -203,9 +197,9 @@ class LinkPredictor:
         return Slot(entity, relation, side, scores, part, learned)
 
     def judged(self, slot: Slot, entity: int) -> JudgedLink:
-        """Judge the link with an entity in an open slot."""
-        (found,) = self._predicted(slot, np.array([entity]), np.zeros(len(slot.scores), dtype=np.int64), 0)
-        return JudgedLink(found.score, found.status, found.known, found.probability, slot.rank(entity))
+        """Return the score and rank of the link with an entity in an open slot."""
+        (link,) = self._predicted(slot, np.array([entity]), np.zeros(len(slot.scores), dtype=np.int64), 0)
+        return JudgedLink(link.score, link.status, link.known, link.probability, slot.rank(entity))
 
     def best(
         self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
@@ -214,10 +208,10 @@ class LinkPredictor:
 
         Args:
             slot: the slot.
-            with_learned: list links of the training data, too.
-            top: the most entities to list.
-            witnesses: the most links to name as evidence for each; 0 gives no reasons.
-            truth: the most true entities to list.
+            with_learned: include links of the training data.
+            top: maximum number of listed entities.
+            witnesses: maximum number of supporting links for each entity; 0 gives no reasons.
+            truth: maximum number of listed true entities.
         """
         order = np.argsort(-slot.scores, kind="stable")
         listed = order if with_learned else order[~slot.learned[order]]
@@ -257,7 +251,7 @@ class LinkPredictor:
 
 
 def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple[Ids, Ids]:
-    """Return the entities that make a link of an open slot true, with the part of each recipe; some repeatedly."""
+    """Return the entities of the true links of an open slot, with the part of each recipe; some repeatedly."""
     graph = split.graph
     rows = graph.recipes_of(entity) if relation != COMBINES_WITH and side == "head" else graph.uses_of(entity)
     a, b, result = graph.recipes[rows].T
@@ -270,7 +264,7 @@ def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple
 
 
 def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> Ids:
-    """Return the recipes that give a link of ids: indices into the graph's recipes, ascending."""
+    """Return the recipes that give a link: ascending rows of the graph's recipes."""
     if relation != COMBINES_WITH:
         return np.intersect1d(graph.uses_of(head), graph.recipes_of(tail))
     rows = graph.uses_of(head)
@@ -279,14 +273,14 @@ def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> I
 
 
 def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
-    """Return recipes of a split by their rows, with their parts."""
+    """Return recipes of a split by row, with their parts."""
     recipes = split.graph.recipe_labels(split.graph.recipes[rows])
     parts = (PARTS[part] for part in split.parts[rows].tolist())
     return tuple(PlacedRecipe(*recipe, part) for recipe, part in zip(recipes, parts, strict=True))  # type: ignore[arg-type]
 
 
 def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:
-    """Return the status of a link; ``is_itself`` tells that both entities are the same."""
+    """Return the status of a link; ``is_itself`` means that head and tail are equal."""
     if learned:
         return "learned"
     if known == "new":

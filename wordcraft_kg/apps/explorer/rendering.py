@@ -19,29 +19,24 @@ class Site:
     """The rendering of a site's pages.
 
     Attributes:
-        explored: its subject.
-        address: returns the address of a page, or an empty text where the site does not have it.
-        file: returns the address of one of the site's own files, such as the style sheet.
-        is_static: whether there is no server, so that there are no forms.
+        explored: the subject.
+        address: returns the address of a page; empty if the site does not have the page.
+        file: returns the address of a file of the site, such as the style sheet.
+        is_static: whether the site has no server, and so no forms.
     """
 
     def __init__(self, explored: Explored, address: Addresses, file: Callable[[str], str], *, is_static: bool = False):
-        """Take a subject and the ways to link."""
+        """Take a subject and the forms of addresses."""
         self.explored, self.address, self.file, self.is_static = explored, address, file, is_static
 
     @property
     def menu(self) -> list[tuple[Page[Any], str]]:
         """The pages of the menu that have something to show, with their addresses."""
-        there = [page for page in PAGES.values() if page.title and page.is_there(self.explored)]
-        found = [(page, self.address(page, page.state())) for page in there]
-        return [(page, address) for page, address in found if address]
+        pages = [page for page in PAGES.values() if page.title and page.is_there(self.explored)]
+        return [(page, address) for page in pages if (address := self.address(page, page.state()))]
 
     def page(self, page: Page[Any], state: State) -> str:
-        """Return a page as HTML.
-
-        Raises:
-            WordCraftKGError: if the view of the state cannot be made.
-        """
+        """Return a page as HTML; errors of the view are raised."""
         view = page.view(self.explored, state)
         pictures = page.draw(view, state, self.address) if page.draw else {}
         return self._render(f"{page.name}.html.j2", page, state, view=view, pictures=pictures)
@@ -55,8 +50,7 @@ class Site:
         outline = Outline()
 
         def link(name: str, **fields: Any) -> str:
-            found = PAGES[name]
-            return self.address(found, found.state(**fields))
+            return self.address(PAGES[name], PAGES[name].state(**fields))
 
         def here(**changes: Any) -> str:
             assert page is not None
@@ -74,7 +68,7 @@ class Site:
 
 
 def _anchor(address: str, text: str) -> Markup:
-    """Return a link, or only its text where there is no address."""
+    """Return a link, or the plain text without an address."""
     return Markup('<a href="{}">{}</a>').format(address, text) if address else Markup("{}").format(text)
 
 

@@ -1,7 +1,7 @@
-"""The database of a study's answers: each is on the disk before the person sees the next page.
+"""The database of a study's answers: each answer is on disk before the person sees the next page.
 
-SQLite in write-ahead mode with full synchronisation: what was committed survives a killed process and a power failure.
-The primary keys are what keeps a form that is sent twice from becoming two answers.
+SQLite in write-ahead mode with full synchronisation: commits survive a killed process and a power failure.
+The primary keys keep a form that is sent twice from becoming two answers.
 """
 
 import json
@@ -21,13 +21,12 @@ from wordcraft_kg.base.records import as_record
 
 ANSWERS_FILE = "answers.sqlite"
 APPLICATION = 0x57434B47
-"""Marks the file as ours: "WCKG"."""
 VERSION = 1
 TABLES = (
     "CREATE TABLE study (record TEXT PRIMARY KEY) STRICT",
     "CREATE TABLE sessions (number INTEGER PRIMARY KEY, code TEXT NOT NULL UNIQUE, form INTEGER NOT NULL, "
     "distractors INTEGER NOT NULL) STRICT",
-    # Of the task before a person only: the time of an answer is private.
+    # Only for unanswered tasks: the time of an answer is private.
     "CREATE TABLE showings (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
     "shown REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
     "CREATE TABLE answers (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
@@ -40,12 +39,12 @@ FROM sessions AS s LEFT JOIN (SELECT session, COUNT(*) AS answered FROM answers 
 ON a.session = s.number WHERE s.code NOT LIKE 'withdrawn %' GROUP BY s.form, s.distractors
 """
 BUSY = 10
-"""Seconds to wait for a reader of a copy."""
+"""Seconds to wait for a reader."""
 
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """The assignment of a person: the number of the draw of tasks, from 0, and the condition."""
+    """The assignment of a person: a draw of tasks, numbered from 0, and a condition."""
 
     form: int
     distractors: int
@@ -53,7 +52,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Participant:
-    """A person of a study; the number is from 1, in the order in which people began."""
+    """A person of a study; numbers are from 1, in the order of the beginning."""
 
     number: int
     cell: Cell
@@ -61,7 +60,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class StoredAnswer:
-    """An answer with the number of its person and of the loads of its page."""
+    """An answer with the number of its person and the number of loads of its page."""
 
     session: int
     answer: Answer
@@ -70,7 +69,7 @@ class StoredAnswer:
 
 @dataclass(frozen=True)
 class Stored:
-    """The numbers of people who have begun, of those who have finished, and of answers."""
+    """The numbers of people, of finished people, and of answers."""
 
     people: int
     finished: int
@@ -78,16 +77,16 @@ class Stored:
 
 
 class AnswersDatabase:
-    """The answers of a study, for its server; safe to be called from several threads."""
+    """The answers of a study, for its server; safe in several threads."""
 
     def __init__(self, connection: sqlite3.Connection, turns: int):
-        """Take a connection to a sound database; ``turns`` is the number of tasks of a person."""
+        """Take a connection to a checked database, and the number of tasks of a person."""
         self._connection, self._turns = connection, turns
         self._lock = threading.Lock()
 
     @classmethod
     def open(cls, path: Path, study: str, turns: int) -> "AnswersDatabase":
-        """Open the database of a study, or make it.
+        """Open the database of a study, or create it.
 
         Args:
             path: the file.
@@ -95,18 +94,17 @@ class AnswersDatabase:
             turns: number of tasks of a person.
 
         Raises:
-            ArtefactError: if the file is damaged, something else, or of another study; it is unchanged then.
+            ArtefactError: if the file is damaged or not the database of this study; the file is unchanged.
         """
         if not path.exists():
             _make(path, study)
-        with reading(path, study):
+        with _reading(path, study):
             pass
         connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None, check_same_thread=False)
         try:
-            connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = FULL")
-            connection.execute("PRAGMA foreign_keys = ON")
-            connection.execute("PRAGMA secure_delete = ON")  # withdrawn answers are overwritten
+            # Withdrawn answers are overwritten.
+            for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "secure_delete = ON"):
+                connection.execute(f"PRAGMA {pragma}")
         except sqlite3.Error as error:
             connection.close()
             raise _damaged(path, error) from None
@@ -120,14 +118,14 @@ class AnswersDatabase:
                 yield self._connection
                 self._connection.execute("COMMIT")
             except BaseException:
-                if self._connection.in_transaction:  # a full disk has ended it already
+                if self._connection.in_transaction:  # a full disk has ended the transaction already
                     self._connection.execute("ROLLBACK")
                 raise
 
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
-        """Begin a session, in the cell with the fewest begun, then finished sessions, then the first one.
+        """Begin a session in the cell with the fewest begun sessions; ties: fewest finished sessions, then order.
 
-        A code that has begun already keeps its session, so that a form that is sent twice begins one.
+        A code with a session keeps it, so that a form that is sent twice begins one session.
 
         Args:
             code: hash of the person's code.
@@ -148,18 +146,18 @@ class AnswersDatabase:
             return Participant(cursor.lastrowid, cell)
 
     def find(self, code: str) -> Participant | None:
-        """Return the person with this hash of a code, None if there is none."""
+        """Return the person with this hash of a code, or None."""
         with self._lock:
             return _find(self._connection, code)
 
     def answers_of(self, person: Participant) -> list[Answer]:
-        """Return a person's answers in their order."""
+        """Return a person's answers in order."""
         with self._lock:
             query = f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number"
             return [_answer(row).answer for row in self._connection.execute(query, (person.number,))]
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
-        """Record the loading of a task without an answer: the time of the first, and the number of all."""
+        """Record a load of an unanswered task: the time of the first load, and the number of loads."""
         key = (person.number, part, number)
         with self._writing() as connection:
             if connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone() is None:
@@ -169,14 +167,14 @@ class AnswersDatabase:
                 )
 
     def shown(self, person: Participant, part: str, number: int) -> float | None:
-        """Return the time when a task was first shown; None if it was not, or has been answered."""
+        """Return the time when an unanswered task was first shown; None for other tasks."""
         key = (person.number, part, number)
         with self._lock:
             row = self._connection.execute(f"SELECT shown FROM showings WHERE {_KEY}", key).fetchone()
         return None if row is None else float(row[0])
 
     def add(self, person: Participant, answer: Answer) -> bool:
-        """Store an answer to a task that was shown; return False without a change if there is one already."""
+        """Store the answer to a shown task; return False without a change if it was not shown or has an answer."""
         key = (person.number, answer.part, answer.number)
         lists = (json.dumps(value, ensure_ascii=False) for value in (answer.table, answer.picks, answer.made))
         with self._writing() as connection:
@@ -191,7 +189,7 @@ class AnswersDatabase:
             return True
 
     def withdraw(self, person: Participant) -> None:
-        """Remove a person's answers and the way to their session; its number is not given away again."""
+        """Remove a person's answers and code; the number of the session is not used again."""
         with self._writing() as connection:
             for table in ("answers", "showings"):
                 connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
@@ -205,7 +203,7 @@ class AnswersDatabase:
         return Stored(sum(row[2] for row in counts), sum(row[3] for row in counts), answers)
 
     def close(self) -> None:
-        """Close the file, which is then the only one."""
+        """Close the database, and remove its log."""
         with self._lock:
             self._connection.close()
 
@@ -216,30 +214,26 @@ _ANSWERS = "SELECT session, part, number, goal, slots, picks, made, success, sec
 
 
 def read_answers(path: Path, study: str) -> tuple[list[Participant], list[StoredAnswer]]:
-    """Return the people of a study and their answers, in order; nothing is written, and its server may be running.
+    """Return the people of a study and their answers, in order; nothing is written, and a server may be running.
 
     Raises:
-        ArtefactError: if the file is damaged, something else, or of another study.
+        ArtefactError: if the file is damaged or not the database of this study.
     """
-    with reading(path, study) as connection:
+    with _reading(path, study) as connection:
         rows = connection.execute(f"{_PEOPLE} ORDER BY number").fetchall()
         people = [Participant(number, Cell(form, distractors)) for number, form, distractors in rows]
-        found = connection.execute(f"{_ANSWERS} ORDER BY session, part DESC, number").fetchall()
+        rows = connection.execute(f"{_ANSWERS} ORDER BY session, part DESC, number").fetchall()
         try:
-            return people, [_answer(row, path) for row in found]
+            return people, [_answer(row, path) for row in rows]
         except (ValueError, TypeError, RecursionError) as error:
             raise _damaged(path, error) from None
 
 
 @contextmanager
-def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
-    """Open the database of a study for reading, after checking that it is sound.
-
-    Raises:
-        ArtefactError: if it is damaged, something else, or of another study.
-    """
+def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
+    """Open and check the database of a study for reading; errors as of :func:`read_answers`."""
     check_file(path)
-    # A log beside it counts; without one nobody writes, and not even a lock is needed.
+    # Without a log there is no writer, and no lock is needed.
     mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True, timeout=BUSY)) as connection:
@@ -247,12 +241,12 @@ def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
             kind = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
             if kind != [APPLICATION, VERSION]:
                 raise ArtefactError(f"{path} is not a database of answers of this version. Nothing was changed.")
-            # Other contents of a foreign file, such as views and triggers, would run as soon as it is queried.
-            found = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL").fetchall()
-            if sorted(found) != sorted((table,) for table in TABLES):
+            # Views and triggers of a foreign file would run as soon as it is queried.
+            schema = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL").fetchall()
+            if sorted(schema) != sorted((table,) for table in TABLES):
                 raise _damaged(path, "its tables are not those of a study")
-            if (found := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
-                raise _damaged(path, found)
+            if (problem := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+                raise _damaged(path, problem)
             if connection.execute("SELECT record FROM study").fetchall() != [(study,)]:
                 raise ArtefactError(
                     f"{path} belongs to another study than the study.json beside it, or that was changed. "
@@ -264,22 +258,20 @@ def reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
 
 
 def _make(path: Path, study: str) -> None:
-    """Make the database under another name first, so that it is whole or not there."""
+    """Create the database under another name first, so that it is never there in part."""
     new = path.with_name(f".{path.name}.new")
     new.unlink(missing_ok=True)
     try:
         with closing(sqlite3.connect(new, isolation_level=None)) as connection:
             connection.execute("BEGIN IMMEDIATE")
-            for table in TABLES:
-                connection.execute(table)
+            for statement in (*TABLES, f"PRAGMA application_id = {APPLICATION}", f"PRAGMA user_version = {VERSION}"):
+                connection.execute(statement)
             connection.execute("INSERT INTO study VALUES (?)", (study,))
-            connection.execute(f"PRAGMA application_id = {APPLICATION}")
-            connection.execute(f"PRAGMA user_version = {VERSION}")
             connection.execute("COMMIT")
         os.replace(new, path)
     finally:
         new.unlink(missing_ok=True)
-    if os.name == "posix":  # the new name is on the disk too
+    if os.name == "posix":  # the new name is on disk, too
         folder = os.open(path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)
@@ -295,8 +287,9 @@ def _find(connection: sqlite3.Connection, code: str) -> Participant | None:
 def _answer(row: Sequence[Any], path: Path | str = ANSWERS_FILE) -> StoredAnswer:
     session, part, number, goal, *lists, success, seconds, loads = row
     values = (part, number, goal, *map(json.loads, lists), bool(success), seconds)
-    found = as_record(dict(zip(Answer.__struct_fields__, values, strict=True)), Answer, path)
-    return StoredAnswer(session, found, loads)
+    return StoredAnswer(
+        session, as_record(dict(zip(Answer.__struct_fields__, values, strict=True)), Answer, path), loads
+    )
 
 
 def _damaged(path: Path, error: object) -> ArtefactError:

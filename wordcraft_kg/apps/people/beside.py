@@ -1,4 +1,4 @@
-"""An agent's picks at the very tables that people had."""
+"""An agent's picks at the tables of people's answers."""
 
 from collections.abc import Iterable, Sequence
 
@@ -18,13 +18,13 @@ from wordcraft_kg.models.policies.policy import Policy
 
 
 def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, bool]:
-    """Return whether an agent makes the goal at each table that somebody has answered; it picks greedily.
+    """Return whether an agent, acting greedily, makes the goal at each answered table.
 
-    Train tasks of a cross-fitted scorer are scored by the model that has not seen their recipes, as in its training.
+    Train tasks of a cross-fitted scorer are scored by the model that has not seen their recipes, as in training.
 
     Raises:
-        GraphMismatchError: if the agent was trained on another graph or split than the people's tasks are of.
-        ArtefactError: if this version poses another task than the one answered.
+        GraphMismatchError: if the agent was trained on another graph or split.
+        ArtefactError: if this version poses another task than the answered one.
         ConfigError: if the agent cannot play at tables of that size.
     """
     protocols: dict[tuple[int, int], HumanProtocol] = {}
@@ -45,38 +45,32 @@ def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Ta
                     f"{answer.part} task {answer.number} of seed {seed}, {distractors} distractors: "
                     "this version poses another task there than the one answered."
                 )
-    found: dict[TableKey, bool] = {}
+    successes: dict[TableKey, bool] = {}
     for distractors, part in sorted({(key[0], key[2]) for key in posed}):
         assert world is not None
         keys = [key for key in posed if (key[0], key[2]) == (distractors, part)]
-        there = world.variant(num_distractors=distractors, part=part)
-        slots = greedy_slots(agent.policy, there, [posed[key] for key in keys])
+        variant = world.variant(num_distractors=distractors, part=part)
+        slots = greedy_slots(agent.policy, variant, [posed[key] for key in keys])
         for key, pair in zip(keys, slots.tolist(), strict=True):
-            one, other = sorted(there.graph.id_of(posed[key].table[slot]) for slot in pair)
-            found[key] = there.graph.id_of(posed[key].goal) in there.outcomes.get((one, other), ())
-    return found
+            one, other = sorted(variant.graph.id_of(posed[key].table[slot]) for slot in pair)
+            successes[key] = variant.graph.id_of(posed[key].goal) in variant.outcomes.get((one, other), ())
+    return successes
 
 
 def _check_graph(agent: OpenedAgent, session: Session) -> None:
-    there = {"graph": agent.opened.graph.hash, "split": agent.opened.split.hash}
-    for what, own in there.items():
-        asked = getattr(session.header, f"{what}_hash")
-        if asked != own:
+    opened, header = agent.opened, session.header
+    hashes = {"graph": (header.graph_hash, opened.graph.hash), "split": (header.split_hash, opened.split.hash)}
+    for name, (answered, trained) in hashes.items():
+        if answered != trained:
             raise GraphMismatchError(
-                f"the tasks that people answered are of a {what} with hash {asked[:12]}, but '{agent.name}' was "
-                f"trained on one with {own[:12]}. Give an agent of the same graph and split."
+                f"the answered tasks belong to a {name} with hash {answered[:12]}, but '{agent.name}' was trained on "
+                f"one with {trained[:12]}. Give an agent of the same graph and split."
             )
 
 
 @torch.no_grad()
 def greedy_slots(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> Ids:
-    """Return the two slots that a policy picks at each table, shape (N, 2); ties go to the first slot.
-
-    Args:
-        policy: a policy of the world's graph.
-        world: of the tasks' part and number of distractors.
-        tasks: N tasks of depth 1.
-    """
+    """Return the two slots that a policy picks at each of N tables of depth 1, shape (N, 2); ties: the first slot."""
     bind_tasks([policy], world)
     table = np.full((len(tasks), world.num_slots), world.nothing)
     for row, task in enumerate(tasks):

@@ -1,4 +1,4 @@
-"""Settings of a study with people, and the text that they agree to."""
+"""Settings of a study with people, and the default consent text."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ may be published for research.
 
 You get a code with which you can go on later, or withdraw: then all your answers are removed. Keep it to yourself:
 whoever has it can go on in your place."""
-"""What people are asked to agree to, unless another text is given."""
+"""Default consent text."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class StudyConfig:
     """Settings of a study.
 
     Attributes:
-        tasks: tasks of each part.
-        distractors: conditions: the numbers of distractors on a table.
-        forms: draws of tasks; people are spread evenly over forms and conditions.
-        seed: seed of the first form; the others have those that follow.
-        consent: the text to agree to; paragraphs are separated by blank lines.
+        tasks: number of tasks of each part.
+        distractors: conditions: numbers of distractors on a table.
+        forms: number of draws of tasks; people are spread evenly over forms and conditions.
+        seed: seed of the first form; each further form has the next seed.
+        consent: consent text; blank lines separate paragraphs.
     """
 
     tasks: int = TASKS_PER_PART

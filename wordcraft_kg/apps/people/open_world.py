@@ -1,4 +1,4 @@
-"""``wordcraft-kg play --open-ended``: the open-ended world by hand, with a file from which a game goes on."""
+"""``wordcraft-kg play --open-ended``: the open-ended world by hand, with a file to continue a game."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,19 +11,18 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.base.records import Count, Hash, Record, as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.cli.console import Output
-from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
+from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import combined
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 ATTEMPTS = 100
 HELP = """Combine two things that you know, or one with itself; what they make is known
 for good, and nothing is used up. Type the number of a thing, its word, or the
-word's beginning. u puts the first pick back, l lists what is known, h gives a
-hint, ? shows this, q quits."""
+word's beginning. u puts the first pick back, l lists what is known, ? shows
+this, q quits."""
 
 
 class _GameHeader(Record):
-    """The first line of a game's file; nothing about the person or the machine."""
+    """The first line of a game's file."""
 
     format: Literal["wordcraft-kg open-ended game 1"]
     graph: str
@@ -33,20 +32,15 @@ class _GameHeader(Record):
 
 
 class _GameMove(Record):
-    """A further line: two entities that were combined or, in a hint, named."""
+    """A further line: an attempt."""
 
     picks: tuple[str, str]
-    is_hint: bool = False
 
 
 def play_open_world(
     terminal: Terminal, graph: str, base: Sequence[str] | None, attempts: int | None, out: Path | None, output: Output
 ) -> None:
-    """Let somebody discover entities until the attempts are used up, and show the tally.
-
-    Raises:
-        KeyboardInterrupt: with the tally, for Ctrl-C.
-    """
+    """Play until the attempts are used up, and show the tally; Ctrl-C raises KeyboardInterrupt with the tally."""
     attempts = whole("attempts", ATTEMPTS if attempts is None else attempts, 1)
     env = OpenEndedEnv(graph, base=base, max_attempts=attempts)
     game = _Game(terminal, env, out)
@@ -60,7 +54,7 @@ def play_open_world(
 
 
 def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
-    """Begin a game's file, or read the existing one to go on with it; a torn last line is dropped."""
+    """Begin a game's file, or read the existing one to continue it; a torn last line is dropped."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, as_lines([header]))
@@ -68,29 +62,17 @@ def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
     data = read_small_file(path)
     sound = data[: data.rfind(b"\n") + 1]
     first, _, rest = sound.partition(b"\n")
-    found = parse_record(first, _GameHeader, f"{path}, line 1,")
-    if found.graph_hash != header.graph_hash:
+    began = parse_record(first, _GameHeader, f"{path}, line 1,")
+    if began.graph_hash != header.graph_hash:
         raise GraphMismatchError(
-            f"'{path}' was played on graph {found.graph_hash[:12]}, and this is {header.graph_hash[:12]}."
+            f"'{path}' was played on graph {began.graph_hash[:12]}, and this is {header.graph_hash[:12]}."
         )
     for name in ("base", "attempts"):
-        began, wanted = getattr(found, name), getattr(header, name)
-        if began != wanted:
-            raise ConfigError(f"'{path}' began with `{name}` {began}, and this command has {wanted}.")
+        if (old := getattr(began, name)) != (new := getattr(header, name)):
+            raise ConfigError(f"'{path}' began with `{name}` {old}, and this command has {new}.")
     moves = parse_lines(rest, _GameMove, f"{path} (after line 1)")
     drop_torn_line(path, len(data) - len(sound))
     return moves
-
-
-def _productive_pair(graph: RecipeGraph, discovery: Discovery) -> tuple[int, int] | None:
-    """Return the first possible pair of known entities that makes something new."""
-    place = {entity: number for number, entity in enumerate(discovery.known)}
-    pairs = (
-        (a, b)
-        for (a, b), results in graph.outcomes.items()
-        if a in place and b in place and any(result not in place for result in results)
-    )
-    return min(pairs, key=lambda pair: sorted((place[pair[0]], place[pair[1]]), reverse=True), default=None)
 
 
 class _Game:
@@ -99,13 +81,11 @@ class _Game:
     def __init__(self, terminal: Terminal, env: OpenEndedEnv, out: Path | None):
         env.reset()
         self.terminal, self.env, self.out = terminal, env, out
-        self.attempted = self.fruitless = self.repeated = self.hints = 0
+        self.attempted = self.fruitless = self.repeated = 0
         self.is_over = False
-        self._hinted: tuple[int, int] | None = None
 
     @property
     def known(self) -> tuple[str, ...]:
-        """The known entities, in the order of discovery."""
         return self.env.graph.labels(self.env.discovery.known)
 
     def combine(self, one: str, other: str) -> tuple[tuple[str, ...], bool]:
@@ -114,18 +94,14 @@ class _Game:
         self.attempted += 1
         self.fruitless += not info["new_entities"]
         self.repeated += info["repeated"]
-        self._hinted = None
         return self.env.graph.labels(info["new_entities"]), info["repeated"]
 
     def go_back_to(self, moves: Sequence[_GameMove], path: Path) -> None:
-        """Make the moves of a file again."""
+        """Repeat the moves of a file."""
         for line, move in enumerate(moves, start=2):
             if self.is_over or not set(move.picks) <= set(self.known):
                 raise ArtefactError(f"{path}, line {line} is damaged: {' + '.join(move.picks)} was impossible then.")
-            if move.is_hint:
-                self.hints += 1
-            else:
-                self.combine(*move.picks)
+            self.combine(*move.picks)
         if self.is_over:
             self.terminal.say(f"{path} is finished; nothing was changed.")
         elif moves:
@@ -135,7 +111,7 @@ class _Game:
         """Ask for attempts until the game is over."""
         if self.is_over:
             return
-        answers = {"?": lambda: [HELP], "l": lambda: cells(self.known), "h": self._hint}
+        answers = {"?": lambda: [HELP], "l": lambda: cells(self.known)}
         self.terminal.say(HELP, "", *cells(self.known))
         while not self.is_over:
             known = self.known
@@ -143,27 +119,13 @@ class _Game:
             prompt = f"known: {len(known)}   attempts left: {left}   hand: {{}} > "
             one, other = (known[place] for place in self.terminal.pick_two(prompt, known, answers))
             new, repeated = self.combine(one, other)
-            self._save(_GameMove((one, other)))
+            if self.out is not None:
+                append_record(self.out, _GameMove((one, other)))
             line = combined((one, other), new, "nothing new")
-            self.terminal.say(self.terminal.styled(line, "good") if new else line + " (tried before)" * repeated)
-
-    def _hint(self) -> list[str]:
-        """Name one of two things that make something new together; asked again, both."""
-        pair = _productive_pair(self.env.graph, self.env.discovery)
-        if pair is None:
-            return ["No pair of what you know makes anything new."]
-        again, self._hinted = pair == self._hinted, pair
-        one, other = self.env.graph.labels(pair)
-        self.hints += 1
-        self._save(_GameMove((one, other), is_hint=True))
-        return [f"{one} + {other} makes something new." if again else f"Something new can be made with {one}."]
-
-    def _save(self, move: _GameMove) -> None:
-        if self.out is not None:
-            append_record(self.out, move)
+            self.terminal.say(line if new else line + " (tried before)" * repeated)
 
     def values(self) -> dict[str, Any]:
-        """Return the result: the known entities, and the attempts with their outcomes."""
+        """Return the result for ``--json``."""
         env, base = self.env, self.env.discovery.base
         values = {
             "graph": env.graph.name,
@@ -175,7 +137,6 @@ class _Game:
             "attempted": self.attempted,
             "fruitless": self.fruitless,
             "repeated": self.repeated,
-            "hints": self.hints,
             "discovered": self.known[len(base) :],
         }
         return values if self.out is None else values | {"out": str(self.out)}
@@ -186,7 +147,7 @@ class _Game:
         lines = [
             f"known: {known} of {self.env.discovery.reachable}, {discovered} of them discovered, "
             f"after {self.attempted} of {self.env.max_attempts} attempts",
-            f"attempts with nothing new: {self.fruitless}, pairs tried before: {self.repeated}, hints: {self.hints}",
+            f"attempts with nothing new: {self.fruitless}, pairs tried before: {self.repeated}",
         ]
         if self.out is not None and not self.is_over:
             lines.append(f"the same command goes on with {self.out}")

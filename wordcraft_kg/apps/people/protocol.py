@@ -25,7 +25,7 @@ _SEED_KEYS = ("all", "train", "valid", "test")  # a part's place goes into the s
 
 
 def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
-    """Return part and number of each task of a session with so many tasks a part."""
+    """Return part and number of all tasks of a session with ``tasks`` tasks of each part."""
     return tuple((part, number) for part in HUMAN_PARTS for number in range(1, tasks + 1))
 
 
@@ -58,7 +58,7 @@ class Answer(Record):
         number: number of the task in its part, from 1.
         table: entities on the table, slot by slot.
         made: results of the picks.
-        success: whether the goal is among them.
+        success: whether the goal is among the results.
         seconds: time from showing the task to the second pick.
     """
 
@@ -73,14 +73,14 @@ class Answer(Record):
 
     @property
     def is_sound(self) -> bool:
-        """Whether its fields agree with each other."""
+        """Whether its fields agree."""
         is_right = self.success == (self.goal in self.made)
         return set(self.picks) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
 
 
 @dataclass(frozen=True)
 class PosedTask:
-    """A task of a person, see :class:`Answer`; each plan is a recipe of the goal, ``index`` its number for agents."""
+    """A task of a person, see :class:`Answer`; plans are recipes of the goal, ``index`` is the number for agents."""
 
     part: str
     number: int
@@ -90,27 +90,25 @@ class PosedTask:
     index: int
 
     def is_of(self, answer: Answer) -> bool:
-        """Return whether an answer has this goal and table."""
+        """Return whether goal and table of an answer are the task's."""
         return (self.goal, self.table) == (answer.goal, answer.table)
 
 
 class HumanProtocol:
     """The paper's protocol: 40 train tasks with their answers, then 40 test tasks; depth 1, one attempt each.
 
-    Tasks and tables are drawn as for agents, and depend on graph, split, number of distractors and seed only: those of
-    fewer tasks a part are the first of those of more.
+    Tasks and tables are drawn as for agents and depend only on graph, split, number of distractors and seed; fewer
+    tasks a part are the first of more tasks.
 
     Attributes:
-        turns: part and number of each task, in their order.
+        turns: part and number of each task, in order.
         header: the first line of a session's file.
-
-    Source: Jiang et al. 2020, human evaluation (one person with 1 distractor, another with 8).
     """
 
     def __init__(
         self, graph: GraphLike | World, num_distractors: int = 8, seed: int = 0, *, tasks: int = TASKS_PER_PART
     ):
-        """Prepare the environments of both parts; a world is shared as far as the settings allow.
+        """Prepare the environments of both parts; a given world is shared as far as the settings allow.
 
         Raises:
             ConfigError: for a setting out of range.
@@ -121,12 +119,13 @@ class HumanProtocol:
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
         self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
         self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
-        settings = _settings(self.world.config, tasks)
-        graph_hash, split_hash = self.world.graph.hash, self.world.split.hash
-        self.header = Header(HUMAN_FORMAT, self.world.graph.name, graph_hash, split_hash, settings, seed)
+        kept = ("depth", "num_distractors", "attempts", "distractor_weighting", "distractor_policy", "task_weighting")
+        settings = {"tasks_per_part": tasks} | {name: getattr(self.world.config, name) for name in (*kept, "ambiguity")}
+        graph = self.world.graph
+        self.header = Header(HUMAN_FORMAT, graph.name, graph.hash, self.world.split.hash, settings, seed)
 
     def with_seed(self, seed: int) -> "HumanProtocol":
-        """Return the protocol with another seed; it shares the environments, so the two must not be used at once."""
+        """Return the protocol with another seed; both share environments and must not be used at once."""
         other = copy.copy(self)
         other.seed, other.header = seed, msgspec.structs.replace(self.header, seed=seed)
         return other
@@ -138,18 +137,13 @@ class HumanProtocol:
         return env, observation
 
     def task(self, part: str, number: int) -> PosedTask:
-        """Return a task as a value."""
+        """Return a task."""
         env, observation = self.pose(part, number)
         plans = tuple(plan[0] for plan in env.task.plans)
         return PosedTask(part, number, env.task.goal, table_labels(env, observation), plans, env.state.task)
 
     def answer(self, task: PosedTask, slots: tuple[int, int], seconds: float) -> Answer:
-        """Return the answer for two slots of a task and a time in seconds, which is rounded to hundredths."""
+        """Return the answer for two slots of a task and a time in seconds, rounded to hundredths."""
         picks = (task.table[slots[0]], task.table[slots[1]])
         made = results_of(self._envs[task.part], *picks)
         return Answer(task.part, task.number, task.goal, task.table, picks, made, task.goal in made, round(seconds, 2))
-
-
-def _settings(config: WordCraftConfig, tasks: int) -> dict[str, int | str]:
-    kept = ("depth", "num_distractors", "attempts", "distractor_weighting", "distractor_policy", "task_weighting")
-    return {"tasks_per_part": tasks} | {name: getattr(config, name) for name in (*kept, "ambiguity")}

@@ -1,4 +1,4 @@
-"""People's answers beside the reference figures."""
+"""Reader of people's answers, for comparison with the reference figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,12 +17,7 @@ def _knows(path: Path) -> bool:
     return (path / STUDY_FILE).is_file() or begins_with(path, HUMAN_FORMAT)
 
 
-def _rows(paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> Sequence[ReferenceRow]:
-    return [_row(path, opened, play, columns) for path in paths]
-
-
 def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> ReferenceRow:
-    """Return the row of people who took the paper's test."""
     sessions = read_study(path).sessions() if (path / STUDY_FILE).is_file() else (read_session(path),)
     view = view_people({path: sessions})
     header = sessions[0].header
@@ -30,7 +25,7 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
     check_hash(path, "split", header.split_hash, opened.split.hash)
     settings = view.settings
     check_tasks(path, TaskPlay(play.part, int(settings.get("depth", 1)), int(settings.get("attempts", 1))), play)
-    found: dict[int, Estimate] = {}
+    estimates: dict[int, Estimate] = {}
     people, over = 0, set()
     for condition in view.conditions:
         rate = condition.parts.get(play.part)
@@ -39,8 +34,8 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
         bounds = rate.people_interval or rate.interval or (None, None)
         over.add("people" if rate.people_interval else "the answers of one person")
         people += rate.people
-        found[condition.distractors] = (rate.rate, *bounds)
-    if not found:
+        estimates[condition.distractors] = (rate.rate, *bounds)
+    if not estimates:
         has = ", ".join(str(condition.distractors) for condition in view.conditions)
         raise ConfigError(
             f"--beside: '{path}' has no answers to {play.part} tasks with {', '.join(map(str, columns))} distractors; "
@@ -50,13 +45,17 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
         player=path.name,
         kind="people",
         measure="success",
-        figures=figures_of(found),
+        figures=figures_of(estimates),
         origin="beside",
         source=str(path),
         play=play,
         interval=f"95 %, over {' or '.join(sorted(over))}",
         people=people,
     )
+
+
+def _rows(paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> Sequence[ReferenceRow]:
+    return [_row(path, opened, play, columns) for path in paths]
 
 
 READER = ResultReader("a folder of 'people serve', a file of 'play --protocol paper'", _knows, _rows)

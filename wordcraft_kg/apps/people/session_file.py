@@ -1,7 +1,8 @@
-"""The file of one person's answers: a header and a line for each answer, each on disk before the next task."""
+"""The file of one person's answers: a header and a line for each answer, on disk before the next task."""
 
 import logging
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ TableKey = tuple[int, int, str, int]
 
 @dataclass(frozen=True)
 class Session:
-    """The answers of one person, in their order, and the number of bytes of a last line that a crash tore."""
+    """The answers of one person, in order, and the number of bytes of a torn last line."""
 
     header: Header
     answers: tuple[Answer, ...]
@@ -50,7 +51,7 @@ def open_session(path: Path, protocol: HumanProtocol) -> Session:
     Raises:
         ArtefactError: if the file is not of this kind, is damaged, or has other tasks than the protocol.
         GraphMismatchError: if it belongs to another graph or split.
-        ConfigError: if it was begun with other settings. The file is unchanged in all these cases.
+        ConfigError: if it has other settings. The file is unchanged in all cases.
     """
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -66,7 +67,7 @@ def open_session(path: Path, protocol: HumanProtocol) -> Session:
 
 
 def append_answer(path: Path, session: Session, answer: Answer) -> Session:
-    """Add an answer to a session and its file; it is on disk when this returns."""
+    """Add an answer to a session and its file."""
     append_record(path, answer)
     return replace(session, answers=(*session.answers, answer))
 
@@ -80,7 +81,7 @@ def append_record(path: Path, record: Record) -> None:
 
 
 def drop_torn_line(path: Path, torn: int) -> None:
-    """Cut so many bytes of a torn last line from a file, with a warning."""
+    """Cut ``torn`` bytes of a torn last line from a file, with a warning."""
     if torn:
         logging.getLogger(__name__).warning("%s ended in a torn line, which was dropped.", path)
         os.truncate(path, path.stat().st_size - torn)
@@ -90,7 +91,7 @@ def read_session(path: Path) -> Session:
     """Read a session's file.
 
     Raises:
-        ArtefactError: naming the line, if the file is not of this kind or damaged; a torn last line is not an error.
+        ArtefactError: with the line, if the file is not of this kind or is damaged; a torn last line is no error.
     """
     if not path.is_file():
         fault = "is not a file" if path.exists() else "does not exist"
@@ -101,8 +102,8 @@ def read_session(path: Path) -> Session:
             f"'{path}' is not a file of the human protocol of this version ({HUMAN_FORMAT}). Nothing was changed."
         )
     header = parse_record(first, Header, f"{path}, line 1")
-    check_number(header.settings, "tasks_per_part", 1, MOST_TASKS, f"{path}, line 1")
-    check_number(header.settings, "num_distractors", 0, MAX_SIZE, f"{path}, line 1")
+    for name, least, most in (("tasks_per_part", 1, MOST_TASKS), ("num_distractors", 0, MAX_SIZE)):
+        check_number(header.settings, name, least, most, f"{path}, line 1")
     turns = schedule(int(header.settings["tasks_per_part"]))
     *lines, rest = lines
     if len(lines) > len(turns):
@@ -117,23 +118,29 @@ def read_session(path: Path) -> Session:
 
 
 def check_number(settings: dict[str, int | str], name: str, least: int, most: int, where: str) -> None:
-    """Refuse recorded settings without a whole number of this name in its range."""
+    """Check that a recorded setting is a whole number in its range."""
     value = settings.get(name)
     if not isinstance(value, int) or not least <= value <= most:
         raise ArtefactError(f"{where} is damaged: '{name}' is not a whole number, {least} to {most:,}.")
 
 
 def check_alike(path: Path, header: Header, other: str, reference: Header) -> None:
-    """Check that a header differs from the reference in nothing but the graph's name.
+    """Check that a header differs from the reference only in the graph's name.
 
     Raises:
-        GraphMismatchError: if the graph or split is another.
-        ConfigError: naming the setting that is another.
+        GraphMismatchError: if graph or split differ.
+        ConfigError: if a setting differs.
     """
-    have, want = ({**entry, **entry["settings"]} for entry in map(as_values, (header, reference)))
-    for name in want | have:
-        if name in ("graph", "settings") or have.get(name) == want.get(name):
-            continue
-        kind = GraphMismatchError if name.endswith("_hash") else ConfigError
-        is_, should = (str(entry.get(name))[:12] for entry in (have, want))
-        raise kind(f"'{path}' has {name} {is_}, but {other} has {should}. Nothing was changed.")
+    have, want = (as_values(entry) | entry.settings for entry in (header, reference))
+    del have["settings"], want["settings"]
+    check_equal(f"'{path}' has", have, f"{other} has", want)
+
+
+def check_equal(subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]) -> None:
+    """Refuse properties of a file that differ from the wanted ones, except for the graph's name; see `check_alike`."""
+    for name in {**want, **have}:
+        if name != "graph" and have.get(name) != want.get(name):
+            kind = GraphMismatchError if name.endswith("_hash") else ConfigError
+            is_, should = (str(values.get(name))[:12] for values in (have, want))
+            graph = f" (graph {have['graph']})" if name == "graph_hash" else ""
+            raise kind(f"{subject} {name} {is_}{graph}, but {other} {should}. Nothing was changed.")

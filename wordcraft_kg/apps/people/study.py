@@ -1,4 +1,4 @@
-"""A study: several people take the protocol, with several draws of tasks and numbers of distractors; and its folder."""
+"""A study: several people take the protocol, with several draws of tasks and numbers of distractors."""
 
 import hashlib
 import os
@@ -20,9 +20,9 @@ from wordcraft_kg.apps.people.answers_database import (
 )
 from wordcraft_kg.apps.people.config import MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HUMAN_FORMAT, HUMAN_PARTS, Header, HumanProtocol, PosedTask, schedule
-from wordcraft_kg.apps.people.session_file import Session, check_number
+from wordcraft_kg.apps.people.session_file import Session, check_equal, check_number
 from wordcraft_kg.base.artefacts import dump_json, read_small_file, what_is, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.base.records import Count, Hash, Record, as_values, parse_record
 from wordcraft_kg.envs.world import GraphLike
 from wordcraft_kg.runs.folder import locked
@@ -31,7 +31,7 @@ STUDY_FILE = "study.json"
 
 
 class StudyRecord(Record):
-    """``study.json``: the identity of a study; its settings leave out the number of distractors."""
+    """``study.json``: the identity of a study; its settings exclude the number of distractors."""
 
     format: Literal["wordcraft-kg study 1"]
     graph: str
@@ -45,18 +45,18 @@ class StudyRecord(Record):
     created: str
 
     def header(self, cell: Cell) -> Header:
-        """Return the header of a session's file with a form and condition."""
+        """Return the header of a session's file for a form and condition."""
         settings = self.settings | {"num_distractors": cell.distractors}
         return Header(HUMAN_FORMAT, self.graph, self.graph_hash, self.split_hash, settings, self.seed + cell.form)
 
     @property
     def tasks(self) -> int:
-        """Tasks of each part."""
+        """Number of tasks of each part."""
         return int(self.settings["tasks_per_part"])
 
 
 class Study:
-    """The tasks of a study, posed when they are first needed; its cells are in the order of assignment."""
+    """The tasks of a study, posed on first use; ``cells`` are in the order of assignment."""
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
         """Prepare the tasks.
@@ -88,7 +88,7 @@ class Study:
         self._lock = threading.Lock()
 
     def tasks(self, cell: Cell) -> tuple[PosedTask, ...]:
-        """Return the tasks of a form and condition, in their order; safe to be called from several threads."""
+        """Return the tasks of a form and condition, in order; safe in several threads."""
         with self._lock:
             if cell not in self._posed:
                 protocol = self.protocol(cell)
@@ -96,21 +96,17 @@ class Study:
             return self._posed[cell]
 
     def protocol(self, cell: Cell) -> HumanProtocol:
-        """Return the protocol of a form and condition; those of a condition share their environments."""
+        """Return the protocol of a form and condition; protocols of a condition share their environments."""
         return self._of_condition[cell.distractors].with_seed(self.record.seed + cell.form)
-
-
-# --- its folder ------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
 def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
-    """Yield the answers of a study in a folder, new or begun, for one server alone.
+    """Yield the answers of a study in a new or begun folder, for one server.
 
     Raises:
-        ArtefactError: if another server has it, or its files are damaged or of tasks that this version poses otherwise.
-        GraphMismatchError, ConfigError, OutputExistsError: see :func:`check_study_folder`; the folder is unchanged in
-            all cases.
+        ArtefactError: if another server uses the folder, its files are damaged, or this version poses other tasks.
+        GraphMismatchError, ConfigError, OutputExistsError: see :func:`check_study_folder`. The folder is unchanged.
     """
     check_study_folder(folder, study.record)
     folder.mkdir(parents=True, exist_ok=True)
@@ -129,25 +125,24 @@ def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
 
 
 def _check_tasks(folder: Path, study: Study) -> None:
-    """Refuse to go on if this version of the package poses other tasks than the answered ones."""
-    found = read_study(folder)
-    for person in found.people:
-        for stored, task in zip(found.answers[person.number], study.tasks(person.cell), strict=False):
+    kept = read_study(folder)
+    for person in kept.people:
+        for stored, task in zip(kept.answers[person.number], study.tasks(person.cell), strict=False):
             if not task.is_of(stored.answer):
                 raise ArtefactError(
                     f"'{folder}': this version poses another {task.part} task {task.number} than person "
-                    f"{person.number} has answered. Nothing was changed; go on with the version that it was begun with."
+                    f"{person.number} has answered. Nothing was changed; continue with the version that began it."
                 )
 
 
 def check_study_folder(folder: Path, record: StudyRecord) -> bool:
-    """Return whether a folder holds this very study already; False if it can be begun there.
+    """Return whether a folder holds this study; False if the study can begin there.
 
     Raises:
         ArtefactError: if ``study.json`` is damaged.
-        GraphMismatchError: if the folder's study is of another graph or split.
-        ConfigError: if it has other settings.
-        OutputExistsError: if something else is there.
+        GraphMismatchError: if the folder's study has another graph or split.
+        ConfigError: if the folder's study has other settings.
+        OutputExistsError: if the folder holds something else.
     """
     if not os.path.lexists(folder) or (folder.is_dir() and not any(folder.iterdir())):
         return False
@@ -155,30 +150,17 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
         raise OutputExistsError(
             f"'{folder}' {what_is(folder)}; expected the folder of this study, or a new one. Choose another `out`."
         )
-    found, _ = read_study_record(folder)
-    have, want = (_flat(study) for study in (found, record))
-    where = f"'{folder}' is a study"
-    for name in {**have, **want}:
-        one, other = have.get(name), want.get(name)
-        if one == other:
-            continue
-        if name == "consent":
-            raise ConfigError(f"{where} whose people agreed to another text. Nothing was changed; give that text.")
-        if name.endswith("_hash"):
-            what, names = name.removesuffix("_hash"), f" ({found.graph})" if name == "graph_hash" else ""
-            raise GraphMismatchError(
-                f"{where} of the {what} {str(one)[:12]}{names}, but this command has {str(other)[:12]}. "
-                "Nothing was changed."
-            )
-        is_, should = (", ".join(map(str, value)) if isinstance(value, list) else value for value in (one, other))
-        raise ConfigError(f"{where} with {name} {is_}, but this command has {should}. Nothing was changed.")
+    begun, _ = read_study_record(folder)
+    if begun.consent != record.consent:
+        raise ConfigError(f"'{folder}': people agreed to another text. Nothing was changed; give that text.")
+    check_equal(f"'{folder}' is a study with", _identity(begun), "this command has", _identity(record))
     return True
 
 
-def _flat(record: StudyRecord) -> dict[str, Any]:
-    """Return the values by which two studies can differ."""
-    values = as_values(record) | record.settings
-    return {name: value for name, value in values.items() if name not in ("created", "graph", "settings")}
+def _identity(record: StudyRecord) -> dict[str, Any]:
+    """Return the values by which two studies can differ, besides the consent text."""
+    values = as_values(record) | record.settings | {"distractors": ", ".join(map(str, record.distractors))}
+    return {name: value for name, value in values.items() if name not in ("created", "consent", "settings")}
 
 
 def write_study_record(folder: Path, record: StudyRecord) -> None:
@@ -188,10 +170,10 @@ def write_study_record(folder: Path, record: StudyRecord) -> None:
 
 
 def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
-    """Return ``study.json`` and its SHA-256, which the answers name.
+    """Return ``study.json`` and its SHA-256, which is stored with the answers.
 
     Raises:
-        ArtefactError: if it is missing or damaged.
+        ArtefactError: if the file is missing or damaged.
     """
     path = folder / STUDY_FILE
     if not path.exists():
@@ -204,25 +186,21 @@ def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
 
 @dataclass(frozen=True)
 class ReadStudy:
-    """A study as it is on the disk: the people in the order in which they began, and their answers by their numbers."""
+    """A study on disk: people in the order of their beginning, and their answers by their numbers."""
 
     record: StudyRecord
     people: tuple[Participant, ...]
     answers: dict[int, tuple[StoredAnswer, ...]]
 
     def sessions(self) -> tuple[Session, ...]:
-        """Return the answers of each person, as the file of a session would hold them."""
+        """Return the answers of each person as a session."""
         return tuple(
             Session(self.record.header(person.cell), tuple(stored.answer for stored in self.answers[person.number]))
             for person in self.people
         )
 
     def lines(self) -> Iterator[dict[str, Any]]:
-        """Yield the answers for an export: the person, the :class:`~wordcraft_kg.apps.people.protocol.Answer`, loads.
-
-        The person is known by ``session``, a number from 1 in the order in which people began; ``form`` and
-        ``distractors`` are the assigned cell, ``seed`` that of the form, ``loads`` the number of loads of the page.
-        """
+        """Yield the answers for an export; ``session`` is the number of the person, ``loads`` counts page loads."""
         for person in self.people:
             who = {"session": person.number, "form": person.cell.form, "distractors": person.cell.distractors}
             who["seed"] = self.record.seed + person.cell.form
@@ -231,16 +209,16 @@ class ReadStudy:
 
 
 def read_study(folder: Path) -> ReadStudy:
-    """Read the folder of a study, which may be served at this moment; nothing is written.
+    """Read the folder of a study, which a server may be using; nothing is written.
 
     Raises:
-        ArtefactError: if it is not one, or damaged.
+        ArtefactError: if the folder is not a study's, or is damaged.
     """
     record, identity = read_study_record(folder)
     path = folder / ANSWERS_FILE
-    people, found = read_answers(path, identity)
+    people, stored_answers = read_answers(path, identity)
     answers: dict[int, list[StoredAnswer]] = {person.number: [] for person in people}
-    for stored in found:
+    for stored in stored_answers:
         answers.setdefault(stored.session, []).append(stored)
     turns = schedule(record.tasks)
     for number, given in answers.items():
@@ -250,5 +228,5 @@ def read_study(folder: Path) -> ReadStudy:
     if set(answers) != {person.number for person in people}:
         raise ArtefactError(f"{path} is damaged: it has answers of somebody who has not begun.")
     if unknown := {person.cell.distractors for person in people} - set(record.distractors):
-        raise ArtefactError(f"{path} is damaged: {unknown.pop()} distractors are no condition of this study.")
+        raise ArtefactError(f"{path} is damaged: {unknown.pop()} distractors are not a condition of this study.")
     return ReadStudy(record, tuple(people), {number: tuple(given) for number, given in answers.items()})

@@ -1,4 +1,4 @@
-"""People's rates of right answers in the paper's protocol, and those of agents at the same tables."""
+"""Rates of people's right answers in the paper's protocol, and rates of agents at the same tables."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,13 +15,12 @@ from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 
 
 class BesideRate(Record):
-    """An agent at the tables of people, once for each answer.
+    """An agent's results at people's tables, once for each answer.
 
     Attributes:
         successes: answers at whose table the agent makes the goal.
         tables: number of different tables.
-        interval: 95 % interval of the rate by bootstrap over tables; Wilson's if all have the same result; None for a
-            single table.
+        interval: 95 % bootstrap interval of the rate over tables; Wilson's for equal results; None for one table.
     """
 
     successes: Count
@@ -34,10 +33,9 @@ class AnswerRate(Record):
     """Number and share of right answers; None without answers.
 
     Attributes:
-        interval: 95 % Wilson interval with independent answers: for these people only.
+        interval: 95 % Wilson interval for independent answers of these people.
         people: number of people who answered.
-        people_interval: 95 % interval by bootstrap over people; Wilson's with people for answers if all are alike; None
-            for a single person.
+        people_interval: 95 % bootstrap interval over people; Wilson's for equal results; None for one person.
         agents: agents at the same tables, by name.
     """
 
@@ -51,7 +49,7 @@ class AnswerRate(Record):
 
 
 class PeopleCondition(Record):
-    """People with the same number of distractors on their tables, and their right answers by part."""
+    """People with equal numbers of distractors, and their right answers by part."""
 
     distractors: Count
     sessions: Count
@@ -71,7 +69,7 @@ class HumanSummary(Record):
 
 
 class ExportedAnswers(Record):
-    """A file of answers, one a line, of so many people who have begun."""
+    """A file of answers, with its numbers of people and answers."""
 
     out: str
     people: Count
@@ -84,21 +82,28 @@ def view_people(
     """Return the rates of right answers over sessions with equal graph, split and settings.
 
     Args:
-        sources: sessions by their file or folder.
-        beside: whether an agent makes the goal at each table, by its name.
+        sources: sessions by file or folder.
+        beside: success of agents at each table, by name.
 
     Raises:
         ArtefactError: if a file ends in a torn line, or two have the same answers.
         GraphMismatchError: if the graphs or splits differ.
-        ConfigError: if other settings than the number of distractors differ, or there is no session.
+        ConfigError: if settings other than the number of distractors differ, or there is no session.
     """
     _check_sources(sources)
-    sessions = [session for found in sources.values() for session in found]
+    sessions = [session for group in sources.values() for session in group]
     header = sessions[0].header
-    amounts = sorted({session.distractors for session in sessions})
+    by_amount: dict[int, list[Session]] = {}
+    for session in sessions:
+        by_amount.setdefault(session.distractors, []).append(session)
     conditions = tuple(
-        _condition(amount, [session for session in sessions if session.distractors == amount], beside or {})
-        for amount in amounts
+        PeopleCondition(
+            distractors=amount,
+            sessions=len(group),
+            finished=sum(session.is_finished for session in group),
+            parts={part: _rate(part, group, beside or {}) for part in HUMAN_PARTS},
+        )
+        for amount, group in sorted(by_amount.items())
     )
     return HumanSummary(
         graph=header.graph,
@@ -111,7 +116,6 @@ def view_people(
 
 
 def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
-    """Check that sessions can be summed up; see :func:`view_people`."""
     reference: tuple[Path, Session] | None = None
     seen: dict[tuple[tuple[Answer, ...], ...], Path] = {}
     for path, sessions in sources.items():
@@ -129,17 +133,6 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
             seen[answers] = path
     if reference is None:
         raise ConfigError("no session: expected at least one file, or a study that somebody has begun.")
-
-
-def _condition(
-    amount: int, sessions: Sequence[Session], beside: Mapping[str, Mapping[TableKey, bool]]
-) -> PeopleCondition:
-    return PeopleCondition(
-        distractors=amount,
-        sessions=len(sessions),
-        finished=sum(session.is_finished for session in sessions),
-        parts={part: _rate(part, sessions, beside) for part in HUMAN_PARTS},
-    )
 
 
 def _rate(part: str, sessions: Sequence[Session], beside: Mapping[str, Mapping[TableKey, bool]]) -> AnswerRate:
@@ -167,11 +160,11 @@ def _beside(made: Sequence[bool], keys: Sequence[TableKey]) -> BesideRate:
 
 
 def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:
-    """Return the interval of a mean over people or tables, None if there is only one of them.
+    """Return the interval of a mean over people or tables, None if there is only one.
 
     If all are right or all wrong, each resample is the same and the bootstrap's interval is a point; Wilson's is not.
     """
-    amount = len(set(clusters.tolist()))
+    amount = len(np.unique(clusters))
     if amount < 2:
         return None
     if right.min() == right.max():

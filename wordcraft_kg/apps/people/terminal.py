@@ -1,12 +1,11 @@
-"""A game in a terminal: lines of text, typed picks, and colours."""
+"""A game in a terminal: lines of text and typed picks."""
 
 import io
-import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal, TextIO
+from typing import TextIO
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.labels import read_label
@@ -14,18 +13,16 @@ from wordcraft_kg.base.labels import read_label
 WIDTH = 80  # columns
 UNDO = ("u", "undo")
 Answers = Mapping[str, Callable[[], Iterable[str]]]
-"""Lines to show, by the typed command."""
-STYLES = {"bold": "1", "good": "32", "bad": "31"}
-"""ANSI's codes."""
+"""Lines to show, by typed command."""
 
 
 class Quit(Exception):
-    """The player wants to stop, or the input has ended."""
+    """The player stops, or the input has ended."""
 
 
 @dataclass(frozen=True)
 class Terminal:
-    """Shows the game on a stream, and reads stdin."""
+    """Shows the game on a stream and reads stdin."""
 
     stream: TextIO
 
@@ -38,14 +35,9 @@ class Terminal:
         for line in lines:
             print(line, file=self.stream, flush=True)
 
-    def styled(self, text: str, style: Literal["bold", "good", "bad"]) -> str:
-        """Return a text in a style on a terminal, and unchanged elsewhere or if NO_COLOR is set."""
-        plain = not self.stream.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
-        return text if plain else f"\x1b[{STYLES[style]}m{text}\x1b[0m"
-
     @contextmanager
     def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
-        """Let a game end by :class:`Quit`; Ctrl-C adds the tally to the interruption."""
+        """Let :class:`Quit` end a game; Ctrl-C adds the tally to the interruption."""
         try:
             yield
         except Quit:
@@ -55,11 +47,7 @@ class Terminal:
             raise KeyboardInterrupt(f"interrupted; {tally()}") from None
 
     def ask(self, prompt: str) -> str:
-        """Return a typed line.
-
-        Raises:
-            Quit: for ``q`` and at the end of the input.
-        """
+        """Return a typed line; ``q`` and the end of the input raise :class:`Quit`."""
         print(prompt, end="", file=self.stream, flush=True)
         line = sys.stdin.readline() if sys.stdin else ""
         if not line or not sys.stdin.isatty():
@@ -69,7 +57,7 @@ class Terminal:
         return line.strip()
 
     def pick(self, prompt: str, table: Sequence[str], answers: Answers) -> int | None:
-        """Return the picked place in ``table``, asking until it is one; None to put a pick back."""
+        """Return the picked index of ``table``, asking until the input is valid; None to put a pick back."""
         while True:
             typed = self.ask(prompt)
             if typed.casefold() in UNDO:
@@ -83,13 +71,7 @@ class Terminal:
                 self.say(str(error))
 
     def pick_two(self, prompt: str, table: Sequence[str], answers: Answers) -> tuple[int, int]:
-        """Return the places in ``table`` of an attempt's two picks; the first can be put back.
-
-        Args:
-            prompt: text with ``{}`` for the held entity.
-            table: the labels to pick from.
-            answers: further commands.
-        """
+        """Return the indices in ``table`` of two picks; ``{}`` in the prompt shows the held entity."""
         while True:
             one = self.pick(prompt.format("nothing"), table, answers)
             if one is None:

@@ -1,4 +1,4 @@
-"""A study as a web application: consent, tasks, answers. A person's place follows from their answers alone.
+"""A study as a web application: consent, tasks, answers. The answers alone determine a person's progress.
 
 A form that is sent twice, late or again after a lost connection leads to the next page, and never to a second answer.
 Only the code and the picks of a request are used, and no cookie is set.
@@ -9,7 +9,6 @@ import re
 import secrets
 import time
 from collections.abc import Awaitable, Callable, Collection, Mapping
-from importlib.resources import files
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -20,19 +19,18 @@ from starlette.routing import Route, Router
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
-from wordcraft_kg.apps.people.protocol import Answer, PosedTask
+from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, PosedTask
 from wordcraft_kg.apps.people.study import Study
+from wordcraft_kg.apps.web.files import file_endpoint
 from wordcraft_kg.apps.web.guard import Guard
-from wordcraft_kg.apps.web.style_sheet import style_sheet
 from wordcraft_kg.reports.pages import make_environment
 
-FILES = {"study.css": "text/css", "study.js": "text/javascript"}
 PRIVATE = {"Cache-Control": "no-store"}
-"""For every page: the next person at the same machine must not come back to it."""
+"""Headers of every page: the next person at the same machine must not come back to it."""
 ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
-"""Of codes: without 0 and o, 1, l and i, which look alike."""
+"""Letters of codes: without 0 and o, 1, l and i, which look alike."""
 LENGTH, GROUP = 12, 4
-"""Characters of a code, of about 59 bits, and of its groups."""
+"""Characters of a code, about 59 bits, and of its groups."""
 Form = Mapping[str, str]
 Endpoint = Callable[[Request], Awaitable[Response]]
 Reply = Callable[[Request, Form, str, Participant], Response]
@@ -49,11 +47,11 @@ def make_study_app(
     """Return the application.
 
     Args:
-        study: its tasks.
-        answers: where they are kept.
-        host: the host that it listens on.
-        more_hosts: other names by which it may be asked, as behind a proxy.
-        clock: seconds, going on while the server is down.
+        study: tasks.
+        answers: database of the answers.
+        host: host that the server listens on.
+        more_hosts: further permitted host names, as behind a proxy.
+        clock: seconds, also while the server is down.
     """
     server = _Server(study, answers, clock)
     routes = [
@@ -61,7 +59,7 @@ def make_study_app(
         Route("/begin", server.begin, methods=["POST"]),
         Route("/return", server.come_back, methods=["POST"]),
         Route("/declined", server.declined),
-        Route("/files/{name}", server.file),
+        Route("/files/{name}", server.files),
         Route("/s/{code}", server.of_person(server.introduction)),
         Route("/s/{code}/task", server.of_person(server.task)),
         Route("/s/{code}/answer", server.of_person(server.answer), methods=["POST"]),
@@ -74,16 +72,13 @@ def make_study_app(
     return Guard(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
 
 
-# --- codes with which people come back: random, easy to type, and never stored --------------------------------------
-
-
 def new_code() -> str:
-    """Return a random code, such as ``k7qm-2xwd-9hrt``."""
+    """Return a random code for coming back, such as ``k7qm-2xwd-9hrt``; codes are never stored."""
     return _grouped("".join(secrets.choice(ALPHABET) for _ in range(LENGTH)))
 
 
 def read_code(typed: str) -> str | None:
-    """Return a typed code, with any capitals, blanks and dashes; None if it is none."""
+    """Return a code, typed with any capitals, blanks and dashes; None if the text is not a code."""
     letters = re.sub(r"[\s\-–—._]", "", typed[:100]).lower()
     is_code = len(letters) == LENGTH and set(letters) <= set(ALPHABET)
     return _grouped(letters) if is_code else None
@@ -98,20 +93,12 @@ def _grouped(letters: str) -> str:
     return "-".join(letters[start : start + GROUP] for start in range(0, LENGTH, GROUP))
 
 
-# --- the pages -------------------------------------------------------------------------------------------------------
-
-
 class _Server:
     def __init__(self, study: Study, answers: AnswersDatabase, clock: Callable[[], float]) -> None:
         self.study, self.answers, self.clock = study, answers, clock
         self.environment = make_environment("wordcraft_kg.apps.people")
         self.environment.globals.update(study=study.record, paragraphs=study.record.consent.split("\n\n"))
-        folder = files("wordcraft_kg.apps.people") / "static"
-        self.files = {"explorer.css": (style_sheet(), "text/css")} | {
-            name: ((folder / name).read_text(encoding="utf-8"), kind) for name, kind in FILES.items()
-        }
-
-    # --- pages of nobody in particular -------------------------------------------------------------------------------
+        self.files = file_endpoint("wordcraft_kg.apps.people", ("study.css", "study.js"), self._missing)
 
     async def first(self, _: Request) -> Response:
         """Ask for consent, or for the code of somebody who comes back."""
@@ -143,17 +130,8 @@ class _Server:
         problem = "No session has this code." if code else "A code has 12 letters and digits, such as k7qm-2xwd-9hrt."
         return self._page("first", 404 if code else 400, code=new_code(), problem=problem, typed=typed)
 
-    async def file(self, request: Request) -> Response:
-        name = request.path_params["name"]
-        if name not in self.files:
-            return self._missing()
-        text, kind = self.files[name]
-        return Response(text, media_type=kind, headers={"Cache-Control": "no-cache"})
-
-    # --- pages of a session ------------------------------------------------------------------------------------------
-
     def of_person(self, reply: Reply) -> Endpoint:
-        """Return an endpoint that replies to the person whose code is in the path, with the fields of a form."""
+        """Return an endpoint for the person whose code is in the path."""
 
         async def endpoint(request: Request) -> Response:
             form = await _form(request) if request.method == "POST" else {}
@@ -186,7 +164,7 @@ class _Server:
             # A pick at the table of another task, as from a second tab or after going back, is none at this one.
             return _to(f"/s/{code}/task")
         held = _slot(asked.get("held", ""), task)
-        # To look at the table again with something in hand, or without it again, is no further showing.
+        # A reload with a pick, or after putting it back, is not a new showing.
         if "held" not in asked and request.method == "GET":
             self.answers.show(person, task.part, task.number, self.clock())
         return self._page("task", code=code, task=task, held=held, place=place, all=len(tasks))
@@ -198,17 +176,18 @@ class _Server:
         if number < place:  # it has been answered: this is a copy
             return self._after(code, tasks, number) if number >= 0 else _to(f"/s/{code}/task")
         task = tasks[number] if number == place < len(tasks) else None
-        slots = None if task is None else (_slot(form.get("first", ""), task), _slot(form.get("second", ""), task))
         shown = None if task is None else self.answers.shown(person, task.part, task.number)
-        if task is None or slots is None or None in slots or shown is None:
+        if task is None or shown is None:
             return _to(f"/s/{code}/task")
-        protocol = self.study.protocol(person.cell)
-        found = protocol.answer(task, (slots[0] or 0, slots[1] or 0), max(now - shown, 0.0))
-        self.answers.add(person, found)
+        first, second = (_slot(form.get(name, ""), task) for name in ("first", "second"))
+        if first is None or second is None:
+            return _to(f"/s/{code}/task")
+        answer = self.study.protocol(person.cell).answer(task, (first, second), max(now - shown, 0.0))
+        self.answers.add(person, answer)
         return self._after(code, tasks, number)
 
     def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
-        """Return where somebody goes who has answered: train tasks are followed by their answer."""
+        """Redirect after an answer: train tasks are followed by feedback."""
         task = tasks[place]
         if task.part == "train":
             return _to(f"/s/{code}/feedback/{task.number}")
@@ -230,9 +209,8 @@ class _Server:
         given = self.answers.answers_of(person)
         if len(given) < len(self.study.tasks(person.cell)):
             return _to(f"/s/{code}/task")
-        return self._page("end", code=code, right=_right(given))
-
-    # --- what pages share --------------------------------------------------------------------------------------------
+        right = {part: [answer.success for answer in given if answer.part == part] for part in HUMAN_PARTS}
+        return self._page("end", code=code, right={part: (sum(made), len(made)) for part, made in right.items()})
 
     def _page(self, name: str, status: int = 200, **values: Any) -> Response:
         return Response(self._render(name, **values), status, media_type="text/html", headers=PRIVATE)
@@ -255,7 +233,7 @@ class _Server:
 
 
 async def _form(request: Request) -> dict[str, str]:
-    """Return the fields of a form; nothing of what cannot be read."""
+    """Return the fields of a form; empty if it cannot be read."""
     try:
         body = await request.body()
         return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=20))
@@ -264,7 +242,7 @@ async def _form(request: Request) -> dict[str, str]:
 
 
 def _slot(text: str, task: PosedTask) -> int | None:
-    """Return the slot that a field names, from 1 in the form and from 0 here; None if it is none."""
+    """Return the slot of a field, which counts from 1; None if it is invalid."""
     if text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= len(task.table):
         return int(text) - 1
     return None
@@ -273,10 +251,3 @@ def _slot(text: str, task: PosedTask) -> int | None:
 def _to(path: str) -> Response:
     # 303: the browser asks for the next page, and a reload of that sends no form again.
     return RedirectResponse(path, 303, PRIVATE)
-
-
-def _right(given: list[Answer]) -> dict[str, tuple[int, int]]:
-    """Return the numbers of right answers and of answers, by part."""
-    parts = dict.fromkeys(answer.part for answer in given)
-    by_part = {part: [answer.success for answer in given if answer.part == part] for part in parts}
-    return {part: (sum(successes), len(successes)) for part, successes in by_part.items()}

@@ -1,7 +1,6 @@
-"""The guard before every application of pages: permitted hosts and sites, sizes, and pages of errors."""
+"""The guard of every application with pages: permitted hosts and sites, sizes, and error pages."""
 
 import logging
-import time
 from collections.abc import Callable, Collection
 from urllib.parse import SplitResult, urlsplit
 
@@ -13,7 +12,7 @@ POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
-"""Nothing is loaded from elsewhere, and only the site's own files run, whatever a label may hold."""
+"""Nothing is loaded from elsewhere, and only the site's own files run, even with hostile labels."""
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "X-Content-Type-Options": "nosniff",
@@ -47,9 +46,9 @@ class Guard:
 
         Args:
             app: the application.
-            host: the host that it listens on; it answers for this machine's own names, too.
-            more_hosts: further names in permitted Host headers.
-            error_page: page of an error.
+            host: host that the server listens on; names of this machine are always permitted.
+            more_hosts: further permitted names in Host headers.
+            error_page: renders an error.
             methods: permitted methods.
         """
         self.app, self.error_page, self.methods = app, error_page, methods
@@ -59,16 +58,13 @@ class Guard:
         """Answer a request."""
         if scope["type"] != "http":
             return
-        has_begun, begun = False, time.perf_counter()
+        has_begun = False
 
         async def with_headers(message: Message) -> None:
             nonlocal has_begun
             if message["type"] == "http.response.start":
                 has_begun = True
-                # Browsers show it beside a request, in milliseconds.
-                timing = f"app;dur={1000 * (time.perf_counter() - begun):.1f}"
-                headers = HEADERS | {"Server-Timing": timing}
-                own = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
+                own = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
                 message = {**message, "headers": [*message.get("headers", ()), *own]}
             await send(message)
 
@@ -105,7 +101,7 @@ class Guard:
 
 
 class _TooLong(Exception):
-    """A body is longer than any form of ours."""
+    """A body is longer than any form of the apps."""
 
 
 def _limited(receive: Receive) -> Receive:
@@ -123,7 +119,7 @@ def _limited(receive: Receive) -> Receive:
 
 
 def _split(address: str) -> SplitResult:
-    """Return the parts of an address; empty ones if it is none."""
+    """Return the parts of an address; empty parts for an invalid address."""
     try:
         return urlsplit(address)
     except ValueError:

@@ -6,7 +6,6 @@ import socket
 import sys
 import webbrowser
 from collections.abc import Callable
-from contextlib import suppress
 
 from starlette.types import ASGIApp
 
@@ -17,7 +16,7 @@ from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
 LARGEST_PORT = 65_535
 PATIENCE = 3
-"""Seconds that requests have to end after Ctrl-C."""
+"""Seconds for requests to end after Ctrl-C."""
 
 
 class Serving(Record):
@@ -40,31 +39,31 @@ def listen(host: str, port: int) -> socket.socket:
             f"`host` '{host}': there is no such host; expected one of this machine, such as 127.0.0.1."
         ) from None
     # asyncio sends small packets at once (TCP_NODELAY) only if the protocol is named; else a page may wait for 40 ms.
-    found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind((host, port))
-        found.listen(128)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host, port))
+        listening.listen(128)
     except OSError as error:
-        found.close()
+        listening.close()
         reasons = {
             errno.EADDRINUSE: "is in use by another program; end that, or choose another port (0 takes a free one)",
             errno.EACCES: "may not be used by this user; choose one above 1023",
             errno.EADDRNOTAVAIL: f"cannot be opened: '{host}' is not an address of this machine",
         }
         raise ConfigError(f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}.") from None
-    return found
+    return listening
 
 
 def serve(
     app: ASGIApp, listening: socket.socket, started: Callable[[str], None], *, has_lifespan: bool = False
 ) -> None:
-    """Answer requests until Ctrl-C or SIGTERM, and let those end that have begun.
+    """Answer requests until Ctrl-C or SIGTERM, and let running requests end.
 
     Args:
         app: the application.
         listening: see :func:`listen`.
-        started: called with the address as soon as requests are answered.
+        started: called with the address as soon as the server answers.
         has_lifespan: whether the application handles ASGI's lifespan events.
     """
     import uvicorn
@@ -93,20 +92,6 @@ def serve(
         listening.close()
 
 
-def return_freed_memory() -> None:
-    """Return the memory of large arrays to the system when they are freed, with glibc.
-
-    By default glibc keeps it, for each thread: a server that has ranked all links once would stay 90 MB larger.
-    """
-    import ctypes
-
-    trim_threshold, mmap_threshold, arenas = -1, -3, -8  # of <malloc.h>
-    with suppress(OSError, AttributeError):
-        library = ctypes.CDLL("libc.so.6")
-        for parameter, value in ((trim_threshold, 2**17), (mmap_threshold, 2**17), (arenas, 2)):
-            library.mallopt(parameter, value)
-
-
 def address_of(listening: socket.socket) -> str:
     """Return the address to open in a browser."""
     host, port = listening.getsockname()[:2]
@@ -115,7 +100,7 @@ def address_of(listening: socket.socket) -> str:
 
 
 def open_browser(address: str) -> None:
-    """Open a page in the user's browser if there is a screen: a text browser would take the terminal over."""
+    """Open a page in the user's browser if there is a screen: a text browser would occupy the terminal."""
     screens = ("DISPLAY", "WAYLAND_DISPLAY")
     if sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in screens):
         webbrowser.open_new_tab(address)

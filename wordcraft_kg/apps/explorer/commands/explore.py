@@ -63,10 +63,9 @@ def explore(
         _export(lambda: Explored.open(graph, model or (), run or ()), export, force, output)
         return
     from wordcraft_kg.apps.explorer.server import make_app, warm
-    from wordcraft_kg.apps.web.serving import Serving, listen, open_browser, return_freed_memory, serve
+    from wordcraft_kg.apps.web.serving import Serving, listen, open_browser, serve
 
     listening = listen(host, port)  # before the work
-    return_freed_memory()
     try:
         explored = Explored.open(graph, model or (), run or ())
     except BaseException:
@@ -88,9 +87,9 @@ def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Ou
     from wordcraft_kg.base.artefacts import check_output
 
     check_output(out, force=force)
-    found = export_site(opened(), out, force=force)
-    size, largest = f"{found.bytes / 2**20:.1f} MiB", f"{found.largest / 2**10:.0f} KiB"
-    lines = [f"wrote {out}: {found.pages:,} pages, {size}, the largest {largest}"]
-    if found.skipped:
-        lines.append(f"could not be made: {len(found.skipped):,}, such as {next(iter(found.skipped.items()))}")
-    output.result(found, [*lines, f"open {out / 'index.html'}"])
+    site = export_site(opened(), out, force=force)
+    size, largest = f"{site.bytes / 2**20:.1f} MiB", f"{site.largest / 2**10:.0f} KiB"
+    lines = [f"wrote {out}: {site.pages:,} pages, {size}, the largest {largest}"]
+    if site.skipped:
+        lines.append(f"could not be made: {len(site.skipped):,}, such as {next(iter(site.skipped.items()))}")
+    output.result(site, [*lines, f"open {out / 'index.html'}"])

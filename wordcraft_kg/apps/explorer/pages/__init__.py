@@ -1,7 +1,7 @@
 """All pages, by the first segment of their addresses.
 
-A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here and an entry in :data:`CORE`. Another app or
-distribution adds pages by entry points of the group ``wordcraft_kg.pages``, each with ``module:PAGE``.
+A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here and an entry in :data:`CORE`. Other apps and
+distributions add pages by entry points ``module:PAGE`` of the group ``wordcraft_kg.pages``.
 """
 
 from collections.abc import Iterable
@@ -35,11 +35,7 @@ CORE: tuple[Page[Any], ...] = (
 
 
 def pages_by_name(points: Iterable[EntryPoint]) -> dict[str, Page[Any]]:
-    """Return the pages of this app, followed by those of entry points.
-
-    Raises:
-        ConfigError: if two pages have the same name.
-    """
+    """Return the pages of this app and of entry points; two pages of one name are a ConfigError."""
     pages = {page.name: page for page in CORE}
     for point in points:
         page = point.load()

@@ -1,4 +1,4 @@
-"""Two models of the graph on the same queries: the better one, and their largest differences."""
+"""Two models on the same queries: the better model, and the largest differences."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -30,7 +30,7 @@ Better = Literal["either", "one", "other"]
 
 
 class Compare(Queries):
-    """Queries to two models, by default the first two; all, or those that one of them ranks better."""
+    """Queries to two models, by default the first two; all queries, or those that one model ranks better."""
 
     one: str = ""
     other: str = ""
@@ -57,12 +57,12 @@ class ComparedRanks(Record):
     """The ranks of the same queries by two models.
 
     Attributes:
-        metrics_one: figures of one for all chosen queries, whatever ``better`` is.
-        metrics_other: those of the other.
-        learned: number of these queries for triples of the training data of either model.
-        better_one: number of these queries that the one ranks better.
-        better_other: number of these queries that the other ranks better.
-        queries: those of a page, the largest difference of the reciprocal rank first.
+        metrics_one: figures of the first model for all chosen queries, independent of ``better``.
+        metrics_other: figures of the second model.
+        learned: number of chosen queries for triples of either model's training data.
+        better_one: number of chosen queries that the first model ranks better.
+        better_other: number of chosen queries that the second model ranks better.
+        queries: queries of a page, the largest difference of the reciprocal rank first.
     """
 
     one: str
@@ -80,7 +80,7 @@ class ComparedRanks(Record):
 
 
 class ModelsCompared(Record):
-    """Two models: the comparison of ``compare``, or the reason why there is too little data for it; and their ranks."""
+    """Two models: the result of ``compare`` or the reason for its absence, and the ranks."""
 
     headline: link_comparison.LinkComparison | None
     without_headline: str
@@ -90,17 +90,11 @@ class ModelsCompared(Record):
 def view_compared_ranks(
     one: RankedTriples, other: RankedTriples, chosen: RankFilter, better: Better = "either", page: int = 1
 ) -> ComparedRanks:
-    """List queries by how differently two models rank them.
-
-    Raises:
-        GraphMismatchError: if the ranks are of other triples.
-        UnknownEntityError: if the graph does not have the entity of the filter.
-        ConfigError: if there is no such page.
-    """
+    """List queries by the difference of two models' ranks; ranks of different triples are a GraphMismatchError."""
     keys = ["head", "relation", "tail", "side"]
     if one.split.hash != other.split.hash or not one.ranks[keys].equals(other.ranks[keys]):
         raise GraphMismatchError(
-            f"the ranks of '{one.name}' and '{other.name}' are of other triples. Take two models of one graph folder."
+            f"'{one.name}' and '{other.name}' rank different triples. Take two models of one graph folder."
         )
     mask = one.mask(chosen) & other.mask(chosen)
     left, right = one.ranks[mask], other.ranks[mask]
@@ -117,17 +111,14 @@ def view_compared_ranks(
         better=better,
         metrics_one=ranking_metrics(left),
         metrics_other=ranking_metrics(right),
-        learned=int((left["learned"].to_numpy(dtype=bool) | right["learned"].to_numpy(dtype=bool)).sum()),
+        learned=int((left["learned"] | right["learned"]).sum()),
         better_one=int((gain > 0).sum()),
         better_other=int((gain < 0).sum()),
         sample=one.sample,
         paging=shown,
         queries=tuple(
             ComparedQuery(
-                *(a.head, a.relation, a.tail, a.side, a.known),
-                *(a.learned, b.learned),
-                *(a.rank, b.rank),
-                *(a.top, b.top),
+                a.head, a.relation, a.tail, a.side, a.known, a.learned, b.learned, a.rank, b.rank, a.top, b.top
             )
             for a, b in pairs
         ),
@@ -140,7 +131,7 @@ def _has_two_models(explored: Explored) -> bool:
 
 def _view(explored: Explored, state: Compare) -> ModelsCompared:
     if not _has_two_models(explored):
-        raise ConfigError("Two models are compared; start with two of `wordcraft-kg explore GRAPH --model FOLDER`.")
+        raise ConfigError("This page needs two models; start with two of `wordcraft-kg explore GRAPH --model FOLDER`.")
     names = list(explored.models)
     first = state.one or next(name for name in names if name != state.other)
     second = state.other or next(name for name in names if name != first)

@@ -1,4 +1,4 @@
-"""All entities, page by page: searched by their labels, and sorted."""
+"""All entities, page by page, with a search and orders."""
 
 import unicodedata
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ ENTITIES_A_PAGE = 200
 
 
 class Entities(State):
-    """Entities with a text in their labels, by label, layer, or from the most recipes or uses."""
+    """Entities with a text in their labels, in ascending order of label or layer, or from the most recipes or uses."""
 
     q: str = ""
     sort: EntityOrder = "label"
@@ -54,18 +54,16 @@ def list_entities(graph: RecipeGraph, wanted: str = "", order: EntityOrder = "la
         "recipes": -graph.recipe_counts[ids],
         "uses": -graph.use_counts[ids],
     }
-    found = paging(len(ids), page, ENTITIES_A_PAGE)
-    chosen = ids[np.argsort(keys[order], kind="stable")][found.rows]
+    shown = paging(len(ids), page, ENTITIES_A_PAGE)
+    chosen = ids[np.argsort(keys[order], kind="stable")][shown.rows]
     columns = (values[chosen].tolist() for values in (layer, graph.recipe_counts, graph.use_counts))
     rows = zip(graph.labels(chosen.tolist()), *columns, strict=True)
     entities = tuple(ListedEntity(label, at if at >= 0 else None, made, used) for label, at, made, used in rows)
-    return EntityList(wanted, order, found, entities)
+    return EntityList(wanted, order, shown, entities)
 
 
 def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
-    """Return labels that match a text: the label itself, labels that begin with it, words that do, then other parts.
-
-    Among equals, the most used come first.
+    """Return labels that match a text: equal, at the beginning, at that of a word, elsewhere; ties by number of uses.
 
     Example:
         >>> search_entities(RecipeGraph.from_book(open_book("kitchen")), "BRE", limit=2)
@@ -75,20 +73,16 @@ def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[s
     if not text:
         return ()
     names, used = _folded_labels(graph), graph.use_counts
-    ids = _matching(graph, wanted).tolist()
-    return graph.labels(sorted(ids, key=lambda i: (_rank(names[i], text), -used[i], i))[:limit])
 
+    def key(i: int) -> tuple[bool, bool, bool, int, int]:
+        name = names[i]
+        return name != text, not name.startswith(text), f" {text}" not in name, -used[i], i
 
-def _rank(name: str, text: str) -> int:
-    if name == text:
-        return 0
-    if name.startswith(text):
-        return 1
-    return 2 if f" {text}" in name else 3
+    return graph.labels(sorted(_matching(graph, wanted).tolist(), key=key)[:limit])
 
 
 def _folded(text: str) -> str:
-    """Return a text without case, accents and outer spaces, as searches compare it."""
+    """Return a text without case, accents and outer spaces, for comparison."""
     apart = unicodedata.normalize("NFKD", text.strip().casefold())
     return "".join(letter for letter in apart if not unicodedata.combining(letter))
 
@@ -105,7 +99,7 @@ def _folded_labels(graph: RecipeGraph) -> Sequence[str]:
 
 @lru_cache(maxsize=4)
 def layers_of(graph: RecipeGraph) -> Ids:
-    """Return the layers of all entities, see :func:`~wordcraft_kg.graphs.planner.layers`; computed once."""
+    """Return the cached :func:`~wordcraft_kg.graphs.planner.layers` of all entities."""
     return layers(graph)
 
 

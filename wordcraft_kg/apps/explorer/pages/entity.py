@@ -1,4 +1,4 @@
-"""An entity: its recipes, predictions for it with their evidence, and similar entities; and the list of its recipes."""
+"""An entity: recipes, predictions with their evidence, and similar entities; and the list of its recipes."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -19,22 +19,21 @@ from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
 from wordcraft_kg.models.scorers.roles import Side
 
 NEAREST = 8
-"""Similar entities in a list."""
+"""Listed similar entities."""
 PREDICTED = 10
-"""Entities in the list of an open slot."""
+"""Listed entities of an open slot."""
 LISTED = 12
 """Recipes of either kind on an entity's page."""
 RECIPES_A_PAGE = 100
 EXPORTED = 5_000
 """Entities with pages in a static site."""
 OPEN_SLOTS: tuple[tuple[int, Side], ...] = ((COMBINES_WITH, "tail"), (COMPONENT_OF, "head"), (COMPONENT_OF, "tail"))
-"""The queries to a model: partners of the entity, its ingredients, its products."""
+"""Queries to a model: partners of the entity, ingredients, products."""
 Use = Literal["makes", "uses"]
-"""Whether recipes make an entity or use it."""
 
 
 class Entity(State):
-    """An entity, by default the most used one, and a model, by default the first; ``learned`` lists its data, too."""
+    """An entity, by default the most used one, and a model; ``learned`` lists links of the training data, too."""
 
     entity: str = ""
     model: str = ""
@@ -51,13 +50,7 @@ class Recipes(State):
 
 
 class EntityRecipes(Record):
-    """Recipes of an entity; see :class:`Recipes`.
-
-    Attributes:
-        parts: number of recipes by part, for parts that have any.
-        paging: the rows that are listed.
-        recipes: the listed recipes.
-    """
+    """Recipes of an entity, see :class:`Recipes`, and numbers of recipes by part, for parts with recipes."""
 
     entity: str
     use: Use
@@ -67,12 +60,12 @@ class EntityRecipes(Record):
 
     @property
     def total(self) -> int:
-        """Number of all of them."""
+        """Number of all recipes."""
         return self.paging.total
 
 
 class AlikeEntity(Record):
-    """An entity and its cosine to another one."""
+    """An entity and its cosine to another entity."""
 
     entity: str
     cosine: float
@@ -82,15 +75,12 @@ class EntityProfile(Record):
     """An entity.
 
     Attributes:
-        base: whether it is a base entity.
         layer: first round in which it can be made; None if it cannot.
         crafts: number of steps of its cheapest derivation; None if it cannot be made.
-        made_by: recipes that make it.
-        used_in: recipes that use it.
         model: name of the model; empty without one.
-        slots: predictions for its partners, ingredients and products.
-        nearest: the entities most similar to it for the model.
-        by_words: the entities most similar to it by their words; None if its words have no vector.
+        slots: predictions of partners, ingredients and products.
+        nearest: the most similar entities for the model.
+        by_words: the most similar entities by word vectors; None without a vector.
     """
 
     entity: str
@@ -108,9 +98,8 @@ class EntityProfile(Record):
     @property
     def held_out(self) -> int:
         """Number of its recipes outside the train part."""
-        return sum(
-            count for found in (self.made_by, self.used_in) for part, count in found.parts.items() if part != "train"
-        )
+        parts = [*self.made_by.parts.items(), *self.used_in.parts.items()]
+        return sum(count for part, count in parts if part != "train")
 
     @property
     def has_probabilities(self) -> bool:
@@ -119,7 +108,6 @@ class EntityProfile(Record):
 
 
 def _view(explored: Explored, state: Entity) -> EntityProfile:
-    """Return an entity's recipes and, if there is a model, its predictions."""
     split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
@@ -151,7 +139,6 @@ def _view(explored: Explored, state: Entity) -> EntityProfile:
 
 
 def _view_recipes(explored: Explored, state: Recipes) -> EntityRecipes:
-    """List recipes of an entity, page by page."""
     if not state.entity:
         raise ConfigError("The address names no entity; expected one such as /recipes/water.")
     return _recipes(explored.opened.split, state, RECIPES_A_PAGE)
@@ -173,11 +160,7 @@ def _recipes(split: Split, state: Recipes, size: int) -> EntityRecipes:
 
 
 def near_by_words(words: EntityFeatures, entity: int, limit: int = NEAREST) -> list[tuple[int, float]]:
-    """Return the entities most similar to one by the cosine of their words' vectors.
-
-    Returns:
-        ids and cosines, nearest first; none if the words of the entity have no vector.
-    """
+    """Return ids and cosines of the entities with the most similar word vectors; empty if the entity has no vector."""
     if not words.known[entity]:
         return []
     cosines: NDArray[np.float32] = words.unit_vectors @ words.unit_vectors[entity]

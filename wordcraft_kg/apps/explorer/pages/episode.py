@@ -1,4 +1,4 @@
-"""An episode: the table, the agents' reasons at each pick, and their picks at a table of one's own."""
+"""An episode: the table, the agents' reasons at each pick, and their picks at an edited table."""
 
 from collections.abc import Iterator
 
@@ -19,7 +19,7 @@ from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.tasks import TaskPart
 
 DRAWS = 5
-"""Offered draws of distractors; those of the evaluation."""
+"""Offered draws of distractors, as in the evaluation."""
 MOST_ROWS = 160
 """Rows of slots on a page; for large tables and many agents only the best slots of each pick are shown."""
 
@@ -29,9 +29,8 @@ class Episode(State):
 
     Attributes:
         run: the agent; by default the first one.
-        other: agents to be compared with it.
-        part: part of the task.
-        depth: fewest attempts that solve it; 0 for the agent's training depth.
+        other: agents to compare with it.
+        depth: fewest attempts that solve the task; 0 for the agent's training depth.
         task: number of the task among those of its depth and part.
         draw: draw of distractors.
         distractors: number of distractors; below 0 for as many as in training.
@@ -53,22 +52,22 @@ class Episode(State):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The labels of another table."""
+        """The labels of the edited table."""
         return tuple(label for label in self.table if label)
 
     @property
     def is_edited(self) -> bool:
-        """Whether anything but the task is asked about."""
+        """Whether goal, table or hand are edited."""
         return bool(self.goal or self.labels or self.held)
 
 
 class AgentAtTable(Record):
-    """An agent's picks at a table, or the problem why it cannot be asked.
+    """An agent's picks at a table, or the problem that prevents them.
 
     Attributes:
-        checkpoint: the weights that answer; empty if it cannot be asked.
-        folds: number of folds of its scorer; 0 without folds.
-        found: its picks; None if it cannot be asked.
+        checkpoint: the weights in use; empty with a problem.
+        folds: number of folds of the scorer; 0 without folds.
+        found: the picks; None with a problem.
     """
 
     run: str
@@ -83,13 +82,11 @@ class EpisodeView(Record):
 
     Attributes:
         tasks: number of tasks of its depth and part.
-        endings: endings of the first agent's episodes of the task in its evaluation, by draw; none if it has not played
-            it, or not with so many distractors.
-        start: starting ingredients of the task.
-        plans: plans of the task.
+        endings: endings of the first agent's episodes of the task in its evaluation, by draw; empty if it has not
+            played the task with so many distractors.
         is_edited: whether goal, table or hand differ from the task's.
         held: the entity that is held at first.
-        agents: the agents; the others are compared with the first.
+        agents: the agents; the first is compared with the others.
     """
 
     part: TaskPart
@@ -110,13 +107,13 @@ class EpisodeView(Record):
     @property
     def first(self) -> ExplainedTable:
         """The first agent's picks."""
-        found = self.agents[0].found
-        assert found is not None, "the first one can be asked"
-        return found
+        picks = self.agents[0].found
+        assert picks is not None, "a problem of the first agent is an error"
+        return picks
 
 
 class ShownEpisode(Record):
-    """An episode with the choices of its page: all agents, draws, distractors in training, slots of a pick."""
+    """An episode with the choices of its page: agents, draws, distractors in training, slots of a pick."""
 
     runs: tuple[str, ...]
     draws: Count
@@ -126,22 +123,22 @@ class ShownEpisode(Record):
 
 
 def _view(explored: Explored, state: Episode) -> ShownEpisode:
-    """Ask agents at a table, by the rules of one world; problems with others than the first are in the view."""
+    """Compute the agents' picks at a table by the rules of one world; problems of other agents are in the view."""
     first, run = followed(explored, state.run)
     tasks = tasks_of(run)
     distractors = None if state.distractors < 0 else state.distractors
     world = world_of(explored, settings_of(explored, tasks, state.part, state.depth, distractors))
     others = dict(followed(explored, other) for other in state.other if other)
     whole("task", state.task, 0, len(world.tasks) - 1)
-    task, asked = world.tasks[state.task], _asked(run, world, state)
-    agents = [_agent(first, run, asked)]
+    task, first_picks = world.tasks[state.task], _picks(run, world, state)
+    agents = [_agent(first, run, first_picks)]
     for name, other in others.items():
         if name != first:
             try:
-                agents.append(_agent(name, other, _asked(other, world, state)))
+                agents.append(_agent(name, other, _picks(other, world, state)))
             except (ArtefactError, ConfigError) as error:
                 agents.append(AgentAtTable(name, "", 0, None, str(error)))
-    found = EpisodeView(
+    episode = EpisodeView(
         part=world.config.part,
         depth=world.config.depth,
         distractors=world.config.num_distractors,
@@ -152,22 +149,22 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
         start=task.start,
         plans=task.plans,
         is_edited=state.is_edited,
-        goal=asked.episode.goal,
-        table=asked.table,
-        held=asked.episode.steps[0].held,
+        goal=first_picks.episode.goal,
+        table=first_picks.table,
+        held=first_picks.episode.steps[0].held,
         agents=tuple(agents),
     )
     steps = sum(len(agent.found.episode.steps) for agent in agents if agent.found)
-    draws, most_slots = max(DRAWS, len(found.endings)), max(MOST_ROWS // steps, 4)
-    return ShownEpisode(tuple(explored.runs), draws, tasks.distractors, most_slots, found)
+    draws, most_slots = max(DRAWS, len(episode.endings)), max(MOST_ROWS // steps, 4)
+    return ShownEpisode(tuple(explored.runs), draws, tasks.distractors, most_slots, episode)
 
 
-def _agent(name: str, run: FollowedRun, found: ExplainedTable) -> AgentAtTable:
+def _agent(name: str, run: FollowedRun, picks: ExplainedTable) -> AgentAtTable:
     agent = run.agent()
-    return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, found)
+    return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, picks)
 
 
-def _asked(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
+def _picks(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
     explainer, graph = run.explainer(world), world.graph
     if not state.is_edited:
         return explainer.task(state.task, state.draw)
@@ -178,12 +175,11 @@ def _asked(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
 
 
 def _label(graph: RecipeGraph, text: str) -> int:
-    """Return the entity of a typed label; spaces around it do not matter, unless they belong to it."""
+    """Return the entity of a typed label; outer spaces do not matter, unless they belong to the label."""
     return graph.id_of(text if text in graph else text.strip())
 
 
 def _endings(run: FollowedRun, world: World, task: int) -> tuple[Ending, ...]:
-    """Return the endings of a task's episodes in the evaluation of a run."""
     tasks = run.records().config.tasks
     if (tasks.depth, tasks.distractors) != (world.config.depth, world.config.num_distractors):
         return ()
@@ -197,10 +193,10 @@ def _is_live(explored: Explored, state: Episode) -> bool:
 
 
 def _exported(explored: Explored) -> Iterator[Episode]:
-    """Yield the episodes of the tasks that a site of files lists."""
+    """Yield the episodes of the tasks that a static site lists."""
     for tasks in TASKS.states(explored):
         try:
-            followed(explored, tasks.run)[1].agent()  # one that has no weights yet cannot be asked
+            followed(explored, tasks.run)[1].agent()  # an error without weights
             rows = list_tasks(explored, tasks).table.rows
         except WordCraftKGError:
             continue

@@ -22,11 +22,11 @@ class ModelLine(Record):
     """A model.
 
     Attributes:
-        command: the command that made it.
-        kg: its training data.
-        dose: its share of the train recipes, in words; empty for all of them as they are.
-        folds: number of its folds; 0 if it is not cross-fitted.
-        scores_recipes: whether it scores recipes, and not links only.
+        command: command that made it.
+        kg: training data.
+        dose: share of the train recipes, in words; empty for all of them unchanged.
+        folds: number of folds; 0 without cross-fitting.
+        scores_recipes: whether it scores recipes, not only links.
     """
 
     name: str
@@ -62,10 +62,6 @@ class Overview(Record):
 
 
 def _view(explored: Explored, _: Home) -> Overview:
-    return explored.once("overview", lambda: _overview(explored))
-
-
-def _overview(explored: Explored) -> Overview:
     graph = explored.opened.graph
     layer = layers(graph)
 

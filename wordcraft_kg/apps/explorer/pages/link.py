@@ -1,4 +1,4 @@
-"""A link: its score and ranks, its recipes, and the evidence for it."""
+"""A link: score, ranks, recipes, and evidence."""
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, has_models, nowhere
@@ -6,13 +6,11 @@ from wordcraft_kg.apps.explorer.predictor import (
     FilteredRank,
     PlacedRecipe,
     PredictedSlot,
-    Status,
+    ScoredLink,
     placed_recipes,
     recipes_giving,
 )
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Record, Share
-from wordcraft_kg.evaluation.scores import Known
 from wordcraft_kg.graphs.triples import RELATIONS, Relation
 from wordcraft_kg.models.scorers.link_evidence import LinkReason
 
@@ -22,7 +20,7 @@ RECIPES = 10
 
 
 class Link(State):
-    """A link by a model, by default the first; without head and tail an example."""
+    """A link by a model, by default the first; an example without head and tail."""
 
     head: str = ""
     relation: Relation = "combinesWith"
@@ -30,14 +28,13 @@ class Link(State):
     model: str = ""
 
 
-class LinkProfile(Record):
-    """A link by a model; see :class:`~wordcraft_kg.apps.explorer.predictor.JudgedLink`.
+class LinkProfile(ScoredLink):
+    """A link by a model.
 
     Attributes:
         as_tail: rank of the tail among all entities.
         as_head: rank of the head.
-        reason: the evidence for it.
-        recipes: recipes of the book that give it, at most :data:`RECIPES`.
+        recipes: recipes that give the link, at most :data:`RECIPES`.
         tails: the best tails for its head, without learned ones.
         heads: the best heads for its tail.
     """
@@ -47,10 +44,6 @@ class LinkProfile(Record):
     tail: str
     model: str
     has_seen_the_test_recipes: bool
-    score: float
-    status: Status
-    known: Known
-    probability: Share | None
     as_tail: FilteredRank
     as_head: FilteredRank
     reason: LinkReason
@@ -60,7 +53,6 @@ class LinkProfile(Record):
 
 
 def _view(explored: Explored, state: Link) -> LinkProfile:
-    """Return a model's judgement of a link; without head and tail, of an example."""
     predictor = explored.predictor(state.model)
     graph, split = predictor.graph, predictor.split
     if state.head and state.tail:
@@ -80,10 +72,7 @@ def _view(explored: Explored, state: Link) -> LinkProfile:
         tail=graph.entities[tail],
         model=predictor.name,
         has_seen_the_test_recipes=predictor.has_seen_the_test_recipes,
-        score=link.score,
-        status=link.status,
-        known=link.known,
-        probability=link.probability,
+        **{name: getattr(link, name) for name in ScoredLink.__struct_fields__},
         as_tail=link.rank,
         as_head=heads.rank(head),
         reason=predictor.evidence.reason(head, relation, tail, WITNESSES),

@@ -1,4 +1,4 @@
-"""The map: entities that are crafted together lie together; the links of a chosen entity are shown."""
+"""The map: entities that are crafted together lie together, with the links of a chosen entity."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, State
+from wordcraft_kg.apps.explorer.page import Addresses, Page, State, has_entities
 from wordcraft_kg.apps.explorer.pages import entity
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record
@@ -22,21 +22,21 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.reports import charts
 
 PLACED = 1_000
-"""Most placed entities, the most used ones: the layout takes time and memory by their square."""
+"""Maximum number of placed entities, the most used ones: time and memory of the layout grow by the square."""
 GUESTS = 60
-"""Most entities without a place that are added for a chosen one: itself and its neighbours."""
+"""Maximum number of guests: a chosen entity and neighbours without a place."""
 LISTED = 60
-"""Most listed links of a kind."""
+"""Maximum number of listed links of a kind."""
 DRAWN = 200
-"""Most drawn links of a kind: more could not be told apart."""
+"""Maximum number of drawn links of a kind: more are indistinguishable."""
 ALL_LINKS = 15_000
-"""Most links between placed entities; a map with more holds only the chosen entity's."""
+"""Maximum number of links between placed entities; a larger map holds only the chosen entity's links."""
 WIDTH, HEIGHT = 2_000, 1_400
 """Size of the map; places are whole numbers."""
 PULL = 6.0
-"""How much more strongly a link pulls within a group than between groups."""
+"""Strength of links within a group, relative to links between groups."""
 ROUNDS = 100
-"""Rounds of the layout; the picture hardly changes after these."""
+"""Rounds of the layout; the picture hardly changes afterwards."""
 SIZES = (5, 15, 40, 100)
 """Numbers of uses from which on a dot is larger."""
 SHADES = 4
@@ -44,14 +44,14 @@ SHADES = 4
 
 
 class Map(State):
-    """The map with the links of an entity, or of none, and the meaning of the dots' colours."""
+    """The map, with the links of an entity or none, and the meaning of the dots' colours."""
 
     entity: str = ""
     colour: Literal["group", "layer"] = "group"
 
 
 class Spot(Record):
-    """The place of an entity; guests have the group -1, what cannot be made has the layer -1."""
+    """The place of an entity; the group of guests is -1, as is the layer of entities that cannot be made."""
 
     entity: str
     x: Count
@@ -62,7 +62,7 @@ class Spot(Record):
 
 
 class Group(Record):
-    """``size`` entities that are crafted together, named after the most used one; ``x`` and ``y`` are their middle."""
+    """Entities that are crafted together, named after the most used one, with their median place."""
 
     name: str
     size: Count
@@ -71,7 +71,7 @@ class Group(Record):
 
 
 class Partners(Record):
-    """The neighbours of an entity by one kind of link: the number, the most used, and the spots of those on the map."""
+    """The neighbours of an entity by one kind of link: their number, the most used, and spots on the map."""
 
     total: Count
     listed: tuple[str, ...]
@@ -79,7 +79,7 @@ class Partners(Record):
 
 
 class Links(Record):
-    """The partners, products and ingredients of an entity, which is given by the number of its spot."""
+    """The partners, products and ingredients of an entity, given by the number of its spot."""
 
     entity: Count
     combines: Partners
@@ -92,12 +92,11 @@ class MapView(Record):
 
     Attributes:
         entities: number of entities of the graph.
-        spots: the most used entities, the most used first; then guests.
-        groups: the largest first.
+        spots: the most used entities in descending order, then guests.
+        groups: in descending order of size.
         layers: number of crafting layers.
-        combines: pairs of spots that combine, by their numbers, the smaller first; sorted. Without guests and loops;
-            empty if there are more than :data:`ALL_LINKS`.
-        components: pairs of ingredient and product; likewise.
+        combines: sorted pairs of spots that combine, without guests and loops; empty above :data:`ALL_LINKS`.
+        components: sorted pairs of ingredient and product; likewise.
         chosen: links of the chosen entity; None without one.
     """
 
@@ -118,7 +117,7 @@ class EntityMap:
     Attributes:
         ids: shape (P,), the placed entities, the most used first.
         places: shape (P, 2), whole numbers.
-        view: the map with nothing chosen.
+        view: the map without a chosen entity.
         layer: shape (E,), crafting layers of all entities.
     """
 
@@ -130,7 +129,7 @@ class EntityMap:
 
     @cached_property
     def number_of(self) -> dict[int, int]:
-        """The number of each placed entity's spot, by its id."""
+        """The number of each placed entity's spot, by id."""
         return {entity: number for number, entity in enumerate(self.ids.tolist())}
 
 
@@ -168,7 +167,7 @@ def map_of(graph: RecipeGraph) -> EntityMap:
 
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
-    """Return the links of a kind between different entities of some, by their numbers; shape (L, 2), sorted."""
+    """Return the links of a kind between different entities, by their positions in ``ids``; shape (L, 2), sorted."""
     number = np.full(graph.num_entities, -1)
     number[ids] = np.arange(len(ids))
     triples = graph.triples
@@ -177,28 +176,25 @@ def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
 
 
 def _places(number: int, links: Ids, group_of: Ids) -> Ids:
-    """Lay out entities by the forces of ForceAtlas2, and fill the map evenly.
+    """Lay out entities by the forces of ForceAtlas2, and fill the map evenly; shape (number, 2), whole numbers.
 
     A link weighs less the more links its ends have, since entities that are used everywhere would draw all together,
-    and more within a group, to tell groups apart.
-
-    Returns:
-        shape (number, 2), whole numbers from 0 to width and height.
+    and more within a group, to separate groups.
 
     Source: Jacomy et al. 2014, "ForceAtlas2, a continuous graph layout algorithm".
     """
     import networkx as nx
 
+    if number < 2:
+        return np.full((number, 2), [WIDTH // 2, HEIGHT // 2])
     degree = np.bincount(links.ravel(), minlength=number)
     weight = 1 / np.sqrt(degree[links].prod(axis=1))
     weight[group_of[links[:, 0]] == group_of[links[:, 1]]] *= PULL
-    plain = nx.Graph()
-    plain.add_nodes_from(range(number))
-    plain.add_weighted_edges_from((a, b, w) for (a, b), w in zip(links.tolist(), weight.tolist(), strict=True))
-    if number < 2:
-        return np.full((number, 2), [WIDTH // 2, HEIGHT // 2])
-    found = nx.forceatlas2_layout(plain, max_iter=ROUNDS, weight="weight", seed=0)
-    places = np.array([found[entity] for entity in range(number)])
+    weighted = nx.Graph()
+    weighted.add_nodes_from(range(number))
+    weighted.add_weighted_edges_from((a, b, w) for (a, b), w in zip(links.tolist(), weight.tolist(), strict=True))
+    layout = nx.forceatlas2_layout(weighted, max_iter=ROUNDS, weight="weight", seed=0)
+    places = np.array([layout[entity] for entity in range(number)])
     # Half by place and half by rank: true distances leave most of the map empty, ranks alone hide what lies apart.
     low, high = places.min(axis=0), places.max(axis=0)
     rank = places.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable") / (number - 1)
@@ -206,21 +202,17 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     return (even * [WIDTH, HEIGHT]).round().astype(np.int64)
 
 
-def view_map(found: EntityMap, entity: str = "") -> MapView:
-    """Show a map with the links of an entity, or of none.
-
-    Raises:
-        UnknownEntityError: if there is no such entity.
-    """
+def view_map(places: EntityMap, entity: str = "") -> MapView:
+    """Return a map with the links of an entity, or of none."""
     if not entity:
-        return found.view
-    graph, chosen = found.graph, found.graph.id_of(entity)
+        return places.view
+    graph, chosen = places.graph, places.graph.id_of(entity)
     kinds = _partners(graph, chosen)
-    number_of, spots = dict(found.number_of), list(found.view.spots)
+    number_of, spots = dict(places.number_of), list(places.view.spots)
     wanted = dict.fromkeys([chosen, *np.concatenate(kinds).tolist()])
     for guest in [one for one in wanted if one not in number_of][:GUESTS]:
         number_of[guest] = len(spots)
-        spots.append(_guest(found, guest))
+        spots.append(_guest(places, guest))
     combines, makes, made_of = (
         Partners(
             len(kind),
@@ -230,7 +222,7 @@ def view_map(found: EntityMap, entity: str = "") -> MapView:
         for kind in kinds
     )
     links = Links(number_of[chosen], combines, makes, made_of)
-    return msgspec.structs.replace(found.view, spots=tuple(spots), chosen=links)
+    return msgspec.structs.replace(places.view, spots=tuple(spots), chosen=links)
 
 
 def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
@@ -238,28 +230,26 @@ def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
     used = graph.recipes[graph.uses_of(entity)]
     others = used[:, :2].sum(axis=1) - entity
     made_of = graph.recipes[graph.recipes_of(entity), :2]
-    by_use = -graph.use_counts
-    found = (np.unique(ids) for ids in (others, used[:, 2], made_of))
-    one, two, three = (ids[np.argsort(by_use[ids], kind="stable")] for ids in found)
+    kinds = (np.unique(ids) for ids in (others, used[:, 2], made_of))
+    one, two, three = (ids[np.argsort(-graph.use_counts[ids], kind="stable")] for ids in kinds)
     return one, two, three
 
 
-def _guest(found: EntityMap, entity: int) -> Spot:
-    """Return a place for an entity that has none: in the middle of its neighbours, and a little aside."""
-    graph = found.graph
+def _guest(places: EntityMap, entity: int) -> Spot:
+    """Return a spot for an entity without a place: in the middle of its neighbours, and a little aside."""
+    graph = places.graph
     neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
-    near = [found.number_of[one] for one in neighbours if one in found.number_of]
-    middle = found.places[near].mean(axis=0) if near else np.array([WIDTH / 2, HEIGHT / 2])
+    near = [places.number_of[one] for one in neighbours if one in places.number_of]
+    middle = places.places[near].mean(axis=0) if near else np.array([WIDTH / 2, HEIGHT / 2])
     # Aside by the golden angle, so that guests with the same partners do not hide each other.
     angle = 2.4 * entity
     aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
     x, y = (middle + aside).clip(0, [WIDTH, HEIGHT]).round().astype(int).tolist()
-    return Spot(graph.entities[entity], x, y, int(graph.use_counts[entity]), -1, int(found.layer[entity]))
+    return Spot(graph.entities[entity], x, y, int(graph.use_counts[entity]), -1, int(places.layer[entity]))
 
 
 def _view(explored: Explored, state: Map) -> MapView:
-    found = explored.once("map", lambda: map_of(explored.opened.graph))
-    return view_map(found, state.entity)
+    return view_map(explored.once("map", lambda: map_of(explored.opened.graph)), state.entity)
 
 
 def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
@@ -295,7 +285,7 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:
-    """Return class, name and size of each group with a colour, and of all others together."""
+    """Return class, name and size of each coloured group, and of all other groups together."""
     shown = [(charts.colour_of(number), group.name, group.size) for number, group in enumerate(view.groups)]
     others = sum(size for _, _, size in shown[charts.COLOURS :])
     return shown[: charts.COLOURS] + ([("series-other", "other groups", others)] if others else [])
@@ -303,16 +293,15 @@ def _groups(view: MapView) -> list[tuple[str, str, int]]:
 
 def _layers(view: MapView) -> list[tuple[str, str, int]]:
     """Return class, meaning and number of entities of each colour of layers."""
-    shades = [_shade_of(spot, view.layers) for spot in view.spots]
-    ranges: dict[str, list[int]] = {}
-    for spot, shade in zip(view.spots, shades, strict=True):
-        ranges.setdefault(shade, []).append(spot.layer)
-    found = []
-    for shade in sorted(ranges, key=lambda shade: ranges[shade][0]):
-        low, high = min(ranges[shade]), max(ranges[shade])
+    layers_of: dict[str, list[int]] = {}
+    for spot in view.spots:
+        layers_of.setdefault(_shade_of(spot, view.layers), []).append(spot.layer)
+    legend = []
+    for shade, members in sorted(layers_of.items(), key=lambda entry: entry[1][0]):
+        low, high = min(members), max(members)
         name = "cannot be made" if low < 0 else "base" if high == 0 else f"layer {low}"
-        found.append((shade, name if low == high else f"layers {low} to {high}", len(ranges[shade])))
-    return found
+        legend.append((shade, name if low == high else f"layers {low} to {high}", len(members)))
+    return legend
 
 
 def _shade_of(spot: Spot, layers: int) -> str:
@@ -321,12 +310,8 @@ def _shade_of(spot: Spot, layers: int) -> str:
     return f"shade-{0 if spot.layer == 0 else 1 + (spot.layer - 1) * SHADES // layers}"
 
 
-def _is_there(explored: Explored) -> bool:
-    return explored.opened.graph.num_entities > 0
-
-
 def _exported(_: Explored) -> list[Map]:
     return [Map(), Map(colour="layer")]
 
 
-PAGE = Page("map", Map, _view, title="Map", draw=_draw, exported=_exported, is_there=_is_there)
+PAGE = Page("map", Map, _view, title="Map", draw=_draw, exported=_exported, is_there=has_entities)

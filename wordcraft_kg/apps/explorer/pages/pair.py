@@ -1,4 +1,4 @@
-"""A pair of entities: its results in the book, and a model's predictions for it."""
+"""A pair of entities: results in the book, and a model's predictions."""
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, nowhere
@@ -13,7 +13,7 @@ RESULTS = 10
 
 
 class Pair(State):
-    """Two ingredients, which may be the same, and a model, by default the first; without ingredients an example."""
+    """Two ingredients, which may be equal, and a model, by default the first; an example without ingredients."""
 
     a: str = ""
     b: str = ""
@@ -24,10 +24,10 @@ class PairProfile(Record):
     """A pair.
 
     Attributes:
-        makes: its recipes in the book.
+        makes: recipes of the pair.
         model: name of the model; empty without one.
-        link: the model's judgement of ``a combinesWith b``; None without a model.
-        results: the model's predicted results, best first; None if it scores links only, and without a model.
+        link: the model's score of ``a combinesWith b``; None without a model.
+        results: the model's predicted results, best first; None if it scores only links, and without a model.
     """
 
     a: str
@@ -40,7 +40,6 @@ class PairProfile(Record):
 
 
 def _view(explored: Explored, state: Pair) -> PairProfile:
-    """Return the results of a pair and, if there is a model, its predictions; without ingredients, of an example."""
     split, graph, (a, b) = explored.opened.split, explored.opened.graph, (state.a, state.b)
     if not a and not b:
         recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
@@ -62,7 +61,6 @@ def _view(explored: Explored, state: Pair) -> PairProfile:
 
 
 def _has_recipes(explored: Explored) -> bool:
-    """Return whether any pair makes something."""
     return explored.opened.graph.num_recipes > 0
 
 

@@ -1,4 +1,4 @@
-"""The path to a goal: its cheapest derivation, layer by layer, or the missing entities."""
+"""The path to a goal: the cheapest derivation, layer by layer, or the missing entities."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, State
+from wordcraft_kg.apps.explorer.page import Addresses, Page, State, has_entities
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.paging import Paging, paging
 from wordcraft_kg.base.errors import ConfigError
@@ -21,13 +21,13 @@ from wordcraft_kg.reports import charts
 
 STEPS_A_PAGE = 200
 DRAWN = 60
-"""Most drawn steps: the last ones."""
+"""Maximum number of drawn steps: the last ones."""
 LISTED = 20
-"""Most listed recipes and entities that are missing."""
+"""Maximum number of listed recipes and missing entities."""
 
 
 class Path(State):
-    """The path to an entity, by default one that is the furthest from the base; and a page of its crafts."""
+    """The path to an entity, by default one of the last layer; and a page of its crafts."""
 
     entity: str = ""
     page: int = 1
@@ -37,9 +37,9 @@ class PathStep(Record):
     """A craft of a path.
 
     Attributes:
-        number: its place in the order of execution, from 1.
+        number: place in the order of execution, from 1.
         part: the part of the recipe.
-        layer: after the layers of its ingredients, and as late as its uses allow; the goal is last.
+        layer: after the layers of the ingredients, and as late as the uses allow; the goal is last.
     """
 
     number: Count
@@ -56,20 +56,20 @@ class Blocked(Record):
 
 
 class PathView(Record):
-    """The way from the base to an entity.
+    """The path from the base to an entity.
 
     Attributes:
-        outcome: ``base`` if there is nothing to make, ``impossible`` if it cannot be made.
+        outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
         steps: number of crafts.
         layers: number of layers of crafts.
         cost: number of crafts if nothing is made only once, in words, since it may have thousands of digits.
-        parts: number of crafts by the part of their recipe, for parts that have any.
+        parts: number of crafts by part of the recipe, for parts with any.
         listed: the steps of a page.
         drawn: the last steps, at most :data:`DRAWN`, in the order of execution.
-        recipes: number of recipes that make the goal.
-        blocked: some recipes of a goal that cannot be made.
-        sources: some of its missing entities that no recipe makes; none if recipes need each other's results.
-        num_sources: number of all of them.
+        recipes: number of recipes of the goal.
+        blocked: some recipes of an impossible goal.
+        sources: some missing entities without a recipe; empty if recipes need each other's results.
+        num_sources: number of all such entities.
     """
 
     entity: str
@@ -89,7 +89,6 @@ class PathView(Record):
 
 
 def _view(explored: Explored, state: Path) -> PathView:
-    """Show the cheapest derivation of an entity."""
     split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
@@ -124,7 +123,6 @@ def _view(explored: Explored, state: Path) -> PathView:
 
 
 def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
-    """Return the recipes of a derivation with their numbers, parts and layers."""
     earliest: dict[str, int] = {}
     for one, other, result in recipes:
         earliest[result] = 1 + max(earliest.get(one, 0), earliest.get(other, 0))
@@ -156,23 +154,23 @@ def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
     graph = planner.graph
     rows = graph.recipes[graph.recipes_of(goal)[:LISTED]]
     missing = [[i for i in dict.fromkeys(row[:2]) if planner.costs[i] == math.inf] for row in rows.tolist()]
-    found = zip(graph.recipe_labels(rows), missing, strict=True)
-    return tuple(Blocked(recipe, graph.labels(ids)) for recipe, ids in found)
+    blocked = zip(graph.recipe_labels(rows), missing, strict=True)
+    return tuple(Blocked(recipe, graph.labels(ids)) for recipe, ids in blocked)
 
 
 def _sources(planner: Planner, goal: int) -> list[int]:
-    """Return the entities that the goal depends on, that no recipe makes and that are not in the base."""
+    """Return the entities that the goal depends on, without a recipe and outside the base."""
     graph = planner.graph
-    found, seen, stack = [], {goal}, [goal]
+    sources, seen, stack = [], {goal}, [goal]
     while stack:
         entity = stack.pop()
         recipes = graph.recipes[graph.recipes_of(entity)]
         if not len(recipes):
-            found.append(entity)
+            sources.append(entity)
         needed = {i for i in recipes[:, :2].ravel().tolist() if planner.costs[i] == math.inf} - seen
         seen |= needed
         stack.extend(needed)
-    return sorted(found)
+    return sorted(sources)
 
 
 def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
@@ -195,12 +193,8 @@ def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
     return {"layers": charts.layered(things, view.base, f"Crafts that lead to {view.entity}, in layers")}
 
 
-def _is_there(explored: Explored) -> bool:
-    return explored.opened.graph.num_entities > 0
-
-
 def _exported(explored: Explored) -> Iterator[Path]:
     yield from (Path(entity=label) for label in ("", *explored.opened.graph.entities))
 
 
-PAGE = Page("path", Path, _view, "Path to a goal", "entity", _draw, _exported, _is_there)
+PAGE = Page("path", Path, _view, "Path to a goal", "entity", _draw, _exported, has_entities)

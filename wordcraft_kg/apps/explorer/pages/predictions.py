@@ -1,4 +1,4 @@
-"""The ranks of all triples by a model, to filter and to sort."""
+"""The ranks of all triples by a model, with filters and orders."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,20 +23,19 @@ from wordcraft_kg.models.scorers.roles import Side
 
 ROWS_A_PAGE = 50
 SCORES = 2**26
-"""Most scores of a ranking's unseen or other triples, for seconds of work: all of up to 3,355 entities."""
+"""Maximum number of scores of a ranking's unseen or other triples (seconds): all triples of up to 3,355 entities."""
 RankOrder = Literal["worst", "best", "score", "label"]
 Knowledge = Literal["unseen", "learned", "all"]
 
 
 class RankFilter(State):
-    """Queries that models are ranked on; an empty text filters nothing.
+    """Ranking queries; an empty text filters nothing.
 
     Attributes:
-        relation: relation of the triple.
-        side: the side that is asked for.
+        side: the open side.
         part: the part whose recipes give the triple, the first of several.
         known: whether the triple is in the model's training data; of two models, both or neither.
-        entity: label of its head or tail.
+        entity: label of head or tail.
     """
 
     relation: Relation | Literal[""] = ""
@@ -53,23 +52,23 @@ class Queries(RankFilter):
 
     @property
     def chosen(self) -> RankFilter:
-        """The filter alone."""
+        """The filter without the page."""
         return RankFilter(self.relation, self.side, self.part, self.known, self.entity)
 
 
 class Predictions(Queries):
-    """Some of a model's ranks, by default the first model's, in an order: by rank, score or label."""
+    """Some of a model's ranks, by default the first model's, in an order."""
 
     model: str = ""
     sort: RankOrder = "best"
 
 
 class RankedQuery(Record):
-    """A query: a true triple, one of whose entities is asked for.
+    """A query for one entity of a true triple.
 
     Attributes:
-        known: the part whose recipes give it.
-        learned: whether it is in the model's training data.
+        known: the part whose recipes give the triple.
+        learned: whether the triple is in the model's training data.
         rank: filtered, with realistic ties.
         candidates: number of competing entities.
         top: the best candidate.
@@ -88,7 +87,7 @@ class RankedQuery(Record):
 
 
 class RankSample(Record):
-    """Numbers of ranked and of all triples: unseen test triples, and others."""
+    """Numbers of ranked and of all triples: unseen test triples, and other triples."""
 
     unseen: Count
     unseen_of: Count
@@ -97,7 +96,7 @@ class RankSample(Record):
 
     @property
     def is_whole(self) -> bool:
-        """Whether all are ranked."""
+        """Whether all triples are ranked."""
         return (self.unseen, self.others) == (self.unseen_of, self.others_of)
 
 
@@ -127,8 +126,8 @@ class RankedTriples:
     """The ranks of the triples of a graph by a model.
 
     Attributes:
-        ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`, with the columns
-            ``part`` (its number) and ``learned`` besides.
+        ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`, with the further
+            columns ``part`` (number) and ``learned``.
         sample: the ranked triples.
     """
 
@@ -144,31 +143,28 @@ class RankedTriples:
         return self.split.graph
 
     def mask(self, chosen: RankFilter) -> NDArray[np.bool_]:
-        """Return the queries that a filter chooses, shape (Q,), bool; an unknown entity is an UnknownEntityError."""
-        ranks = self.ranks
-        mask = np.ones(len(ranks), dtype=bool)
+        """Return the queries of a filter, shape (Q,), bool; an unknown entity is an UnknownEntityError."""
+        ranks, mask = self.ranks, np.ones(len(self.ranks), dtype=bool)
         if chosen.relation:
-            mask &= ranks["relation"].to_numpy() == RELATIONS.index(chosen.relation)
+            mask &= ranks["relation"] == RELATIONS.index(chosen.relation)
         if chosen.side:
-            mask &= ranks["side"].to_numpy() == chosen.side
+            mask &= ranks["side"] == chosen.side
         if chosen.part:
-            mask &= ranks["part"].to_numpy() == PARTS.index(chosen.part)
+            mask &= ranks["part"] == PARTS.index(chosen.part)
         if chosen.known != "all":
-            mask &= ranks["learned"].to_numpy() == (chosen.known == "learned")
+            mask &= ranks["learned"] == (chosen.known == "learned")
         if chosen.entity:
-            entity = self.graph.id_of(chosen.entity)
-            mask &= (ranks["head"].to_numpy() == entity) | (ranks["tail"].to_numpy() == entity)
-        return mask
+            mask &= (ranks[["head", "tail"]] == self.graph.id_of(chosen.entity)).any(axis=1)
+        return np.asarray(mask)
 
 
 def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
-    """Rank all triples of the graph of a model, learned or not.
-
-    Very many unseen test triples are sampled as for the link-prediction report, and so are the others, separately.
+    """Rank all triples of the graph of a model, learned or not; large numbers of unseen test and others are sampled.
 
     Args:
         predictor: the model.
-        max_triples: most triples of either kind. Default: as many as the report ranks, and fewer of many entities.
+        max_triples: maximum number of triples of either kind. Default: as in the link report, and fewer for many
+            entities.
     """
     split = predictor.split
     graph = split.graph
@@ -186,12 +182,7 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
 
 
 def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1) -> LinkRanks:
-    """List some of a model's ranks, with figures of all chosen queries.
-
-    Raises:
-        UnknownEntityError: if the graph does not have the entity of the filter.
-        ConfigError: if there is no such page.
-    """
+    """List some of a model's ranks, with figures of all chosen queries."""
     ranks = ranked.ranks[ranked.mask(chosen)]
     shown = paging(len(ranks), page, ROWS_A_PAGE)
     rows = ranks.iloc[_order(ranks, order)[shown.rows]]
@@ -209,7 +200,6 @@ def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder 
 
 
 def _order(ranks: pd.DataFrame, order: RankOrder) -> Ids:
-    """Return the order of queries, shape (Q,)."""
     rank, score = (ranks[name].to_numpy(dtype=float) for name in ("rank", "score"))
     keys: dict[RankOrder, tuple[NDArray[np.float64], ...]] = {
         "worst": (score, -rank),
@@ -236,9 +226,9 @@ def ranked_queries(graph: RecipeGraph, rows: pd.DataFrame) -> Iterator[RankedQue
 
 
 def ranked_by(explored: Explored, name: str) -> RankedTriples:
-    """Return the ranks of all triples by a model, made once: it takes seconds."""
-    found = explored.predictor(name)
-    return explored.once(("ranks", found.name), lambda: rank_graph(found))
+    """Return the ranks of all triples by a model, made once in seconds."""
+    predictor = explored.predictor(name)
+    return explored.once(("ranks", predictor.name), lambda: rank_graph(predictor))
 
 
 def _view(explored: Explored, state: Predictions) -> LinkRanks:

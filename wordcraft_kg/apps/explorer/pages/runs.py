@@ -1,4 +1,4 @@
-"""Runs of agents side by side, and one with its curves; finished or not."""
+"""Runs of agents in a table, and one run with its curves; finished or not."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -42,7 +42,7 @@ class Run(State):
 
 
 class PartSuccess(Record):
-    """Success rate: of the evaluation with a 95 % interval over tasks, or of the last point of the curve."""
+    """Success rate: of the evaluation with a 95 % interval over tasks, or of the curve's last point."""
 
     mean: Share
     ci: tuple[float, float] | None
@@ -52,14 +52,13 @@ class RunRow(Record):
     """A run of an agent.
 
     Attributes:
-        status: its status; None if it has not begun or cannot be read.
-        problem: why it cannot be read.
-        scorer: name of its scorer's folder; empty without one.
+        status: None if it has not begun or is unreadable.
+        problem: why it is unreadable.
+        scorer: name of the scorer's folder; empty without a scorer.
         kg: the scorer's training data.
-        use: the scores that it mixes in.
-        steps: environment steps in its last line.
+        use: sources of scores.
+        steps: environment steps so far.
         planned: steps of the whole training.
-        success: by part.
         lambdas: last mixing weights of the first and the second pick, by source.
     """
 
@@ -77,12 +76,12 @@ class RunRow(Record):
 
     @property
     def is_live(self) -> bool:
-        """Whether it trains at this moment according to its record, or is about to begin."""
+        """Whether it trains according to its record, or is about to begin."""
         return self.status == "running" or (self.status is None and not self.problem)
 
 
 class RunList(Record):
-    """All runs, the parts on which any of them has results, and the names of their mixing weights."""
+    """All runs, the parts with results, and the names of the mixing weights."""
 
     runs: tuple[RunRow, ...]
     parts: tuple[TaskPart, ...]
@@ -90,7 +89,7 @@ class RunList(Record):
 
     @property
     def is_live(self) -> bool:
-        """Whether any of them trains at this moment."""
+        """Whether any run trains."""
         return any(run.is_live for run in self.runs)
 
 
@@ -98,16 +97,15 @@ class RunView(Record):
     """A run.
 
     Attributes:
-        checkpoint: its last weights; empty if there are none yet.
-        waits_for: condition before it can be asked or has all figures; empty if it is complete.
+        checkpoint: the last weights; empty if there are none yet.
+        waits_for: condition for picks or all figures; empty if it is complete.
         seconds: duration so far; None before the first line.
-        steps_per_second: speed between the last two lines, or of the whole training once it is done; None if unknown.
+        steps_per_second: speed between the last two lines, or of the whole training; None if unknown.
         outcomes: share of each ending, by part; empty before the evaluation.
         settings: settings that differ from the defaults.
         curves: success during training, by part.
         lambdas: mixing weights during training.
         training: figures of the training.
-        provenance: facts of its origin.
     """
 
     row: RunRow
@@ -126,7 +124,6 @@ class RunView(Record):
 
 
 def _view_runs(explored: Explored, _: Runs) -> RunList:
-    """List all runs; one that cannot be read is listed with the reason."""
     rows = [_row(*followed(explored, name)) for name in explored.runs]
     return RunList(
         runs=tuple(rows),
@@ -136,77 +133,74 @@ def _view_runs(explored: Explored, _: Runs) -> RunList:
 
 
 def _view_run(explored: Explored, state: Run) -> RunView:
-    """Show a run, finished or not; one that cannot be read has a problem instead of figures."""
     name, run = followed(explored, state.run)
     row = _row(name, run)
     if row.status is None:
         waits = "It has not begun yet: its folder has no record." if row.is_live else ""
         return RunView(row, waits_for=waits)
-    found = run.records()
-    figures = found.metrics[-1].figures if found.metrics else {}
-    summary = found.evaluation
+    records = run.records()
+    last = records.metrics[-1] if records.metrics else None
+    summary, tasks = records.evaluation, records.config.tasks
+    speed = last.figures.get("steps_per_second") if last else None
     return RunView(
         row=row,
-        checkpoint=found.checkpoint,
-        waits_for=_waits_for(found),
-        depth=found.config.tasks.depth,
-        distractors=found.config.tasks.distractors,
-        seconds=summary.seconds if summary else found.metrics[-1].seconds if found.metrics else None,
-        steps_per_second=summary.steps_per_second if summary else figures.get("steps_per_second"),
+        checkpoint=records.checkpoint,
+        waits_for=_waits_for(records),
+        depth=tasks.depth,
+        distractors=tasks.distractors,
+        seconds=summary.seconds if summary else last.seconds if last else None,
+        steps_per_second=summary.steps_per_second if summary else speed,
         outcomes=summary.outcomes if summary else {},
-        settings={setting: _shown(setting, value) for setting, value in found.config.differing().items()},
-        curves=success_curves([found]),
-        lambdas=tuple(lambda_curves([found])),
-        training=training_figures([found]),
-        provenance=found.provenance,
+        settings={setting: _shown(setting, value) for setting, value in records.config.differing().items()},
+        curves=success_curves([records]),
+        lambdas=tuple(lambda_curves([records])),
+        training=training_figures([records]),
+        provenance=records.provenance,
     )
 
 
 def _shown(setting: str, value: Any) -> str:
-    """Return a setting's value as text; of a folder its name alone, to keep its place private."""
+    """Return a setting's value as text; only the name of a folder, since its place is private."""
     return Path(value).name if setting in ("graph", "scorer") else str(value)
 
 
 def _row(name: str, run: FollowedRun) -> RunRow:
     try:
-        found = run.records()
+        records = run.records()
     except ArtefactError as error:
-        # Before its record is written, a folder is that of a training which is about to begin.
+        # A training that is about to begin has a folder without a record.
         has_begun = (run.folder / RUN_FILE).exists() or not run.folder.is_dir()
         return RunRow(name, None, str(error) if has_begun else "")
-    config = found.config
+    config = records.config
     return RunRow(
         name=name,
-        status=found.run.status,
+        status=records.run.status,
         policy=config.policy.policy,
         scorer=Path(config.scorer).name if config.scorer else "",
-        kg=found.run.kg,
+        kg=records.run.kg,
         use=config.policy.sources if config.scorer else (),
-        steps=found.metrics[-1].step if found.metrics else 0,
+        steps=records.metrics[-1].step if records.metrics else 0,
         planned=config.trainer.updates * config.trainer.steps_per_update,
-        success=_success(found),
-        lambdas=_lambdas(found),
+        success=_success(records),
+        lambdas=_lambdas(records),
     )
 
 
-def _success(found: AgentRun) -> dict[TaskPart, PartSuccess]:
-    if found.evaluation is not None:
-        return {
-            part: PartSuccess(success.mean, (success.ci_low, success.ci_high))
-            for part, success in found.evaluation.success.items()
-        }
-    last = {}
-    for part in JUDGED:
-        points = [row.figures[f"{part}_success"] for row in found.metrics if f"{part}_success" in row.figures]
-        if points:
-            last[part] = PartSuccess(points[-1], None)
-    return last
+def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
+    if records.evaluation is not None:
+        rates = records.evaluation.success
+        return {part: PartSuccess(rate.mean, (rate.ci_low, rate.ci_high)) for part, rate in rates.items()}
+    figures = _last_figures(records)
+    last = {part: figures.get(f"{part}_success") for part in JUDGED}
+    return {part: PartSuccess(mean, None) for part, mean in last.items() if mean is not None}
 
 
-def _lambdas(found: AgentRun) -> dict[str, tuple[float | None, float | None]]:
-    figures: dict[str, float] = {}
-    for row in found.metrics:
-        figures |= row.figures
+def _last_figures(records: AgentRun) -> dict[str, float]:
+    return {name: value for row in records.metrics for name, value in row.figures.items()}
+
+
+def _lambdas(records: AgentRun) -> dict[str, tuple[float | None, float | None]]:
+    figures = _last_figures(records)
     weights = {
         name: (figures.get(f"lambda_{name}_first"), figures.get(f"lambda_{name}_second"))
         for name in (ALPHA.name, *source_names())
@@ -214,21 +208,20 @@ def _lambdas(found: AgentRun) -> dict[str, tuple[float | None, float | None]]:
     return {name: pair for name, pair in weights.items() if pair != (None, None)}
 
 
-def _waits_for(found: AgentRun) -> str:
-    """Return the condition before a run can be asked or has all figures."""
-    status, every = found.run.status, f"{found.config.trainer.checkpoint_every:,}"
+def _waits_for(records: AgentRun) -> str:
+    status, every = records.run.status, f"{records.config.trainer.checkpoint_every:,}"
     if status == "done":
         return ""
-    if not found.checkpoint:
+    if not records.checkpoint:
         if status == "running":
             return (
                 f"It can be asked as soon as it has a checkpoint: it writes one when it begins and every {every} steps."
             )
         return "It ended without a checkpoint, so it cannot be asked. Train it again."
     if status == "running":
-        return f"It answers with the weights of {found.checkpoint}, renewed every {every} steps."
+        return f"It answers with the weights of {records.checkpoint}, renewed every {every} steps."
     again = "Repeat the command that trains it: it goes on and ends with the evaluation."
-    return f"It answers with the weights of {found.checkpoint}. {again}"
+    return f"It answers with the weights of {records.checkpoint}. {again}"
 
 
 def _any_is_live(explored: Explored, _: Runs) -> bool:
@@ -237,9 +230,8 @@ def _any_is_live(explored: Explored, _: Runs) -> bool:
 
 def _draw(view: RunView, *_: object) -> dict[str, object]:
     name = view.row.name
-    # Success on test tasks has a picture of its own.
     figures = dict(view.training)
-    figures.pop("test_success", None)
+    figures.pop("test_success", None)  # has a picture of its own
     return {
         "success": picture_of_success({name: view.curves}) if view.curves else "",
         "lambdas": picture_of_lambdas(name, view.lambdas) if view.lambdas else "",

@@ -1,4 +1,4 @@
-"""All tasks of a depth and part, page by page, with the results of an agent."""
+"""All tasks of a depth and part, page by page, with an agent's results."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
 
 TASKS_A_PAGE = 50
 Won = Literal["any", "always", "sometimes", "never"]
-"""Share of the draws of distractors with which a task was solved."""
+"""Share of the draws of distractors in which a task was solved."""
 
 
 class Tasks(State):
-    """Tasks of a part and depth (0 for the agent's own), with a goal and a result of an agent, by default the first."""
+    """Tasks of a part and depth (0: the agent's), with a goal and a result of an agent, by default the first."""
 
     part: AskedPart = ""
     depth: AskedDepth = 0
@@ -45,7 +45,7 @@ class Tasks(State):
 
 
 class ListedTask(Record):
-    """A task with its number, plans, and the draws that an agent won and played; None if it has not played the task."""
+    """A task with its number, plans, and numbers of won and played draws; None without results."""
 
     number: Count
     goal: str
@@ -60,9 +60,9 @@ class TaskTable(Record):
 
     Attributes:
         tasks: number of all tasks.
-        is_complete: whether these are all that there are; otherwise they are a random sample.
-        mixed: number of tasks that belong to no part.
-        counts: number of the goal's tasks by result; empty if the agent has played none.
+        is_complete: False for a random sample.
+        mixed: number of tasks outside all parts.
+        counts: number of the goal's tasks by result; empty without results.
         rows: the tasks of a page.
     """
 
@@ -79,13 +79,7 @@ class TaskTable(Record):
 
 
 class ShownTasks(Record):
-    """Tasks beside an agent's results.
-
-    Attributes:
-        run: name of the agent; empty without one.
-        missing: why there are no results of the agent; empty if there are, or without an agent.
-        usual: the default part.
-    """
+    """Tasks with an agent's results: its name, the reason why there are none (or empty), and the default part."""
 
     run: str
     runs: tuple[str, ...]
@@ -96,18 +90,14 @@ class ShownTasks(Record):
 
 @dataclass(frozen=True)
 class TaskResults:
-    """An agent's results on each of N tasks: numbers of draws that it won and played, both of shape (N,), int64."""
+    """An agent's results on each of N tasks: numbers of won and played draws, both of shape (N,), int64."""
 
     won: Ids
     draws: Ids
 
     @classmethod
     def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
-        """Find the tasks of an evaluation among those of a set.
-
-        Raises:
-            ArtefactError: if one has an entity that is not in the graph.
-        """
+        """Find the tasks of an evaluation in a set; an unknown entity is an ArtefactError."""
         nothing, width = tasks.graph.num_entities, tasks.starts.shape[1]
         keys = np.column_stack([tasks.goals, tasks.starts])
         number = {key.tobytes(): place for place, key in enumerate(keys)}
@@ -126,7 +116,7 @@ class TaskResults:
         return results
 
     def where(self, won: Won) -> NDArray[np.bool_]:
-        """Return the tasks that were solved so often, shape (N,), bool; all for ``any``."""
+        """Return the tasks with a result, shape (N,), bool."""
         is_played, is_always, is_never = self.draws > 0, self.won == self.draws, self.won == 0
         return {
             "any": np.ones_like(is_played),
@@ -139,17 +129,12 @@ class TaskResults:
 def view_task_table(
     tasks: TaskSet, results: TaskResults | None = None, *, goal: str = "", won: Won = "any", page: int = 1
 ) -> TaskTable:
-    """List tasks page by page; only those with a goal or with a result of an agent, if these are given.
-
-    Raises:
-        UnknownEntityError: if there is no such goal.
-        ConfigError: if there is no such page.
-    """
+    """List tasks page by page, optionally only those with a goal or with a result of an agent."""
     results = results or TaskResults(*np.zeros((2, len(tasks)), dtype=np.int64))
     is_asked = np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
     kinds: tuple[Won, ...] = ("always", "sometimes", "never") if results.draws[is_asked].any() else ()
     chosen = np.flatnonzero(is_asked & results.where(won))
-    found = paging(len(chosen), page, TASKS_A_PAGE)
+    shown = paging(len(chosen), page, TASKS_A_PAGE)
     return TaskTable(
         part=tasks.part,
         depth=tasks.depth,
@@ -159,8 +144,8 @@ def view_task_table(
         goal=goal,
         won=won,
         counts={kind: int((is_asked & results.where(kind)).sum()) for kind in kinds},
-        paging=found,
-        rows=tuple(_listed(tasks, results, number) for number in chosen[found.rows].tolist()),
+        paging=shown,
+        rows=tuple(_listed(tasks, results, number) for number in chosen[shown.rows].tolist()),
     )
 
 
@@ -171,7 +156,7 @@ def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
 
 
 def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
-    """Return the view of some tasks."""
+    """List tasks with an agent's results."""
     name, run = followed(explored, state.run) if explored.runs or state.run else ("", None)
     tasks = plain_world(explored, settings_of(explored, tasks_of(run), state.part, state.depth)).tasks
     missing, results = "", None
@@ -185,13 +170,13 @@ def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
 def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
     """Return why there are no results of an agent on some tasks; an empty text if there are."""
     try:
-        found = run.records()
-        if found.evaluation is None:
-            return f"{name} is {found.run.status}: how often it solves each task comes with its evaluation."
-        if found.config.tasks.depth != tasks.depth:
-            return f"{name} was evaluated on tasks of depth {found.config.tasks.depth}."
-        if tasks.part not in found.evaluation.success:
-            return f"{name} was evaluated on {' and '.join(found.evaluation.success)} tasks."
+        records = run.records()
+        if records.evaluation is None:
+            return f"{name} is {records.run.status}: how often it solves each task comes with its evaluation."
+        if records.config.tasks.depth != tasks.depth:
+            return f"{name} was evaluated on tasks of depth {records.config.tasks.depth}."
+        if tasks.part not in records.evaluation.success:
+            return f"{name} was evaluated on {' and '.join(records.evaluation.success)} tasks."
         run.episodes()
     except ArtefactError as error:
         return str(error)
@@ -204,8 +189,7 @@ def _is_live(explored: Explored, state: Tasks) -> bool:
 
 def _exported(explored: Explored) -> Iterator[Tasks]:
     """Yield the first page of each agent: all pages would be too many files."""
-    yield Tasks()
-    yield from (Tasks(run=name) for name in explored.runs)
+    yield from (Tasks(run=name) for name in ("", *explored.runs))
 
 
 PAGE = Page("tasks", Tasks, list_tasks, title="Tasks", exported=_exported, is_live=_is_live)

@@ -96,7 +96,7 @@ def play(
 
 
 def _pick(terminal: Terminal, table: Sequence[str], left: int) -> tuple[tuple[int, int], float]:
-    """Show a table and ask for two picks; return their slots and the time in seconds."""
+    """Show a table and ask for two picks; return their slots and the duration in seconds."""
     terminal.say(*cells(table))
     began = time.monotonic()
     slots = terminal.pick_two(f"hand: {{}}   attempts left: {left} > ", table, ANSWERS)
@@ -105,9 +105,6 @@ def _pick(terminal: Terminal, table: Sequence[str], left: int) -> tuple[tuple[in
 
 def _recipes(recipes: "Iterable[Recipe]") -> str:
     return "; ".join(f"{a} + {b} -> {result}" for a, b, result in recipes)
-
-
-# --- tasks -----------------------------------------------------------------------------------------------------------
 
 
 def _play_tasks(
@@ -131,8 +128,7 @@ def _play_tasks(
             observation, _ = env.reset(seed=episode_seed(seed, env.config.part, played + 1))
             number = f"{played + 1} of {episodes}" if episodes else f"{played + 1}"
             so_far = f"   (made {successes} of {played})" if played else ""
-            goal = terminal.styled(env.task.goal, "bold")
-            terminal.say("" if played else f"{HELP}\n", f"{number}. Make: {goal}{so_far}")
+            terminal.say("" if played else f"{HELP}\n", f"{number}. Make: {env.task.goal}{so_far}")
             successes += _play_task(terminal, env, observation)
             played += 1
     config = env.config
@@ -163,15 +159,11 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
         terminal.say(combined(picks, results_of(env, *picks)))
     goal, plans = env.task.goal, env.task.plans
     made = outcome == "goal"
-    verdict = f"You made {goal}." if made else f"No attempt is left; {goal} was not made."
     terminal.say(
-        terminal.styled(verdict, "good" if made else "bad"),
+        f"You made {goal}." if made else f"No attempt is left; {goal} was not made.",
         f"{'The plan' if len(plans) == 1 else f'One of {len(plans)} plans'}: {_recipes(plans[0])}",
     )
     return made
-
-
-# --- protocol --------------------------------------------------------------------------------------------------------
 
 
 def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int | None, out: Path) -> "Session":
@@ -194,12 +186,11 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
             task = protocol.task(part, number)
             if (part, number) == ("test", 1):
                 terminal.say("", "The test begins; no answers are shown from here on.")
-            terminal.say("", f"{part} {number} of {session.tasks}. Make: {terminal.styled(task.goal, 'bold')}")
+            terminal.say("", f"{part} {number} of {session.tasks}. Make: {task.goal}")
             answer = protocol.answer(task, *_pick(terminal, task.table, 1))
             session = append_answer(out, session, answer)
             if part == "train":
-                verdict = terminal.styled("right", "good") if answer.success else terminal.styled("wrong", "bad")
-                line = f"{verdict}: {combined(answer.picks, answer.made)}"
+                line = f"{'right' if answer.success else 'wrong'}: {combined(answer.picks, answer.made)}"
                 terminal.say(line, f"answer: {_recipes(task.plans[:1])}")
     return session
 

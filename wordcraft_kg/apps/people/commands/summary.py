@@ -52,10 +52,10 @@ def people_summary(
         return
     if force:
         raise ConfigError("--force replaces what --export wrote; name a file with --export.")
-    found = {path: read_study(path).sessions() if path.is_dir() else (read_session(path),) for path in sessions}
-    if len(found) < len(sessions):
+    sources = {path: read_study(path).sessions() if path.is_dir() else (read_session(path),) for path in sessions}
+    if len(sources) < len(sessions):
         raise ConfigError("a file is given twice; give each once.")
-    view = view_people(found, _beside(run or [], [session for group in found.values() for session in group]))
+    view = view_people(sources, _beside(run or [], [session for group in sources.values() for session in group]))
     output.result(view, _text(view))
 
 
@@ -79,8 +79,7 @@ def _beside(runs: list[Path], sessions: "list[Session]") -> "dict[str, dict[Tabl
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.apps.people.beside import successes_beside
 
-    agents = [open_agent(path) for path in runs]
-    return {agent.name: successes_beside(agent, sessions) for agent in agents}
+    return {agent.name: successes_beside(agent, sessions) for agent in map(open_agent, runs)}
 
 
 def _text(view: "HumanSummary") -> Iterator[str]:

@@ -1,0 +1,43 @@
+"""The style sheet of all pages in a browser, and the files of an application."""
+
+from collections.abc import Awaitable, Callable, Collection
+from importlib.resources import files
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from wordcraft_kg.reports.pages import make_environment
+
+
+def style_sheet() -> str:
+    """Return the style sheet of reports, extended for the pages of a site."""
+    environment = make_environment("wordcraft_kg.apps.web", "wordcraft_kg.reports")
+    return environment.get_template("explorer.css.j2").render()
+
+
+def static_texts(package: str, names: Collection[str]) -> dict[str, str]:
+    """Return the texts of files in the folder ``static`` of a package, by name."""
+    folder = files(package) / "static"
+    return {name: (folder / name).read_text(encoding="utf-8") for name in names}
+
+
+def file_endpoint(
+    package: str, names: Collection[str], missing: Callable[[str], Response]
+) -> Callable[[Request], Awaitable[Response]]:
+    """Return the endpoint of ``/files/{name}``: the style sheet and static files of a package.
+
+    Args:
+        package: package with the files.
+        names: names of the files.
+        missing: returns the answer for other names from a message.
+    """
+    texts = {"explorer.css": style_sheet(), **static_texts(package, names)}
+
+    async def file(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in texts:
+            return missing(f"There is no file '{name[:60]}'.")
+        kind = "text/css" if name.endswith(".css") else "text/javascript"
+        return Response(texts[name], media_type=kind, headers={"Cache-Control": "no-cache"})
+
+    return file

@@ -30,7 +30,6 @@ COMMANDS = {
     "discover": ("discover", "{folder}", "--runs", "5"),
     "export tsv": ("export", "{folder}", "--format", "tsv", "--out", "{out}", "--force"),
     "export graphml": ("export", "{folder}", "--format", "graphml", "--out", "{out}", "--force"),
-    "export ttl": ("export", "{folder}", "--format", "ttl", "--out", "{out}", "--force"),
     "export parquet": ("export", "{folder}", "--format", "parquet", "--out", "{out}", "--force"),
 }
 """What is run by name; the words in braces are filled in."""

@@ -90,7 +90,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "an unknown format": (
         lambda: export_graph(wk.open_graph("kitchen"), "owl", Path("graph.owl")),
-        "ConfigError: `format` 'owl': expected one of tsv, libkge, graphml, gexf, nt, ttl, parquet, csv, json.",
+        "ConfigError: `format` 'owl': expected one of tsv, graphml, nt, parquet, csv, json.",
     ),
     "no task of a depth": (
         lambda: make_tasks(wk.RecipeGraph.from_recipes([("a", "b", "c")]), 3),

@@ -490,7 +490,7 @@ def test_an_exported_book_builds_the_same_graph(run, home, kitchen):
 
 
 def test_an_unknown_format_is_misuse(refused, home):
-    refused("export", "kitchen", "--format", "rdf", "--out", home / "out", says=['"rdf"', '"ttl"'], code=2)
+    refused("export", "kitchen", "--format", "rdf", "--out", home / "out", says=['"rdf"', '"nt"'], code=2)
     assert not (home / "out").exists()
 
 

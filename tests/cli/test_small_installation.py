@@ -24,7 +24,7 @@ print(json.dumps(codes))
 """
 WORKING = (
     *("books", "build-graph kitchen --out graph", "describe graph", "describe graph --entity bread"),
-    *("tasks graph --limit 2", "export graph --format libkge --out libkge"),
+    *("tasks graph --limit 2", "export graph --format nt --out graph.nt"),
     *("export graph --format graphml --out graph.graphml", "play graph", "discover graph --runs 1 --attempts 5"),
 )
 

@@ -1,5 +1,4 @@
 import csv
-import sys
 from pathlib import Path
 from typing import get_args
 from urllib.parse import unquote
@@ -10,7 +9,7 @@ import pandas as pd
 import pytest
 from refusals import refuses
 
-from wordcraft_kg.base.errors import MissingExtraError, OutputExistsError
+from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.cli.export import Format
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, read_book
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph
@@ -77,9 +76,8 @@ def recipes_in(view: nx.MultiDiGraph) -> list[Recipe]:
     return sorted(recipes)
 
 
-@pytest.mark.parametrize(("format", "read"), [("graphml", nx.read_graphml), ("gexf", nx.read_gexf)])
-def test_graph_drawings_hold_each_recipe_as_a_node(source, tmp_path, format, read):
-    view = read(exported(source, format, tmp_path))
+def test_graphml_holds_each_recipe_as_a_node(source, tmp_path):
+    view = nx.read_graphml(exported(source, "graphml", tmp_path))
     kinds = [kind for _, kind in view.nodes(data="kind")]
     assert kinds.count("recipe") == source.graph.num_recipes
     assert kinds.count("entity") == source.graph.num_entities
@@ -93,10 +91,9 @@ def test_graph_drawings_hold_each_recipe_as_a_node(source, tmp_path, format, rea
             assert node.get("layer") == (None if pd.isna(frame.loc[label, "layer"]) else frame.loc[label, "layer"])
 
 
-@pytest.mark.parametrize("format", ["nt", "ttl"])
-def test_rdf_holds_the_triples_and_labels(source, tmp_path, format):
+def test_rdf_holds_the_triples_and_labels(source, tmp_path):
     rdflib = pytest.importorskip("rdflib")
-    store = rdflib.Graph().parse(exported(source, format, tmp_path), format=format)
+    store = rdflib.Graph().parse(exported(source, "nt", tmp_path), format="nt")
     entity, relation = f"{NAMESPACE}entity:", f"{NAMESPACE}relation:"
     found = {
         (unquote(head.removeprefix(entity)), predicate.removeprefix(relation), unquote(tail.removeprefix(entity)))
@@ -117,67 +114,24 @@ def test_rdf_holds_the_triples_and_labels(source, tmp_path, format):
     assert len(store) == len(found) + len(labels) + roles + len(recipes)
 
 
-def test_libkge_holds_ids_and_the_triples_of_each_part(source, tmp_path):
-    yaml = pytest.importorskip("yaml")
-    folder = exported(source, "libkge", tmp_path)
-    dataset = yaml.safe_load((folder / "dataset.yaml").read_text(encoding="utf-8"))["dataset"]
-    assert dataset["name"] == source.graph.name
-    ids = {}
-    for what in ("entity_ids", "relation_ids"):
-        lines = (folder / dataset[f"files.{what}.filename"]).read_text(encoding="utf-8").splitlines()
-        ids[what] = dict(line.split("\t") for line in lines)
-        assert list(ids[what]) == [str(i) for i in range(len(lines))]
-    assert tuple(ids["entity_ids"].values()) == source.graph.entities
-    assert (dataset["num_entities"], dataset["num_relations"]) == (source.graph.num_entities, 2)
-    train, valid, test = (
-        oracles.triples(source.graph.recipe_labels(source.split.recipes(part))) for part in ("train", "valid", "test")
-    )
-    for part, expected in (("train", train), ("valid", valid - train), ("test", test - train - valid)):
-        lines = (folder / dataset[f"files.{part}.filename"]).read_text(encoding="utf-8").splitlines()
-        rows = [line.split("\t") for line in lines]
-        found = {(ids["entity_ids"][h], ids["relation_ids"][r], ids["entity_ids"][t]) for h, r, t in rows}
-        assert found == expected
-        assert dataset[f"files.{part}.size"] == len(lines) == len(expected)
-        assert dataset[f"files.{part}.type"] == "triples"
-
-
-@pytest.mark.parametrize("name", ['it\'s "best"', "a: b #c", "back\\slash", "no", "12", "ö", "火🍞"])
-def test_the_libkge_name_is_yaml_whatever_the_graph_is_called(tmp_path, name):
-    yaml = pytest.importorskip("yaml")
-    graph = RecipeGraph.from_recipes([("a", "b", "c")], name=name)
-    export_graph(opened(graph, SplitConfig("none")), "libkge", tmp_path / "out")
-    content = yaml.safe_load((tmp_path / "out" / "dataset.yaml").read_text(encoding="utf-8"))
-    assert content["dataset"]["name"] == name
-
-
 @pytest.mark.parametrize("format", EXPORTERS)
 def test_an_export_that_exists_is_kept_unless_forced(kitchen, tmp_path, format):
     path = tmp_path / "out"
-    if EXPORTERS[format].is_folder:
-        path.mkdir()
-    earlier = path / "dataset.yaml" if EXPORTERS[format].is_folder else path
-    earlier.write_text("mine", encoding="utf-8")
+    path.write_text("mine", encoding="utf-8")
     with pytest.raises(OutputExistsError):
         export_graph(opened(kitchen), format, path)
-    assert earlier.read_text(encoding="utf-8") == "mine"
+    assert path.read_text(encoding="utf-8") == "mine"
     export_graph(opened(kitchen), format, path, force=True)
-    assert not earlier.is_file() or earlier.read_bytes() != b"mine"
+    assert path.read_bytes() != b"mine"
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("format", [format for format, exporter in EXPORTERS.items() if not exporter.is_folder])
+@pytest.mark.parametrize("format", EXPORTERS)
 def test_a_folder_is_never_replaced_by_a_file(kitchen, tmp_path, format):
     (tmp_path / "out").mkdir()
     with pytest.raises(OutputExistsError):
         export_graph(opened(kitchen), format, tmp_path / "out", force=True)
     assert (tmp_path / "out").is_dir()
-
-
-def test_a_file_is_never_replaced_by_a_folder(kitchen, tmp_path):
-    (tmp_path / "out").write_text("mine", encoding="utf-8")
-    with pytest.raises(OutputExistsError):
-        export_graph(opened(kitchen), "libkge", tmp_path / "out", force=True)
-    assert (tmp_path / "out").read_text(encoding="utf-8") == "mine"
 
 
 @pytest.mark.parametrize("part", ["full", "partial", "unseen"])
@@ -202,22 +156,10 @@ def test_an_export_holds_the_part_that_is_asked_for(source, tmp_path, part):
 
 @pytest.mark.parametrize(
     ("setting", "format", "part"),
-    [
-        ("part", "libkge", "partial"),  # it holds all parts
-        ("part", "tsv", "parts"),
-        ("format", "graphm", "full"),
-        *[("format", format, "full") for format in ("graphml", "gexf", "ttl")],  # they would take too much memory
-    ],
+    [("part", "tsv", "parts"), ("format", "graphm", "full"), ("format", "graphml", "full")],  # it needs too much memory
 )
 def test_an_export_that_cannot_be_is_refused(kitchen, tmp_path, monkeypatch, setting, format, part):
     monkeypatch.setattr("wordcraft_kg.graphs.export.MOST_BYTES", 2**20)
     with refuses(setting):
         export_graph(opened(kitchen), format, tmp_path / "out", part=part)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_missing_package_is_refused_with_the_extra_that_brings_it(kitchen, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rdflib", None)
-    with pytest.raises(MissingExtraError, match=r"rdflib is not installed: pip install 'wordcraft-kg\[rdf\]'"):
-        export_graph(opened(kitchen), "ttl", tmp_path / "out")
     assert not list(tmp_path.iterdir())

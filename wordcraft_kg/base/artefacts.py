@@ -12,7 +12,7 @@ from typing import Any
 
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 
-OWN_FILES = ("graph.json", "run.json", "report.json", "dataset.yaml", "search.json", "site.json")
+OWN_FILES = ("graph.json", "run.json", "report.json", "search.json", "site.json")
 """Files that mark a folder as written by this package; ``force`` may replace such a folder."""
 SMALL_FILE = 2**28
 """Limit in bytes for records, logs and settings."""
@@ -24,7 +24,6 @@ _KINDS = {
     "report.json": "is the folder of a report",
     "study.json": "is the folder of a study with people",
     "games.jsonl": "is the folder of a text agent",
-    "dataset.yaml": "is a data set for LibKGE",
 }
 
 

@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.export import ExportPart, Format
 
 EXAMPLES = (
     "wordcraft-kg export everyday --format graphml --out everyday.graphml",
-    "wordcraft-kg export graphs/everyday --format libkge --out everyday-libkge",
+    "wordcraft-kg export graphs/everyday --format graphml --out everyday.graphml",
     "wordcraft-kg export graphs/everyday --format tsv --part partial --out train.tsv",
 )
 
@@ -28,9 +28,9 @@ def export(
     """Write a graph for other tools.
 
     Args:
-        format: tsv (triples), libkge (dataset folder with all parts), graphml or gexf (with recipe nodes), nt or ttl
-            (RDF, with recipe nodes), parquet (triples), csv or json (recipe book).
-        out: file to write, or folder for libkge.
+        format: tsv or parquet (triples), graphml (with recipe nodes), nt (RDF, with recipe nodes), csv or json (recipe
+            book).
+        out: file to write.
         part: full (all recipes, those of the test part too), partial (the train recipes), or unseen (the held-out
             recipes, and the triples that no train recipe gives). Entities and base are always complete.
     """
@@ -41,5 +41,5 @@ def export(
     export_graph(opened, format, out, part=part, force=force)
     output.result(
         {"graph": opened.graph.name, "hash": opened.graph.hash, "format": format, "part": part, "out": str(out)},
-        [f"wrote {out}: {EXPORTERS[format].about}{'' if EXPORTERS[format].is_folder else f'; part: {part}'}"],
+        [f"wrote {out}: {EXPORTERS[format].about}; part: {part}"],
     )

@@ -1,14 +1,14 @@
-"""The crafting worlds as environments: readable, batched, open-ended, and wrappers around them.
+"""Environments: the readable crafting world, the batched engine, the open-ended world, and wrappers.
 
-Read ``wordcraft`` first: the rules, one environment at a time. ``batch`` steps many at once and must agree with it step
-for step. Observations are ids and masks; features and scores of knowledge are added by wrappers or looked up by the
-policy. A ``World`` holds the graph, the split, the settings, the tasks and all that follows from them: build one, and
-use ``world.variant(part="test")`` for another setting.
+Read ``wordcraft`` first: the rules, one environment at a time. ``batch`` steps many environments at once and agrees
+with ``wordcraft`` step for step. Observations are ids and masks; wrappers or the policy add features and scores. A
+``World`` holds the graph, the split, the settings and the tasks: build one ``World``, and derive other settings with
+``world.variant(part="test")``.
 """
 
 
 def register() -> None:
-    """Register the environments, once; without a graph they play the book ``everyday``."""
+    """Register the environments once; the default graph is the book ``everyday``."""
     from gymnasium.envs.registration import register, registry
 
     if "WordCraft-v0" not in registry:

@@ -1,4 +1,4 @@
-"""The open-ended world: start from the base entities and discover as much as you can in a number of attempts."""
+"""The open-ended world: discover entities from the base in a limited number of attempts."""
 
 from collections.abc import Iterable
 from typing import Any, get_args
@@ -11,31 +11,30 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
 from wordcraft_kg.envs.config import IllegalAction
-from wordcraft_kg.envs.rendering import MODES, Picture, Renderer, Scene, Tile
+from wordcraft_kg.envs.rendering import MODES, Picture, Scene, Tile, check_mode, rendered
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 
 Observation = dict[str, Any]
-SHOWN = 48
-"""The latest known entities in a picture."""
+SHOWN = 48  # latest known entities in a picture
 
 
 class Discovery:
-    """The known entities of an open-ended game; combining two gives all results of the pair, and nothing is used up.
+    """The known entities in an open-ended game.
 
     Attributes:
         base: ids known at the start, ascending.
-        reachable: number of entities that can ever be known.
-        known: ids known now, in the order of their discovery; the keys of a dictionary without values.
-        tried: pairs ``(a, b)`` with ``a <= b`` that were combined before.
+        reachable: number of entities that can become known.
+        known: known ids in order of discovery, as the keys of a dictionary.
+        tried: pairs ``(a, b)`` with ``a <= b`` that were combined.
     """
 
     def __init__(self, graph: RecipeGraph, base: Iterable[Entity] | None = None):
-        """Prepare a graph; ``base`` (ids or labels) replaces the graph's own base entities.
+        """Prepare a graph; ``base`` (ids or labels) replaces the graph's base.
 
         Raises:
-            ConfigError: if one is unknown, or nothing can be made from them.
+            ConfigError: for an unknown entity, or a base from which nothing can be made.
         """
         try:
             if isinstance(base, str):  # one label, not its letters
@@ -52,17 +51,17 @@ class Discovery:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything but the base."""
+        """Reset to the base."""
         self.known: dict[int, None] = dict.fromkeys(self.base)
         self.tried: set[tuple[int, int]] = set()
 
     @property
     def is_complete(self) -> bool:
-        """Whether everything reachable is known."""
+        """Whether all reachable entities are known."""
         return len(self.known) == self.reachable
 
     def combine(self, one: int, other: int) -> tuple[tuple[int, ...], bool]:
-        """Combine two known entities; return the new results, and whether the pair had been tried before."""
+        """Combine two known entities; return new results and whether the pair was tried before."""
         pair = (one, other) if one <= other else (other, one)
         repeated = pair in self.tried
         self.tried.add(pair)
@@ -72,54 +71,49 @@ class Discovery:
 
 
 class OpenEndedEnv(gym.Env[Observation, Any]):
-    """Discover as much as you can from the base entities: the paper's outlook, ``WordCraft-OpenEnded-v0``.
+    """Discover entities from the base: the paper's outlook, ``WordCraft-OpenEnded-v0``.
 
     ## Description
-    The agent starts with the base entities and combines two known entities in each attempt. All results of the pair
-    become known for good; nothing is used up. There is no goal.
+    The agent starts with the base entities and combines two known entities in each attempt. All results become known
+    for good; nothing is used up. There is no goal.
 
     ## Action space
-    ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order; they may be equal. If one of them
-    is not known yet, the attempt is lost: nothing is made and ``info["illegal_action"]`` is set; with
-    ``illegal_action="raise"`` it is an error. An action outside the space always is an error. ``action_masks`` returns
-    which entities are known, once for each of the two.
+    ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order, possibly equal. An unknown entity
+    wastes the attempt and sets ``info["illegal_action"]``; with ``illegal_action="raise"`` it raises an error. An
+    action outside the space always raises an error. ``action_masks`` returns the known entities, once per choice.
 
     ## Observation space
     ``Dict`` of masks by entity id, fresh arrays each time.
 
     | key | shape | meaning |
     |---|---|---|
-    | known | (E,) | 1 where the entity is known |
-    | last_results | (E,) | 1 where the last attempt made the entity known |
+    | known | (E,) | 1 for known entities |
+    | last_results | (E,) | 1 for entities that the last attempt made known |
     | attempts_left | () | attempts left, this one included |
 
     ## Rewards
-    The number of entities that the attempt made known for the first time.
+    The number of entities that the attempt made known.
 
     ## Starting state
-    The base entities are known; nothing is drawn at random. ``reset`` takes no options.
+    The base entities are known; nothing is random. ``reset`` takes no options.
 
     ## Episode end
-    *Terminated* when no attempt is left (the budget is observed, so there is nothing to bootstrap) or everything
-    reachable from the base is known. ``info["outcome"]`` says which: ``in_progress``, ``out_of_attempts`` or
-    ``all_known``. Never truncated.
+    *Terminated* when no attempt is left (the budget is observed, so nothing is bootstrapped) or all reachable entities
+    are known. ``info["outcome"]`` is ``in_progress``, ``out_of_attempts`` or ``all_known``. Never truncated.
 
-    ``info`` also holds ``known`` (how many entities are), ``new_entities`` (ids that the attempt made known) and
-    ``repeated`` (whether this pair was combined before in the episode).
+    ``info`` also holds ``known`` (number of known entities), ``new_entities`` (ids that the attempt made known) and
+    ``repeated`` (whether the pair was combined earlier in the episode).
 
     ## Arguments
     ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; ``max_attempts`` the budget;
-    ``base`` ids or labels of the entities known at the start, by default the graph's base; ``illegal_action`` is
-    ``waste`` or ``raise``.
+    ``base`` ids or labels known at the start, by default the graph's base; ``illegal_action`` is ``waste`` or
+    ``raise``.
 
     ## Version history
     v0: first version.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 - as gymnasium declares it
-        "render_modes": list(MODES),
-        "render_fps": 4,
-    }
+    metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 4}  # noqa: RUF012 - as gymnasium declares it
 
     def __init__(
         self,
@@ -131,7 +125,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         render_mode: str | None = None,
     ):
         """Open the graph."""
-        self._renderer = Renderer(render_mode, self.metadata["render_fps"])
+        check_mode(render_mode)
         one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode
         self.graph = graph if isinstance(graph, RecipeGraph) else open_world_graph(graph).graph
@@ -185,19 +179,15 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         return self._seen(new), float(len(new)), over, False, info
 
     def action_masks(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which entities are known, shape (E,), once for each of the two choices."""
+        """Return which entities are known, shape (E,), once per choice."""
         known = self._mask(self.discovery.known).astype(bool)
         return known, known.copy()
 
     def render(self) -> str | Picture | None:
-        """Return the state in words or as a picture; in the mode ``human`` a window shows each state by itself."""
+        """Return the state in words or as a picture, by ``render_mode``."""
         if self._outcome == "not_begun" and self.render_mode is not None:
             raise EpisodeError("call reset() before render().")
-        return self._renderer(self._words, self._scene)
-
-    def close(self) -> None:
-        """Close the window."""
-        self._renderer.close()
+        return rendered(self.render_mode, self._words, self._scene)
 
     def _words(self) -> str:
         known = self.discovery.known
@@ -234,8 +224,6 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
 
     def _seen(self, new: tuple[int, ...]) -> Observation:
         self._new = new
-        if self.render_mode == "human":
-            self.render()
         return {
             "known": self._mask(self.discovery.known),
             "last_results": self._mask(new),

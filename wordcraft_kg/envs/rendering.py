@@ -1,7 +1,6 @@
-"""Pictures of the crafting environments, for ``render_mode`` ``rgb_array`` and ``human``, drawn with pygame.
+"""Pictures of the crafting environments for ``render_mode="rgb_array"``, drawn with pygame (extra ``render``).
 
-An environment describes a state as a :class:`Scene`, and :class:`Renderer` draws it. pygame comes with the extra
-``render`` and is imported when the first picture is drawn.
+An environment describes a state as a :class:`Scene`. pygame is imported when the first picture is drawn.
 """
 
 import os
@@ -14,22 +13,19 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError, MissingExtraError
 
-MODES = ("ansi", "rgb_array", "human")
+MODES = ("ansi", "rgb_array")
 Mark = Literal["plain", "goal", "held", "new", "empty"]
 Picture = NDArray[np.uint8]
+_Colour = tuple[int, int, int]
 
 COLUMNS = 6
-TILE = (148, 52)
-GAP = 10
-MARGIN = 22
-HEAD = 92
-"""Height in pixels above the table."""
-SHARPNESS = 2
-"""Pictures are drawn larger by this factor and then scaled down, which smooths all edges."""
+# In pixels; HEAD is the height above the table.
+TILE, GAP, MARGIN, HEAD = (148, 52), 10, 22, 92
+SHARPNESS = 2  # pictures are drawn larger by this factor and scaled down, which smooths all edges
 
 BACKGROUND, INK, FAINT = (250, 249, 246), (38, 40, 46), (134, 136, 142)
-# Fill and border of tiles: blue and orange stay apart for people who see red and green alike.
-COLOURS: dict[Mark, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+# Fill and border of tiles; people with red-green blindness can tell blue from orange.
+COLOURS: dict[Mark, tuple[_Colour, _Colour]] = {
     "plain": ((255, 255, 255), (208, 207, 202)),
     "goal": ((255, 236, 204), (222, 139, 18)),
     "held": ((216, 233, 250), (30, 105, 179)),
@@ -47,7 +43,7 @@ class Tile(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Facts in a row, each a heading with a tile or a text, and below them the table, in rows of :data:`COLUMNS`.
+    """Facts in a row, each a heading with a tile or a text, and the table in rows of :data:`COLUMNS` tiles.
 
     All scenes of an environment have equally many tiles.
     """
@@ -56,53 +52,24 @@ class Scene(NamedTuple):
     tiles: Sequence[Tile]
 
 
-class Renderer:
-    """Renders an environment in one mode."""
+def check_mode(mode: str | None) -> None:
+    """Check a render mode.
 
-    def __init__(self, mode: str | None, fps: int):
-        """Take a mode, None for none, and the pictures that a window shows in a second.
+    Raises:
+        ConfigError: for an unknown mode.
+        MissingExtraError: if the mode needs pygame, which is missing.
+    """
+    if mode not in (None, *MODES):
+        raise ConfigError(f"`render_mode` {mode!r}: expected None, {', '.join(map(repr, MODES))}.")
+    if mode == "rgb_array":
+        _pygame()
 
-        Raises:
-            ConfigError: if there is no such mode.
-            MissingExtraError: if it needs pygame, which is not installed.
-        """
-        if mode not in (None, *MODES):
-            raise ConfigError(f"`render_mode` {mode!r}: expected None, {', '.join(map(repr, MODES))}.")
-        self.mode, self._fps = mode, fps
-        self._window: Any = None
-        if mode in ("rgb_array", "human"):
-            _pygame()
 
-    def __call__(self, words: Callable[[], str], scene: Callable[[], Scene]) -> str | Picture | None:
-        """Return the state in words or as a picture, or show it in a window, as the mode says."""
-        if self.mode == "ansi":
-            return words()
-        if self.mode == "rgb_array":
-            return picture(scene())
-        if self.mode == "human":
-            self._show(picture(scene()))
+def rendered(mode: str | None, words: Callable[[], str], scene: Callable[[], Scene]) -> str | Picture | None:
+    """Return a state in words (``ansi``), as a picture (``rgb_array``), or not at all (None)."""
+    if mode is None:
         return None
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window = None
-            _pygame().display.quit()
-
-    def _show(self, shown: Picture) -> None:
-        pygame = _pygame()
-        if self._window is None:
-            try:
-                pygame.display.init()
-                self._window = pygame.display.set_mode(shown.shape[1::-1])
-            except pygame.error as error:
-                raise ConfigError(f"`render_mode` 'human': no window can be opened ({error}). Use rgb_array.") from None
-            pygame.display.set_caption("WordCraft")
-            self._clock = pygame.time.Clock()
-        self._window.blit(pygame.surfarray.make_surface(shown.swapaxes(0, 1)), (0, 0))
-        pygame.event.pump()
-        pygame.display.flip()
-        self._clock.tick(self._fps)
+    return words() if mode == "ansi" else picture(scene())
 
 
 def picture(scene: Scene) -> Picture:
@@ -144,13 +111,13 @@ def _write(
     canvas: Any,
     text: str,
     size: int,
-    colour: tuple[int, int, int],
+    colour: _Colour,
     at: tuple[float, float],
     width: float,
     *,
     is_centred: bool = False,
 ) -> None:
-    """Write a line to the right of a point, or centred on it, as small as ``width`` needs, or else cut."""
+    """Write a line to the right of a point or centred, scaled down or cut to fit ``width``."""
     drawn = _font(size).render(text, True, colour)
     room = int(width * SHARPNESS)
     if drawn.get_width() > room:
@@ -163,7 +130,7 @@ def _write(
 
 
 def _font(size: int) -> Any:
-    """Return the font that comes with pygame, which has Latin, Greek and Cyrillic letters."""
+    """Return pygame's own font, with Latin, Greek and Cyrillic letters."""
     font = _pygame().font
     if not font.get_init():
         font.init()
@@ -176,5 +143,5 @@ def _pygame() -> Any:
         return import_module("pygame")
     except ImportError:
         raise MissingExtraError(
-            "`render_mode` 'rgb_array' and 'human' need pygame. Install it: pip install 'wordcraft-kg[render]'"
+            "`render_mode` 'rgb_array' needs pygame. Install it: pip install 'wordcraft-kg[render]'"
         ) from None

@@ -18,12 +18,12 @@ Arrays = dict[str, NDArray[Any]]
 class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     """N crafting environments at once: ``gym.make_vec("WordCraft-v0", vectorization_mode="vector_entry_point", ...)``.
 
-    Observations are those of :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of length N, fresh
+    Observations are as in :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of length N, fresh
     arrays each time. A new episode begins in the same step (``AutoresetMode.SAME_STEP``): where ``terminated`` is True,
-    the observation is the first of the next episode. Reward, flags and infos belong to the step that ended.
+    the observation is the first of the next episode, while reward, flags and infos belong to the step that ended.
 
-    Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. There is no
-    ``final_obs``, since episodes only terminate and nothing is bootstrapped.
+    Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. ``final_obs`` is
+    missing, since episodes only terminate and nothing is bootstrapped.
     """
 
     def __init__(self, num_envs: int, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
@@ -45,7 +45,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Begin all environments anew; one seed gives each a stream of its own, None continues the streams."""
+        """Restart all environments; one seed seeds a stream per environment, None continues the streams."""
         if isinstance(seed, list | tuple | np.ndarray):
             raise ConfigError("`seed`: expected one integer, from which each environment gets a stream of its own.")
         if options:
@@ -73,11 +73,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
 
     @property
     def state(self) -> State:
-        """The state of the engine.
-
-        Raises:
-            EpisodeError: before the first reset.
-        """
+        """The engine's state; an EpisodeError before the first reset."""
         if self._state is None:
             raise EpisodeError("call reset() before step().")
         return self._state

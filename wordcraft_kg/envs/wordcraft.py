@@ -1,4 +1,4 @@
-"""The crafting environment for one episode at a time, plain and readable: the reference for the semantics."""
+"""The crafting environment, one episode at a time: the readable reference for the semantics."""
 
 import operator
 from bisect import bisect_right
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.envs.rendering import MODES, Mark, Picture, Renderer, Scene, Tile
+from wordcraft_kg.envs.rendering import MODES, Mark, Picture, Scene, Tile, check_mode, rendered
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import Task
@@ -24,7 +24,7 @@ DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
 
 
 def observation_space(num_entities: int, num_slots: int, attempts: int) -> spaces.Dict:
-    """Return the space of the observations: ids and masks; ``num_entities`` is the id of nothing."""
+    """Return the observation space: ids and masks; ``num_entities`` is the id of nothing."""
     return spaces.Dict(
         {
             "goal": spaces.Discrete(num_entities),
@@ -38,15 +38,10 @@ def observation_space(num_entities: int, num_slots: int, attempts: int) -> space
 
 @dataclass
 class State:
-    """The state of an episode, in ids.
+    """The state of an episode, in ids: ``table`` without empty slots, ``selection`` the entity in hand.
 
-    Attributes:
-        task: index into the tasks, -1 before the first episode.
-        goal: entity to make.
-        table: entities in the slots, as many as there are.
-        selection: entity in hand.
-        attempts_left: including the current one.
-        outcome: ``not_begun``, ``in_progress``, ``goal`` or ``out_of_attempts``.
+    ``task`` is -1 before the first episode; ``outcome`` is ``not_begun``, ``in_progress``, ``goal`` or
+    ``out_of_attempts``.
     """
 
     task: int
@@ -61,14 +56,14 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     """Make a goal by combining entities on a table: the paper's task, ``WordCraft-v0``.
 
     ## Description
-    An episode poses a goal and puts its starting ingredients on the table, shuffled among distractors. The agent picks
-    entities; two picks make an attempt. All results of the pair are added to the table (each once), and nothing is used
-    up. All recipes of the graph apply, whatever part the tasks are from.
+    An episode poses a goal and puts the starting ingredients on the table, shuffled among distractors. The agent picks
+    entities; two picks make an attempt. All results of the pair join the table (each once), and nothing is used up. All
+    recipes of the graph apply, in every part.
 
     ## Action space
-    ``Discrete(num_slots)``: the slot to pick. The same slot may be picked twice. Picking an empty slot loses the
-    attempt it belongs to: nothing is made, the hand is empty, ``info["illegal_action"]`` is set; with
-    ``illegal_action="raise"`` it is an error. A number outside the space always is an error.
+    ``Discrete(num_slots)``: the slot to pick; a slot may be picked twice. Picking an empty slot wastes the attempt:
+    nothing is made, the hand is emptied, ``info["illegal_action"]`` is set; with ``illegal_action="raise"`` it raises
+    an error. A number outside the space always raises an error.
 
     ## Observation space
     ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` is the id of nothing.
@@ -79,40 +74,35 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     | table | (num_slots,) | entity in each slot |
     | selection | () | entity in hand, the first pick of the current attempt |
     | attempts_left | () | attempts left, this one included |
-    | action_mask | (num_slots,) | 1 where the slot holds an entity |
+    | action_mask | (num_slots,) | 1 for slots with an entity |
 
     ``num_slots = (depth + 1) + num_distractors + r * attempts``, where a pair has at most r results.
 
     ## Rewards
-    +1 when the goal is made. A :class:`~wordcraft_kg.envs.config.RewardConfig` may shape the rest; what counts as
-    success never depends on it.
+    +1 when the goal is made. A :class:`~wordcraft_kg.envs.config.RewardConfig` may add shaped rewards; success never
+    depends on shaping.
 
     ## Starting state
-    A task of the part, and distractors drawn without replacement. Goal, starting ingredients and intermediates of the
-    task's plans are never distractors. In the train part no distractor completes a held-out recipe of the goal with
-    the starting ingredients or what can be made from them.
-    ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets the entities of the first slots,
-    by id or label.
+    A task from the part, and distractors drawn without replacement. Goal, starting ingredients and intermediates of the
+    task's plans are never distractors. In the train part no distractor completes a held-out recipe for the goal with
+    the starting ingredients or their products. ``reset(options={"task": 3})`` poses a given task of ``tasks``;
+    ``"table"`` sets the entities in the first slots, by id or label.
 
     ## Episode end
-    *Terminated* when the goal is made or no attempt is left: the budget is observed, so there is nothing to bootstrap.
-    ``info["outcome"]`` is ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` says whether the pair
-    that made the goal is the last of one of the task's plans. Never truncated; wrap in
-    ``gymnasium.wrappers.TimeLimit`` for that.
+    *Terminated* when the goal is made or no attempt is left: the budget is observed, so nothing is bootstrapped.
+    ``info["outcome"]`` is ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` tells whether the last
+    pair of a plan made the goal. Never truncated; add ``gymnasium.wrappers.TimeLimit`` for truncation.
 
     ## Arguments
     ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; the others are those of
     :class:`~wordcraft_kg.envs.config.WordCraftConfig`. If ``graph`` is a :class:`~wordcraft_kg.envs.world.World`, which
-    has settings of its own and may be shared with other environments, no other settings are allowed.
+    has settings and may be shared between environments, further settings are refused.
 
     ## Version history
-    v0: first version. Its differences from the environment of Jiang et al. 2020 are listed in docs/environment.md.
+    v0: first version. docs/environment.md lists the differences from the environment of Jiang et al. 2020.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 - as gymnasium declares it
-        "render_modes": list(MODES),
-        "render_fps": 4,
-    }
+    metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 4}  # noqa: RUF012 - as gymnasium declares it
 
     def __init__(self, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
         """Open the graph and prepare its tasks.
@@ -121,7 +111,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             ConfigError: for an unknown setting, a value out of range, or settings next to a world.
             TaskError: if the graph has no such task.
         """
-        self._renderer = Renderer(render_mode, self.metadata["render_fps"])
+        check_mode(render_mode)
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
         self.config = self.world.config
@@ -145,7 +135,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     @staticmethod
     def space_of_actions(num_slots: int) -> spaces.Discrete:
-        """Return the action space of a table."""
+        """Return the action space."""
         return spaces.Discrete(num_slots)
 
     def reset(
@@ -195,14 +185,10 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return np.arange(self.num_slots) < len(self.state.table)
 
     def render(self) -> str | Picture | None:
-        """Return the state in words or as a picture; in the mode ``human`` a window shows each state by itself."""
+        """Return the state in words or as a picture, by ``render_mode``."""
         if self.state.outcome == "not_begun" and self.render_mode is not None:
             raise EpisodeError("call reset() before render().")
-        return self._renderer(self._words, self._scene)
-
-    def close(self) -> None:
-        """Close the window."""
-        self._renderer.close()
+        return rendered(self.render_mode, self._words, self._scene)
 
     @property
     def task(self) -> Task:
@@ -212,7 +198,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     # --- rules -------------------------------------------------------------------------------------------------------
 
     def _attempt(self, one: int, other: int) -> tuple[float, bool]:
-        """Combine two entities; return the reward, and whether a plan's last pair made the goal."""
+        """Combine two entities; return the reward and whether a plan's last pair made the goal."""
         rewards, state = self.config.rewards, self.state
         pair = (one, other) if one <= other else (other, one)
         results = self._outcomes.get(pair, ())
@@ -277,7 +263,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return drawn
 
     def _draw_once(self, task: int) -> list[int]:
-        """Draw distractors by their weights, skipping those that are not allowed on this table."""
+        """Draw distractors by weight, skipping entities that this table must not hold."""
         goal, start = self._goals[task][0], self._starts[task]
         guarded = self._guarded.get(goal, ())
         taken = {goal, self._nothing, *start, *self._made[task]}
@@ -325,11 +311,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return Scene(facts, tiles + [Tile("", "empty", slot) for slot in range(len(tiles), self.num_slots)])
 
     def _seen(self) -> Observation:
-        if self.render_mode == "human":
-            self.render()
-        return self._observation()
-
-    def _observation(self) -> Observation:
         state, count = self.state, len(self.state.table)
         table = np.full(self.num_slots, self._nothing)
         table[:count] = state.table

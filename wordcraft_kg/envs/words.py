@@ -1,7 +1,7 @@
-"""The crafting worlds in words, for people, programs and language models alike.
+"""The crafting worlds in words, for people, programs and language models.
 
-Entities are numbered from 1 in the order of the table; :mod:`wordcraft_kg.base.labels` reads answers. The hash of
-:data:`TEXTS` goes into each result, because other prompts are another experiment.
+Entities are numbered from 1 in table order; :mod:`wordcraft_kg.base.labels` reads answers. Results record the hash of
+:data:`TEXTS`, because other prompts make another experiment.
 """
 
 import hashlib
@@ -47,21 +47,21 @@ TEXTS = {
     "nothing_found": "Of {entity} nothing is known.",
     "no_look_ups": "No look-up is left; combine two things.",
 }
-"""All texts for players, in the order in which they may occur."""
+"""All texts for players."""
 
 
 def texts_hash() -> str:
-    """Return the hash of the texts: the version of the prompts."""
+    """Return the hash of the texts, the prompt version."""
     return hashlib.sha256(json.dumps(TEXTS, sort_keys=True).encode()).hexdigest()
 
 
 def told(name: str, **values: object) -> str:
-    """Return one of the :data:`TEXTS` with its values."""
+    """Return a text of :data:`TEXTS`, filled with values."""
     return TEXTS[name].format(**values)
 
 
 def numbered(labels: Iterable[str]) -> str:
-    """Return things with their numbers.
+    """Return labels with numbers.
 
     Example:
         >>> numbered(["water", "earth"])
@@ -87,11 +87,11 @@ def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]
 
 
 def results_of(env: WordCraftEnv, one: Entity, other: Entity) -> tuple[str, ...]:
-    """Return the results of a pair in an environment; most pairs have none."""
+    """Return the results of a pair in an environment, possibly empty."""
     a, b = sorted(map(env.world.graph.id_of, (one, other)))
     return env.world.graph.labels(env.world.outcomes.get((a, b), ()))
 
 
 def characters(graph: RecipeGraph) -> frozenset[str]:
-    """Return the characters that texts about a graph may contain."""
+    """Return all characters in texts about a graph."""
     return frozenset("0123456789").union(*TEXTS.values(), *graph.entities)

@@ -1,9 +1,9 @@
-"""The recipe graph and everything derived from it; trains nothing and imports neither torch nor PyKEEN.
+"""Recipe graphs and everything derived from a graph; this package trains nothing and imports neither torch nor PyKEEN.
 
-The recipe graph is the only source of truth. Triples lose which pair makes which result, so recipes stay objects, and
-triples, splits, tasks and vocabularies are derived from them. Ids follow the sorted labels: equal graphs have equal
-ids. A split names the hash of its graph, and every file that is derived from both names both. Splits draw from a
-generator of their own; the bytes of a graph folder depend on the book and the settings of the split alone.
+The recipe graph is the only source of truth. Triples lose which pair makes which result, so recipes stay objects;
+triples, splits, tasks and vocabularies are derived. Ids follow the sorted labels: equal graphs have equal ids. A split
+records its graph's hash, and derived files record both hashes. The bytes of a graph folder depend only on the book and
+the split's settings.
 """
 
 from wordcraft_kg.graphs.audit import audit

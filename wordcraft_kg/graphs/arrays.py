@@ -9,13 +9,13 @@ Ids = NDArray[np.int64]
 
 
 def frozen(array: Ids) -> Ids:
-    """Make an array read-only, so that nobody can change a graph or split through it."""
+    """Make an array read-only and return it."""
     array.flags.writeable = False
     return array
 
 
 def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
-    """Return rows of different lengths as an array, at least ``width`` wide."""
+    """Return rows with different lengths as one array, at least ``width`` wide."""
     width = max([width, *map(len, rows)])
     array = np.full((len(rows), width), padding, dtype=np.int64)
     for index, row in enumerate(rows):

@@ -1,4 +1,4 @@
-"""Audit of a graph and its split: ambiguity, reachability, coverage, leakage."""
+"""Audit of a graph and a split: ambiguity, reachability, coverage, leakage."""
 
 import msgspec
 import numpy as np
@@ -13,12 +13,11 @@ from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, Relation, is_in
 
-SHOWN = 20
-"""Most entities or pairs in a list; counts are always complete."""
+SHOWN = 20  # entities or pairs in a list, at most; counts are complete
 
 
 class TripleCounts(Record):
-    """Number of triples of each relation."""
+    """Triples by relation."""
 
     combines_with: Count = msgspec.field(name="combinesWith")
     component_of: Count = msgspec.field(name="componentOf")
@@ -33,7 +32,7 @@ class AmbiguousPair(Record):
 
 
 class Ambiguity(Record):
-    """How many results pairs have; the ``examples`` are the pairs with the most."""
+    """Number of results per pair; ``examples`` are the pairs with the most results."""
 
     pairs_by_number_of_results: dict[str, Count]
     pairs_with_several_results: Count
@@ -41,7 +40,7 @@ class Ambiguity(Record):
 
 
 class Reachability(Record):
-    """Entities that can be made from the base, and the rounds that it takes."""
+    """Entities that can be made from the base, and the number of rounds needed."""
 
     reachable: Count
     rounds: Count
@@ -59,14 +58,10 @@ class Spread(Record):
 
 
 class Degrees(Record):
-    """How often entities are made and used.
+    """Counts of recipes that make and use entities.
 
-    Attributes:
-        craftable: entities with a recipe.
-        terminal: craftable entities that no recipe uses.
-        idle: entities in no recipe.
-        self_pairs: pairs of an entity with itself.
-        most_used, most_recipes: entities that the most recipes use, or make, with their number.
+    ``craftable`` entities have a recipe, ``terminal`` entities have no other use, ``idle`` entities have neither.
+    ``most_used`` and ``most_recipes`` list the entities with the most uses and recipes.
     """
 
     craftable: Count
@@ -79,7 +74,7 @@ class Degrees(Record):
 
 
 class AlikeLabels(Record):
-    """Groups of labels that differ only in case or in outer or repeated blanks: usually slips, but never merged."""
+    """Groups of labels that differ only in case or blanks: probably typos, never merged."""
 
     alike: Count
     alike_labels: tuple[tuple[str, ...], ...]
@@ -89,16 +84,13 @@ class SplitSummary(Record):
     """Settings and sizes of a split.
 
     Attributes:
-        evaluated_triples: triples of the test recipes that neither train nor validation recipes give.
-        leaked_triples: the other triples of the test recipes, which are never evaluated.
-        covered: whether every entity is in a train recipe.
-        uncovered: entities that are in none.
-        moved_for_coverage: recipes moved to train for that.
+        evaluated_triples: test triples that neither train nor validation recipes give.
+        leaked_triples: the remaining test triples, never evaluated.
+        covered: whether every entity occurs in a train recipe; ``uncovered`` counts the missing entities.
+        moved_for_coverage: recipes moved to train for coverage.
         pairs_on_both_sides: pairs with results in more than one part.
-        test_goals: goals of test recipes.
-        test_goals_in_train: those of them that train recipes make, too.
-        one_ingredient_away: test recipes that share an ingredient and the result with a train recipe: most by recipe,
-            none by slot, and by goal not even a known goal.
+        test_goals_in_train: test goals that train recipes make, too.
+        one_ingredient_away: test recipes that share an ingredient and the result with a train recipe.
     """
 
     kind: str
@@ -124,15 +116,14 @@ class SplitSummary(Record):
 
 
 class Leakage(Record):
-    """How the test triples of a relation relate to its training triples.
+    """Overlap between the test triples and the training triples of a relation.
 
     Attributes:
         train: training triples.
         from_test_recipes: triples of the test recipes.
-        already_in_train: those of them that train or validation recipes give too, which are left out.
-        evaluated: the rest.
-        mirror_in_train: evaluated triples whose mirror (tail, relation, head) is in train; 0 for combinesWith, or the
-            answer would be given away.
+        already_in_train: excluded triples, which train or validation recipes give, too.
+        evaluated: the remaining triples.
+        mirror_in_train: evaluated triples with their mirror (tail, relation, head) in train; 0 for combinesWith.
     """
 
     train: Count
@@ -143,7 +134,7 @@ class Leakage(Record):
 
 
 class Audit(Record, omit_defaults=True, kw_only=True):
-    """A graph and its split in numbers; the first two fields are None if no book was given."""
+    """A graph and a split in numbers; the first two fields need the book."""
 
     dropped_self_results: Count | None = None
     merged_duplicates: Count | None = None
@@ -163,7 +154,7 @@ class Audit(Record, omit_defaults=True, kw_only=True):
 
 @stage("auditing the graph")
 def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> Audit:
-    """Return the audit of a graph and its split, and of the book that they were built from."""
+    """Audit a graph, a split and, optionally, the source book."""
     layer = layers(graph)
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
@@ -173,7 +164,7 @@ def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> A
         pairs=graph.num_pairs,
         base=graph.base,
         hash=graph.hash,
-        triples=triple_counts(graph),
+        triples=_triple_counts(graph),
         ambiguity=_ambiguity(graph),
         reachability=_reachability(graph, layer),
         degrees=_degrees(graph),
@@ -183,14 +174,13 @@ def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> A
     )
 
 
-def triple_counts(graph: RecipeGraph) -> TripleCounts:
-    """Return the number of triples of each relation, and their total."""
+def _triple_counts(graph: RecipeGraph) -> TripleCounts:
     combines_with, component_of = np.bincount(graph.triples[:, 1], minlength=len(RELATIONS)).tolist()
     return TripleCounts(combines_with, component_of, len(graph.triples))
 
 
 def split_summary(split: Split) -> SplitSummary:
-    """Return settings and sizes of a split."""
+    """Summarise a split."""
     train, valid, test = np.bincount(split.parts, minlength=3).tolist()
     evaluated = split.held_out("test")
     goals = np.unique(split.recipes("test")[:, 2])
@@ -226,7 +216,7 @@ def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
 
 
 def leakage(split: Split) -> dict[Relation, Leakage]:
-    """Return, by relation, how the test triples relate to the training triples."""
+    """Compare test triples with training triples, by relation."""
     evaluated = split.held_out("test")
     mirrored = is_in(evaluated[:, [2, 1, 0]], split.partial, split.graph.num_entities)
     tables: dict[Relation, Leakage] = {}

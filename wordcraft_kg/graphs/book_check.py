@@ -1,4 +1,4 @@
-"""Checking a recipe book while it is being written: all errors and oddities at once, with their lines.
+"""Check of a recipe book under construction: all errors and oddities at once, with line numbers.
 
 :func:`~wordcraft_kg.graphs.book_files.read_book` stops at the first error and accepts oddities.
 """
@@ -23,12 +23,9 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
-LISTED = 15
-"""Most lines or names in a finding."""
+LISTED = 15  # lines or names in a finding, at most
 MAX_FINDINGS = 10_000
-"""Findings after which reading stops: a file with more is no book, and memory has an end."""
-SIMILAR_FROM = 6
-"""Length from which labels that differ by one letter are listed; shorter ones often do so by chance (cat, bat)."""
+"""Findings after which reading stops: such a file is not a book."""
 
 
 class Finding(Record):
@@ -36,9 +33,9 @@ class Finding(Record):
 
     Attributes:
         kind: name of the rule, such as ``duplicate``.
-        severity: a ``problem`` makes the check fail, a ``note`` does not.
-        lines: line numbers, from 1; at most 15, and none for a finding about the whole book.
-        message: the finding in words.
+        severity: only a ``problem`` fails the check.
+        lines: line numbers from 1, at most 15; empty for a finding about the whole book.
+        message: description.
     """
 
     kind: str
@@ -48,18 +45,18 @@ class Finding(Record):
 
 
 class BookFigures(Record, omit_defaults=True):
-    """Counts of a book; those with a default are there only if they were added later.
+    """Counts of a book; the last seven need word vectors or a second book.
 
     Attributes:
-        reachable: entities that can be made from the base, or are in it.
-        max_layer: rounds until the last of them can be made.
-        share_with_two_recipes: of the craftable entities, the share with two or more recipes.
+        reachable: entities in the base or makeable from the base.
+        max_layer: rounds until the last reachable entity.
+        share_with_two_recipes: share of the craftable entities with at least two recipes.
         terminal: craftable entities that no recipe uses.
-        most_used_share: of the recipes, the share that uses the most used entity.
-        words_with_vector: of the words in labels, the share with a word vector.
-        near_synonym_share: of the test recipes of the default split, the share that repeats a train recipe with one
-            ingredient replaced by a near-synonym, of cosine ``near_synonym_cosine`` or more.
-        against: another book, which shares ``shared_recipes`` of the recipes.
+        most_used_share: share of the recipes that use the most used entity.
+        words_with_vector: share of the words in labels with a word vector.
+        near_synonym_share: share of the default split's test recipes that repeat a train recipe with one ingredient
+            replaced by a near-synonym (cosine ``near_synonym_cosine`` or more).
+        against: a second book, which shares ``shared_recipes``.
     """
 
     entities: Count
@@ -87,12 +84,9 @@ class BookFigures(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class BookCheck:
-    """Result of a check.
+    """Result of a check: findings (problems first, then by line), counts, and the graph of all readable recipes.
 
-    Attributes:
-        findings: problems first, each group by line.
-        figures: counts of the book; None if no recipe could be read.
-        graph: graph of the recipes that could be read; None if there is none.
+    ``figures`` and ``graph`` are None without a readable recipe.
     """
 
     findings: tuple[Finding, ...]
@@ -101,11 +95,11 @@ class BookCheck:
 
     @property
     def passed(self) -> bool:
-        """Whether there is no problem."""
+        """Whether the book has no problems."""
         return all(finding.severity == "note" for finding in self.findings)
 
     def adding(self, findings: Iterable[Finding], **figures: Any) -> "BookCheck":
-        """Return this check with more findings and figures."""
+        """Return the check with additional findings and figures."""
         more = None if self.figures is None else msgspec.structs.replace(self.figures, **figures)
         return replace(self, findings=_sorted([*self.findings, *findings]), figures=more)
 
@@ -116,17 +110,16 @@ def check_book(
 ) -> BookCheck:
     """Check a recipe book.
 
-    Problems are: bytes that are not UTF-8, a byte order mark, line ends other than LF, a label with a comma, rows that
-    are not recipes, recipes listed twice or made from themselves, one label in two spellings, base entities that no
-    recipe uses, entities that cannot be made from the base, and circles of entities that need each other. Notes are:
-    singular and plural of one word, long labels that differ by one letter, entities that occur in one recipe only, and
-    listed entities that occur in none.
+    Problems are: bytes that are not UTF-8, a byte order mark, line ends other than LF, labels with commas, bad rows,
+    recipes listed twice or made from themselves, labels in two spellings, unused base entities, entities out of reach
+    from the base, and cycles of entities that need each other. Notes are: singular and plural forms of a word, entities
+    in only one recipe, and listed entities without a recipe.
 
     Args:
-        path: a ``.csv``, ``.tsv`` or ``.json`` book. Lines of recipes are known for tables only; of a JSON book that
-            cannot be read, the first error is the only finding about its content.
-        base: base entities; None takes the book's own, or infers them.
-        name: of the book; None takes the file's.
+        path: a ``.csv``, ``.tsv`` or ``.json`` book. Only tables have line numbers; for an unreadable JSON book, the
+            first error is the only finding about the content.
+        base: base entities; None uses the book's own base, or infers a base.
+        name: the book's name; None uses the file's name.
         single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
 
     Raises:
@@ -154,12 +147,12 @@ def check_book(
         for label in recipe:
             line_of[label] = min(line_of.get(label, numbers[0]), numbers[0])
     findings += [*_commas(graph, line_of), *_spellings(graph, line_of), *_idle(graph, wanted)]
-    findings += [*_unreachable(graph, line_of, lines_of), *_twins(graph, line_of), *_lonely(graph, line_of)]
+    findings += [*_unreachable(graph, line_of, lines_of), *_plurals(graph, line_of), *_lonely(graph, line_of)]
     return BookCheck(_sorted(findings), _figures(graph), graph)
 
 
 def _decoded(data: bytes) -> tuple[str, list[Finding]]:
-    """Return the text of a file, and findings about its bytes."""
+    """Decode a file; return the text and findings about the bytes."""
     findings = []
     if data.startswith(b"\xef\xbb\xbf"):
         findings.append(_problem("bom", "the file starts with a byte order mark; save it without one", [1]))
@@ -192,17 +185,17 @@ def _read_other(path: Path, name: str | None, single: str | None, findings: list
 
 
 def _read_table(table: Table, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]) -> RecipeBook:
-    """Read the rows that can be read, with a finding for each that cannot; fill ``lines_of``."""
-    for found in table:
-        line = found[0]
+    """Read all valid rows into a book and ``lines_of``, with a finding for each invalid row."""
+    for row in table:
+        line = row[0]
         if len(findings) >= MAX_FINDINGS:
             message = f"{len(findings):,} findings above; this line and those below it were not read"
             findings.append(_problem("row", message, [line]))
             break
-        if isinstance(found, Fault):
-            findings.append(_problem(found.kind, found.message, [line]))
+        if isinstance(row, Fault):
+            findings.append(_problem(row.kind, row.message, [line]))
             continue
-        recipe = Recipe.of(*found[1])
+        recipe = Recipe.of(*row[1])
         if recipe.is_self_result:
             message = f"'{recipe.result}' is made from itself; such rows are dropped"
             findings.append(_problem("self-result", message, [line]))
@@ -238,7 +231,7 @@ def _commas(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
 
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
-    """Entities that occur in no recipe: a problem in an explicit base, else a note."""
+    """Find entities without a recipe: a problem in an explicit base, otherwise a note."""
     idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
     unused = graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0]) if base is not None else ()
     if unused:
@@ -249,7 +242,7 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    """Labels that differ only in case, blanks, hyphens or Unicode composition."""
+    """Find labels that differ only in case, blanks, hyphens or Unicode composition."""
     groups: dict[str, list[str]] = {}
     for label in graph.entities:
         key = unicodedata.normalize("NFKC", label).casefold()
@@ -263,7 +256,7 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
 def _unreachable(
     graph: RecipeGraph, line_of: Mapping[str, int], lines_of: Mapping[Recipe, list[int]]
 ) -> Iterator[Finding]:
-    """Entities that cannot be made from the base, island by island, and circles of entities that need each other."""
+    """Find entities out of reach from the base, one finding per island, and cycles of mutual need."""
     import networkx as nx
 
     idle = graph.recipe_counts + graph.use_counts == 0
@@ -286,42 +279,17 @@ def _unreachable(
 
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
-    """Return whether every recipe of some entities needs one of them."""
     pairs = (pair for entity in entities for pair in graph.recipes[graph.recipes_of(entity), :2].tolist())
     return all(not entities.isdisjoint(pair) for pair in pairs)
 
 
-def _twins(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    """Singular and plural of one word, and longer labels that are one edit apart."""
-    plurals = set(_plurals(graph))
-    for label, plural in sorted(plurals):
-        message = f"'{label}' and '{plural}' are singular and plural of one word"
-        yield _note("plural", message, _at((label, plural), line_of))
-    # Two labels one edit apart leave the same text when one letter is taken from one or both of them.
-    left: dict[str, set[str]] = {}
-    for label in graph.entities:
-        if len(label) >= SIMILAR_FROM:
-            for rest in {label, *(label[:i] + label[i + 1 :] for i in range(len(label)))}:
-                left.setdefault(rest, set()).add(label)
-    pairs = {(one, other) for labels in left.values() for one in labels for other in labels if one < other}
-    similar = [pair for pair in sorted(pairs - plurals) if _one_edit_apart(*pair)]
-    for one, other in similar[:LISTED]:
-        yield _note("similar", f"'{one}' and '{other}' differ by one letter", _at((one, other), line_of))
-    if len(similar) > LISTED:
-        yield _note("similar", f"{len(similar) - LISTED:,} more pairs of labels differ by one letter")
-
-
-def _plurals(graph: RecipeGraph) -> Iterator[tuple[str, str]]:
+def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for label in graph.entities:
         endings = {f"{label}s", f"{label}es"} | ({f"{label[:-1]}ies"} if label.endswith("y") else set())
-        yield from ((label, plural) for plural in endings if plural in graph)
-
-
-def _one_edit_apart(one: str, other: str) -> bool:
-    same = 0
-    while same < min(len(one), len(other)) and one[same] == other[same]:
-        same += 1
-    return any(one[same + i :] == other[same + j :] for i, j in ((1, 1), (1, 0), (0, 1)))
+        for plural in sorted(endings):
+            if plural in graph:
+                message = f"'{label}' and '{plural}' are singular and plural of one word"
+                yield _note("plural", message, _at((label, plural), line_of))
 
 
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
@@ -355,7 +323,7 @@ def _figures(graph: RecipeGraph) -> BookFigures:
 
 
 def listed(labels: Iterable[str]) -> str:
-    """Join labels with commas, the first 15 of them."""
+    """Join the first 15 labels with commas."""
     labels = list(labels)
     more = len(labels) - LISTED
     return ", ".join(labels[:LISTED]) + (f" and {more:,} more" if more > 0 else "")

@@ -1,6 +1,5 @@
-"""Writing a graph for other tools. A new exporter is a function ``(content, path) -> None`` in :data:`EXPORTERS`."""
+"""Export of graphs for other tools; add a function ``(content, path) -> None`` to :data:`EXPORTERS`."""
 
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 from urllib.parse import quote
 
-from wordcraft_kg.base.artefacts import staged_file, staged_folder, write_atomically
+from wordcraft_kg.base.artefacts import staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.arrays import Ids
@@ -22,16 +20,14 @@ from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 
 NAMESPACE = "urn:wordcraft-kg:"
-"""Prefix of the IRIs of entities (``...entity:<label>``), recipes (``...recipe:<a>+<b>=<result>``), relations
-(``...relation:<name>``) and roles (``...role:ingredient``, ``...role:result``); labels are percent-encoded."""
+"""Prefix of IRIs: ``entity:<label>``, ``recipe:<a>+<b>=<result>``, ``relation:<name>``, ``role:ingredient``,
+``role:result``; labels are percent-encoded."""
 RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
 ExportPart = Literal["full", "partial", "unseen"]
-"""All recipes; the train recipes; or the held-out recipes, with the triples that no train recipe gives."""
+"""All recipes, the train recipes, or the held-out recipes with the triples that no train recipe gives."""
 MOST_BYTES = 4 * 2**30
-"""Memory that an export may take."""
-# Bytes of a recipe in memory while networkx or rdflib write it: measured for GraphML with 250,000 recipes.
-_GRAPHML, _GEXF, _TURTLE = 6_000, 8_000, 8_000
+_GRAPHML_BYTES = 6_000  # per recipe while networkx writes, measured with 250,000 recipes
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,7 @@ class Content:
 
     @cached_property
     def graph(self) -> RecipeGraph:
-        """The graph with the recipes of the part only; entities and ids stay."""
+        """The graph restricted to the part's recipes; entities and ids stay."""
         graph, split = self.opened.graph, self.opened.split
         if self.part == "full":
             return graph
@@ -53,24 +49,16 @@ class Content:
 
     @property
     def triples(self) -> Ids:
-        """The triples of the part, shape (T, 3), sorted."""
+        """The part's triples, shape (T, 3), sorted."""
         return self.opened.split.unseen if self.part == "unseen" else self.opened.triples(self.part)
 
 
 @dataclass(frozen=True)
 class Exporter:
-    """A format.
-
-    Attributes:
-        about: its content.
-        write: writes it.
-        is_folder: whether it is a folder.
-        recipe_bytes: memory of a recipe while it is written; 0 where that is little.
-    """
+    """A format; ``recipe_bytes`` is the memory per recipe during writing, 0 if negligible."""
 
     about: str
     write: Callable[[Content, Path], None]
-    is_folder: bool = False
     recipe_bytes: int = 0
 
 
@@ -78,30 +66,23 @@ class Exporter:
 def export_graph(
     opened: OpenedGraph, format: str, out: Path, *, part: ExportPart = "full", force: bool = False
 ) -> None:
-    """Write a graph in one of the formats of :data:`EXPORTERS`; the output appears complete or not at all.
-
-    Entities and base are always complete, whatever the ``part`` of recipes and triples.
+    """Export a graph in a format of :data:`EXPORTERS`; ``part`` selects recipes and triples, never entities.
 
     Raises:
-        ConfigError: for an unknown format, a part of a format that holds all parts, or more memory than
-            :data:`MOST_BYTES`.
-        MissingExtraError: if the format needs a package that is not installed.
+        ConfigError: for an unknown format or part, or too large a graph for memory.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     one_of("format", format, tuple(EXPORTERS))
     one_of("part", part, get_args(ExportPart))
     exporter = EXPORTERS[format]
-    if part != "full" and exporter.is_folder:
-        raise ConfigError(f"`part` {part!r}: {format} holds the parts of the split already; leave the part out.")
     content = Content(opened, part)
     needed = content.graph.num_recipes * exporter.recipe_bytes
     if needed > MOST_BYTES:
         raise ConfigError(
             f"`format` {format!r}: {content.graph.num_recipes:,} recipes would take about {needed / 2**30:.0f} GiB of "
-            f"memory; expected at most {MOST_BYTES / 2**30:.0f}. Take nt, tsv, parquet, csv or json, which take little."
+            f"memory; expected at most {MOST_BYTES / 2**30:.0f}. Take nt, tsv, parquet, csv or json, which need little."
         )
-    staged = staged_folder if exporter.is_folder else staged_file
-    with staged(out, force=force) as path:
+    with staged_file(out, force=force) as path:
         exporter.write(content, path)
 
 
@@ -117,37 +98,14 @@ def _book(ending: str) -> Callable[[Content, Path], None]:
     return write
 
 
-def _libkge(content: Content, folder: Path) -> None:
-    """LibKGE's dataset folder: ids as ``.del`` files, the triples of each part by id, and ``dataset.yaml``."""
-    graph, split = content.opened.graph, content.opened.split
-    for name, labels in (("entity_ids", graph.entities), ("relation_ids", RELATIONS)):
-        write_atomically(folder / f"{name}.del", (f"{i}\t{label}\n" for i, label in enumerate(labels)))
-    parts = {"train": split.partial, "valid": split.held_out("valid"), "test": split.held_out("test")}
-    head = (
-        "# wordcraft-kg: triples of the partial knowledge graph, and the held-out ones that it does not contain.\n"
-        f"dataset:\n  name: {json.dumps(graph.name, ensure_ascii=False)}\n"
-    )
-    values: dict[str, object] = {"num_entities": graph.num_entities, "num_relations": len(RELATIONS)}
-    for name in ("entity_ids", "relation_ids"):
-        values |= {f"files.{name}.filename": f"{name}.del", f"files.{name}.type": "map"}
-    for part, triples in parts.items():
-        write_atomically(folder / f"{part}.del", (f"{h}\t{r}\t{t}\n" for h, r, t in triples.tolist()))
-        about = {"filename": f"{part}.del", "size": len(triples), "split_type": part, "type": "triples"}
-        values |= {f"files.{part}.{key}": value for key, value in about.items()}
-    write_atomically(folder / "dataset.yaml", head + "".join(f"  {key}: {value}\n" for key, value in values.items()))
+def _graphml(content: Content, path: Path) -> None:
+    import networkx as nx
 
-
-def _networkx(writer: str) -> Callable[[Content, Path], None]:
-    def write(content: Content, path: Path) -> None:
-        import networkx as nx
-
-        getattr(nx, writer)(to_networkx(content.graph, recipe_nodes=True), path)
-
-    return write
+    nx.write_graphml(to_networkx(content.graph, recipe_nodes=True), path)
 
 
 def _statements(content: Content) -> Iterator[tuple[str, str, str]]:
-    """Yield RDF statements as IRIs, the object of a label as text; a pair of one thing has one ingredient."""
+    """Yield RDF statements as IRIs; labels are text, and a self pair has one ingredient."""
     code = [quote(label, safe="") for label in content.graph.entities]
     entities = [f"{NAMESPACE}entity:{label}" for label in code]
     for iri, label in zip(entities, content.graph.entities, strict=True):
@@ -170,34 +128,15 @@ def _nt(content: Content, path: Path) -> None:
     write_atomically(path, (line(*statement) for statement in _statements(content)))
 
 
-def _ttl(content: Content, path: Path) -> None:
-    check_extra("rdf")
-    import rdflib
-
-    store = rdflib.Graph()
-    for prefix in ("entity", "recipe", "relation", "role"):
-        store.bind(prefix, rdflib.Namespace(f"{NAMESPACE}{prefix}:"))
-    for subject, predicate, value in _statements(content):
-        term = rdflib.Literal(value) if predicate == RDFS_LABEL else rdflib.URIRef(value)
-        store.add((rdflib.URIRef(subject), rdflib.URIRef(predicate), term))
-    path.write_bytes(store.serialize(format="turtle", encoding="utf-8"))
-
-
-_WITH_RECIPES = "with a node for each recipe"
 EXPORTERS = {
     "tsv": Exporter(
         "triples, head relation tail",
         lambda content, path: write_atomically(path, triple_lines(content.triples, content.graph.entities)),
     ),
-    "libkge": Exporter("LibKGE dataset folder with train, valid and test", _libkge, is_folder=True),
     "graphml": Exporter(
-        f"GraphML, {_WITH_RECIPES} between its ingredients and its result",
-        _networkx("write_graphml"),
-        recipe_bytes=_GRAPHML,
+        "GraphML, with a node for each recipe between its ingredients and its result", _graphml, _GRAPHML_BYTES
     ),
-    "gexf": Exporter(f"GEXF for Gephi, {_WITH_RECIPES}", _networkx("write_gexf"), recipe_bytes=_GEXF),
-    "nt": Exporter(f"RDF N-Triples, {_WITH_RECIPES}", _nt),
-    "ttl": Exporter(f"RDF Turtle, {_WITH_RECIPES} (extra: rdf)", _ttl, recipe_bytes=_TURTLE),
+    "nt": Exporter("RDF N-Triples, with a node for each recipe", _nt),
     "parquet": Exporter(
         "triples as a Parquet table",
         lambda content, path: triples_frame(content.graph, content.triples).to_parquet(path, index=False),
@@ -205,7 +144,6 @@ EXPORTERS = {
     "csv": Exporter("recipe book with its base, for build-graph", _book(".csv")),
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),
 }
-"""The formats by name."""
 if TYPE_CHECKING:
     Format = str
 else:

@@ -1,4 +1,4 @@
-"""A recipe graph for other libraries: as a networkx graph, or as pandas frames of entities and triples."""
+"""Conversion of recipe graphs to networkx graphs and pandas frames."""
 
 from typing import TYPE_CHECKING
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 
 def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiDiGraph":
-    """Return a networkx view.
+    """Convert to networkx.
 
-    Nodes of entities have ``kind="entity"``, ``base``, ``recipes`` (number that make it), ``uses`` (number that use it)
-    and, if they can be made from the base, ``layer``.
+    Entity nodes have ``kind="entity"``, ``base``, ``recipes`` (number of recipes for the entity), ``uses`` (number of
+    recipes with the entity as ingredient) and, if reachable from the base, ``layer``.
 
     Args:
         graph: the recipe graph.
-        recipe_nodes: False joins entities by edges whose key and ``relation`` is ``combinesWith`` or ``componentOf``.
-            True adds a node ``recipe <index>`` of ``kind="recipe"`` for each recipe, with edges ``ingredient -> recipe
-            -> result``, two for a self pair; underscores before the name keep it apart from labels.
+        recipe_nodes: False joins entities by edges with the key and attribute ``relation``. True adds a node ``recipe
+            <index>`` with ``kind="recipe"`` per recipe, and edges ``ingredient -> recipe -> result``, two for a self
+            pair; leading underscores avoid clashes with labels.
     """
     import networkx as nx
 
@@ -32,7 +32,7 @@ def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiD
     in_base = np.isin(np.arange(graph.num_entities), graph.base_ids)
     columns = (in_base, graph.recipe_counts, graph.use_counts, layers(graph))
     for label, base, recipes, uses, layer in zip(graph.entities, *(c.tolist() for c in columns), strict=True):
-        place = {"layer": layer} if layer >= 0 else {}  # GraphML has no way to write None
+        place = {"layer": layer} if layer >= 0 else {}  # GraphML cannot hold None
         view.add_node(label, kind="entity", base=base, recipes=recipes, uses=uses, **place)
     if recipe_nodes:
         prefix = "recipe "
@@ -54,7 +54,7 @@ def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiD
 
 
 def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
-    """Return a row per entity: label, base, layer (None where unreachable), recipes and uses."""
+    """Return a row per entity: label, base, layer (missing if unreachable), recipes and uses."""
     import pandas as pd
 
     depth = layers(graph)
@@ -70,7 +70,7 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
 
 
 def triples_frame(graph: RecipeGraph, triples: Ids | None = None) -> "pd.DataFrame":
-    """Return a row per triple (by default all of the full knowledge graph): head, relation and tail as labels."""
+    """Return a row per triple (default: the full knowledge graph): labels for head, relation and tail."""
     import pandas as pd
 
     names = np.array(graph.entities, dtype=object)

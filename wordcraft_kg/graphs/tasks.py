@@ -1,8 +1,8 @@
-"""Crafting tasks: a goal, and starting ingredients from which a known number of attempts makes it, and no fewer.
+"""Crafting tasks: a goal, and starting ingredients from which exactly a known number of attempts makes the goal.
 
-An *attempt* combines two entities at hand; all results of the pair are at hand from then on, and nothing is used up. A
-*plan* is a set of attempts that makes the goal. A task of depth n has a plan of n attempts whose leaves are exactly the
-starting ingredients, and no shorter plan; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
+An *attempt* combines two entities at hand; all results of the pair join them, and nothing is used up. A *plan* is a set
+of attempts that makes the goal. A task at depth n has a plan with n attempts whose leaves are exactly the starting
+ingredients, and no shorter plan; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
 import hashlib
@@ -20,21 +20,21 @@ from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
 Rows = tuple[int, ...]
-"""A plan: rows of recipes, in the order of execution."""
+"""A plan: rows of recipes in order of execution."""
 TaskPart = Literal["all", "train", "valid", "test"]
 TaskWeighting = Literal["task", "goal"]
 
 
 @dataclass(frozen=True)
 class Task:
-    """A crafting task, by labels; tasks of equal content are equal.
+    """A crafting task, by labels.
 
     Attributes:
         goal: entity to make.
-        start: starting ingredients, sorted; never the goal.
-        depth: number of attempts that is necessary and sufficient.
-        plans: all plans of ``depth`` attempts, each as recipes in the order of execution; two recipes may belong to one
-            attempt, if both results of its pair are needed.
+        start: starting ingredients, sorted, without the goal.
+        depth: necessary and sufficient number of attempts.
+        plans: all plans with ``depth`` attempts, each as recipes in order of execution; an attempt may contribute two
+            recipes if both results are needed.
     """
 
     goal: str
@@ -45,18 +45,18 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class TaskSet:
-    """The tasks of one depth and part, as arrays that environments draw from; equal if their content is.
+    """The tasks at one depth in one part, as arrays; equal if the content is equal.
 
     Attributes:
-        graph: the graph that they belong to.
-        depth: depth of all of them.
-        part: part that they belong to, or ``all``.
+        graph: the recipe graph.
+        depth: attempts that a task takes.
+        part: part of the split, or ``all``.
         goals: shape (N,), entity ids.
         starts: shape (N, depth + 1), entity ids, ascending, padded with ``num_entities``.
-        plans: the plans of each task.
-        is_complete: whether these are all tasks of the depth and part; otherwise they were drawn at random.
-        mixed: number of tasks in no part, because their plans use recipes of different parts (of drawn tasks: of those
-            met while drawing).
+        plans: all plans of each task.
+        is_complete: whether all tasks are included; otherwise they were drawn at random.
+        mixed: number of tasks in no part, because their plans use recipes from several parts (when drawing: among the
+            tasks encountered).
     """
 
     graph: RecipeGraph
@@ -71,7 +71,7 @@ class TaskSet:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TaskSet):
             return NotImplemented
-        # Plans end in their goal, so plans and starts suffice; arrays as bytes, because == of arrays gives no bool.
+        # Plans end in their goal, so plans and starts suffice.
         return self._content() == other._content()
 
     def __hash__(self) -> int:
@@ -94,7 +94,7 @@ class TaskSet:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the tasks in their order, in hexadecimal."""
+        """SHA-256 of the tasks in order, in hexadecimal."""
         known = hashlib.sha256(f"{self.graph.hash} {self.depth} {self.part} {self.plans}".encode())
         known.update(self.starts.tobytes())
         return known.hexdigest()
@@ -108,12 +108,12 @@ class TaskSet:
 
     @cached_property
     def final_pairs(self) -> Ids:
-        """Numbers of the pairs that end the plans, shape (N, F), padded with -1."""
+        """Numbers of the plans' last pairs, shape (N, F), padded with -1."""
         pair = self.graph.pair_of_recipe.tolist()
         return frozen(padded([sorted({pair[plan[-1]] for plan in plans}) for plans in self.plans], -1))
 
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
-        """Return the probability of each task: equal for all, or equal for all goals and then for the goal's tasks."""
+        """Return each task's probability: uniform over tasks, or over goals and then over a goal's tasks."""
         if weighting == "task":
             return np.full(len(self), 1 / max(len(self), 1))
         _, goal, count = np.unique(self.goals, return_inverse=True, return_counts=True)
@@ -124,7 +124,7 @@ def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) 
     """Carry out a plan and return the entities at hand afterwards.
 
     Raises:
-        TaskError: if a recipe needs an entity that is not at hand, or is not in the graph.
+        TaskError: if an ingredient is not at hand, or a recipe is not in the graph.
     """
     at_hand = {graph.entities[graph.id_of(entity)] for entity in start}
     for recipe in plan:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.graphs.arrays import Ids
 
 COMBINES_WITH = 0
-"""Id of ``combinesWith``: the head and the tail make something together; symmetric."""
+"""Id of ``combinesWith``: head and tail have a result; symmetric."""
 COMPONENT_OF = 1
 """Id of ``componentOf``: the head is an ingredient of the tail."""
 Relation = Literal["combinesWith", "componentOf"]
@@ -19,7 +19,7 @@ RELATIONS: tuple[Relation, Relation] = ("combinesWith", "componentOf")
 
 
 def recipe_triples(recipes: Ids) -> Ids:
-    """Return the triples of recipes (N, 3): (T, 3), unique, sorted by relation, head, tail.
+    """Convert recipes (N, 3) to triples (T, 3), unique, sorted by relation, head, tail.
 
     ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and (b, componentOf, c).
 
@@ -38,18 +38,18 @@ def recipe_triples(recipes: Ids) -> Ids:
 
 
 def triple_keys(triples: Ids, num_entities: int) -> Ids:
-    """Return one int64 per triple that identifies it and sorts like (relation, head, tail)."""
+    """Return a unique int64 per triple that sorts like (relation, head, tail)."""
     head, relation, tail = triples.T
     return (relation * num_entities + head) * num_entities + tail
 
 
 def triples_hash(triples: Ids) -> str:
-    """Return the SHA-256 of triples in their order, in hexadecimal."""
+    """Return the SHA-256 of triples in the given order, in hexadecimal."""
     return hashlib.sha256(np.ascontiguousarray(triples, dtype="<i8").tobytes()).hexdigest()
 
 
 def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:
-    """Return, for each triple, whether it is among ``others``; shape (T,)."""
+    """Return which triples are among ``others``, shape (T,)."""
     if not len(others):
         return np.zeros(len(triples), dtype=bool)
     # Binary search in sorted keys: several times faster here than np.isin, which hashes.
@@ -58,7 +58,7 @@ def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:
 
 
 def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
-    """Yield ``head<TAB>relation<TAB>tail`` lines of labels; labels hold no tab or line break."""
+    """Yield lines ``head<TAB>relation<TAB>tail`` with labels."""
     columns = (column.tolist() for column in triples.T)
     return (
         f"{entities[head]}\t{RELATIONS[relation]}\t{entities[tail]}\n"

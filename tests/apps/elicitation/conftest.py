@@ -1,6 +1,6 @@
-"""A stand-in that answers from the kitchen's recipes, and asking it."""
+"""A stand-in that answers from the kitchen's recipes."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -18,7 +18,7 @@ def opened() -> OpenedGraph:
 
 @pytest.fixture(autouse=True)
 def own_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cache and a working folder of the test's own, no key, and retries that do not wait."""
+    """Give the test a cache and a working folder, no key, and retries that do not wait."""
     monkeypatch.chdir(home)
     monkeypatch.delenv(OPENAI_KEY, raising=False)
     monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.01)
@@ -27,5 +27,12 @@ def own_home(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def stand_in(opened: OpenedGraph) -> Iterator[StandIn]:
-    with standing_in(answers_from(table_of(opened.graph))) as found:
-        yield found
+    with standing_in(answers_from(table_of(opened.graph))) as server:
+        yield server
+
+
+@pytest.fixture
+def ask(stand_in: StandIn, run: Callable) -> Callable:
+    """Run ``ask-opinions`` on the kitchen with the stand-in."""
+    fixed = ("ask-opinions", "kitchen", "--endpoint", stand_in.address, "--model", "oracle")
+    return lambda *options: run(*fixed, *options)

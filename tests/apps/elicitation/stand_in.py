@@ -1,7 +1,6 @@
-"""A stand-in for an endpoint of a language model: it answers from a table, and fails as it is told."""
+"""A stand-in for an endpoint of a language model: it answers from a table, and fails on request."""
 
 import json
-import re
 import socket
 import threading
 import time
@@ -14,15 +13,14 @@ from typing import Any
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 Answerer = Callable[[list[str]], str]
-"""The text of an answer, given the things that a prompt asks about."""
+"""Returns the text of an answer about a prompt's goals."""
 
 
 def table_of(graph: RecipeGraph) -> dict[str, list[tuple[str, str]]]:
-    """What makes each thing of a graph."""
-    found: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    table: dict[str, list[tuple[str, str]]] = defaultdict(list)
     for a, b, result in graph.recipe_labels():
-        found[result].append((a, b))
-    return found
+        table[result].append((a, b))
+    return table
 
 
 def answers_from(table: dict[str, list[tuple[str, str]]]) -> Answerer:
@@ -34,26 +32,25 @@ class StandIn:
 
     Attributes:
         answer: makes the text of an answer.
-        failures: what happens to the next requests, one after the other, instead of an answer: a status, ``half``,
-            ``invalid``, ``schema``, ``slow`` or ``closed``.
+        failures: responses to the next requests instead of an answer: a status, ``half``, ``invalid``, ``schema``,
+            ``slow`` or ``closed``; "" for an answer.
         retry_after: the header of a 429.
-        asked: the bodies of all requests.
+        message: body of an error.
+        delay: seconds until an answer.
+        bodies: bodies of all requests.
         headers: their headers, by name in lower case.
-        said: body of an error.
-        delay: seconds that an answer takes.
-        tokens: tokens of a prompt.
+        times: their times.
     """
 
     def __init__(self, answer: Answerer):
         self.answer = answer
         self.failures: list[int | str] = []
         self.retry_after: str | None = None
-        self.asked: list[dict[str, Any]] = []
+        self.message: object = {"error": {"message": "failure on request", "code": "requested"}}
+        self.delay = 0.0
+        self.bodies: list[dict[str, Any]] = []
         self.headers: list[dict[str, str]] = []
         self.times: list[float] = []
-        self.said: object = {"error": {"message": "told to fail", "code": "told"}}
-        self.delay = 0.0
-        self.tokens = 7
         self.most_at_once = self._at_once = 0
         self._lock = threading.Lock()
         self.address = ""
@@ -61,60 +58,44 @@ class StandIn:
     def handle(self, handler: BaseHTTPRequestHandler) -> None:
         body = json.loads(handler.rfile.read(int(handler.headers["Content-Length"])))
         with self._lock:
-            self.asked.append({"path": handler.path, **body})
+            self.bodies.append({"path": handler.path, **body})
             self.headers.append({name.lower(): value for name, value in handler.headers.items()})
             self.times.append(time.monotonic())
-            failure = self.failures.pop(0) if self.failures else None
+            failure = self.failures.pop(0) if self.failures else ""
             self._at_once += 1
             self.most_at_once = max(self.most_at_once, self._at_once)
         try:
             time.sleep(self.delay)
-            self._answer(handler, body, failure)
+            self._respond(handler, body, failure)
         finally:
             with self._lock:
                 self._at_once -= 1
 
-    def _answer(self, handler: BaseHTTPRequestHandler, body: dict[str, Any], failure: int | str | None) -> None:
-        goals = re.split(r"Which pairs make these things\?\n", body["messages"][-1]["content"])[1].split("\n")
-        whole = json.dumps(
-            {
-                "id": "1",
-                "object": "chat.completion",
-                "created": 0,
-                "model": f"{body['model']}-as-answered",
-                "choices": [
-                    {
-                        "index": 0,
-                        "finish_reason": "stop",
-                        "message": {"role": "assistant", "content": self.answer(goals)},
-                    }
-                ],
-                "usage": {"prompt_tokens": self.tokens, "completion_tokens": 5, "total_tokens": 12},
-            }
-        ).encode()
-        if isinstance(failure, int):
-            return self._send(handler, failure, json.dumps(self.said).encode())
-        if failure == "slow":
-            time.sleep(1.0)
+    def _respond(self, handler: BaseHTTPRequestHandler, body: dict[str, Any], failure: int | str) -> None:
+        goals = body["messages"][-1]["content"].split("\n")[1:]
+        message = {"role": "assistant", "content": self.answer(goals)}
+        choice = {"index": 0, "finish_reason": "stop", "message": message}
+        chat = {"id": "1", "object": "chat.completion", "created": 0, "model": f"{body['model']}-as-answered"}
+        whole = json.dumps({**chat, "choices": [choice]}).encode()
+        half = whole[: len(whole) // 2]
         if failure == "closed":
             handler.connection.shutdown(socket.SHUT_RDWR)
-            return None
-        if failure == "invalid":
-            return self._send(handler, 200, whole[: len(whole) // 2])
-        if failure == "schema":
-            return self._send(handler, 200, b'{"choices": [{"text": "mud"}]}')
-        return self._send(handler, 200, whole[: len(whole) // 2] if failure == "half" else whole, len(whole))
-
-    def _send(self, handler: BaseHTTPRequestHandler, status: int, body: bytes, length: int | None = None) -> None:
+            return
+        if failure == "slow":
+            time.sleep(1.0)
+        content = {"invalid": half, "half": half, "schema": b'{"choices": [{"text": "mud"}]}'}.get(failure, whole)
+        status = 200
+        if isinstance(failure, int):
+            status, content = failure, json.dumps(self.message).encode()
         handler.send_response(status)
         handler.send_header("Content-Type", "application/json")
-        handler.send_header("Content-Length", str(length or len(body)))
+        handler.send_header("Content-Length", str(len(whole if failure == "half" else content)))
         if status == 429 and self.retry_after is not None:
             handler.send_header("Retry-After", self.retry_after)
         if status == 307:
             handler.send_header("Location", f"{self.address}/elsewhere")
         handler.end_headers()
-        handler.wfile.write(body)
+        handler.wfile.write(content)
         handler.close_connection = True
 
 

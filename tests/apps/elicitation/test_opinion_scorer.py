@@ -1,4 +1,4 @@
-"""Scores of opinions: recipes with weights, and the links that they would give."""
+"""Scores of opinions: weighted recipes and their links."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import torch
 from wordcraft_kg.agents.players import scorer_players
 from wordcraft_kg.apps.elicitation.scorer import OpinionScorer
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.sources.registry import make_sources
@@ -21,17 +21,11 @@ from wordcraft_kg.runs.record import end_run, read_run
 
 
 @pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
-    return open_graph("kitchen")
-
-
-@pytest.fixture(scope="module")
 def opinions(opened: OpenedGraph) -> tuple[np.ndarray, np.ndarray]:
     """A third of the recipes and as many false ones, in any order of the pair, some twice; and weights."""
     rng, size = np.random.default_rng(3), opened.graph.num_entities
     true = opened.graph.recipes[::3].astype(np.int64)
-    rows = np.concatenate([true, rng.integers(size, size=true.shape), true[:5, [1, 0, 2]]])
-    rows = np.concatenate([rows, [[4, 4, 7]]])
+    rows = np.concatenate([true, rng.integers(size, size=true.shape), true[:5, [1, 0, 2]], [[4, 4, 7]]])
     return rng.permutation(rows), rng.random(len(rows)) + 0.1
 
 
@@ -41,22 +35,22 @@ def scorer(opened: OpenedGraph, opinions: tuple[np.ndarray, np.ndarray]) -> Opin
 
 
 @pytest.fixture(scope="module")
-def said(opinions: tuple[np.ndarray, np.ndarray]) -> dict[tuple[frozenset[int], int], float]:
-    """The weight of each opinion, found with loops."""
-    found: dict[tuple[frozenset[int], int], float] = {}
+def weights(opinions: tuple[np.ndarray, np.ndarray]) -> dict[tuple[frozenset[int], int], float]:
+    """The weight of each opinion, collected in a loop."""
+    weights: dict[tuple[frozenset[int], int], float] = {}
     for (a, b, c), weight in zip(opinions[0].tolist(), opinions[1].astype(np.float32).tolist(), strict=True):
         key = frozenset((a, b)), c
-        found[key] = max(found.get(key, 0.0), weight)
-    return found
+        weights[key] = max(weights.get(key, 0.0), weight)
+    return weights
 
 
-def test_recipes_and_links_are_scored_as_loops_over_the_opinions_score_them(opened, scorer, said):
+def test_recipes_and_links_are_scored_as_loops_over_the_opinions_score_them(opened, scorer, weights):
     size = opened.graph.num_entities
     everything = torch.arange(size)
     recipes = scorer.score_recipes(everything[:, None, None], everything[None, :, None], everything)
     pairs, parts = torch.zeros(size, size), torch.zeros(size, size)
     expected = torch.zeros(size, size, size)
-    for (pair, c), weight in said.items():
+    for (pair, c), weight in weights.items():
         a, b = sorted(pair) if len(pair) == 2 else (*pair, *pair)
         expected[a, b, c] = expected[b, a, c] = weight
         pairs[a, b] = pairs[b, a] = max(float(pairs[a, b]), weight)
@@ -66,27 +60,27 @@ def test_recipes_and_links_are_scored_as_loops_over_the_opinions_score_them(open
     for relation, table in ((COMBINES_WITH, pairs), (COMPONENT_OF, parts)):
         torch.testing.assert_close(scorer.table(relation), table, rtol=0, atol=0)
         torch.testing.assert_close(scorer.score(everything[:, None], relation, everything), table, rtol=0, atol=0)
-    assert len(scorer.opinions) == len(said)
+    assert len(scorer.opinions) == len(weights)
 
 
-def test_w_of_opinions_is_the_best_partner_on_the_table_as_a_loop_finds_it(opened, scorer, said):
+def test_w_of_opinions_is_the_best_partner_on_the_table_as_a_loop_finds_it(opened, scorer, weights):
     (w,) = make_sources(["w"], scorer)
     size, rng = opened.graph.num_entities, np.random.default_rng(0)
-    some = [(sorted(pair), c) for pair, c in said]
+    some = [(sorted(pair), c) for pair, c in weights]
     for number, (pair, goal) in enumerate(some[:60]):
         others = rng.permutation([entity for entity in range(size) if entity not in pair])[:3].tolist()
         table = [*others, pair[0], pair[-1] if number % 3 else size, size]
         for held in (size, pair[0], int(others[0])):
 
             def weight(a: int, b: int, goal: int = goal) -> float:
-                return 0.0 if size in (a, b) else said.get((frozenset((a, b)), goal), 0.0)
+                return 0.0 if size in (a, b) else weights.get((frozenset((a, b)), goal), 0.0)
 
             expected = [max(weight(x, y) for y in table) if held == size else weight(x, held) for x in table]
-            found = w(torch.tensor([goal]), torch.tensor([held]), torch.tensor([table]))
-            assert found[0].tolist() == pytest.approx(expected, abs=1e-7)
+            scores = w(torch.tensor([goal]), torch.tensor([held]), torch.tensor([table]))
+            assert scores[0].tolist() == pytest.approx(expected, abs=1e-7)
 
 
-def test_opinions_are_saved_loaded_and_judged_as_of_somebody_who_was_taught_no_recipe(opened, scorer, tmp_path):
+def test_opinions_are_saved_and_loaded_without_training_recipes(opened, scorer, tmp_path):
     folder = save_scorer(tmp_path / "opinions", scorer, opened, kg="none", origin="what somebody thinks")
     loaded = load_scorer(folder, graph=opened.graph)
     assert isinstance(loaded, OpinionScorer)
@@ -118,7 +112,7 @@ def test_no_opinions_at_all_score_everything_alike(opened):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "told"),
+    ("spoil", "fragment"),
     [
         (lambda opinions, weights: (opinions[:, :2], weights), "opinions has shape"),
         (lambda opinions, weights: (opinions.long(), weights), "opinions is of torch.int64"),
@@ -130,10 +124,10 @@ def test_no_opinions_at_all_score_everything_alike(opened):
         (lambda opinions, weights: (opinions + 200, weights), "outside 0 .. 79"),
     ],
 )
-def test_tensors_that_are_no_opinions_are_refused(opened, scorer, tmp_path, spoil, told):
+def test_tensors_that_are_no_opinions_are_refused(opened, scorer, tmp_path, spoil, fragment):
     opinions, weights = spoil(scorer.opinions, scorer.weights)
     spoilt = {"opinions": opinions.contiguous(), "weights": weights}
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=fragment):
         OpinionScorer.check(spoilt, opened.graph.num_entities)
     folder = save_scorer(tmp_path / "opinions", scorer, opened, kg="none")
     Path(folder / "model.safetensors").write_bytes(safetensors.torch.save(spoilt))
@@ -146,7 +140,7 @@ def test_w_of_opinions_serves_books_whose_tables_of_all_pairs_would_be_too_large
     size = 7_000
     scorer = OpinionScorer.of([[0, size - 1, 5]], [1.0], [f"thing {number}" for number in range(size)], "a graph")
     (w,) = make_sources(["w"], scorer)
-    found = w(torch.tensor([5]), torch.tensor([size]), torch.tensor([[3, size - 1, 0, size]]))
-    assert found.tolist() == [[0.0, 1.0, 1.0, 0.0]]
+    scores = w(torch.tensor([5]), torch.tensor([size]), torch.tensor([[3, size - 1, 0, size]]))
+    assert scores.tolist() == [[0.0, 1.0, 1.0, 0.0]]
     with pytest.raises(ConfigError, match="scores of all pairs"):
         make_sources(["u", "v", "w"], scorer)

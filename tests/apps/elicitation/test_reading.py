@@ -12,15 +12,17 @@ from wordcraft_kg.apps.elicitation.reading import read_opinions
 ENTITIES = ("Sun", "berry", "brick", "c++", "earth", "fire", "glass", "ice cream", "mud", "mud pie", "stone", "water")
 
 
-def read(text: str, entities: tuple[str, ...] = ENTITIES) -> tuple[list[tuple[str, float]], list[str]]:
-    config = OpinionsConfig("kitchen", "http://localhost/v1", "oracle", AskingConfig(goals_per_prompt=100))
-    prompts = make_prompts(config, entities)
-    opinions, unread = read_opinions(prompts, [Answer(text=text)], entities)
-    shown = []
+def read(*texts: str, entities: tuple[str, ...] = ENTITIES, goals: int = 100) -> tuple[dict[str, float], list[str]]:
+    """Return the weights of the opinions in answers, and the reasons of unreadable lines."""
+    config = OpinionsConfig("kitchen", "http://localhost/v1", "oracle", AskingConfig(goals_per_prompt=goals))
+    answers = [Answer(text=text) for text in texts]
+    opinions, unread = read_opinions(make_prompts(config, entities), answers, entities)
+    weights = {}
     for one in opinions:
         a, b, goal = (entities[entity] for entity in one.recipe)
-        shown.append((f"{a} + {b} = {goal}", one.weight))
-    return shown, [one.why for one in unread]
+        weights[f"{a} + {b} = {goal}"] = one.weight
+    assert len(weights) == len(opinions)
+    return weights, [one.why for one in unread]
 
 
 @pytest.mark.parametrize(
@@ -45,73 +47,47 @@ def read(text: str, entities: tuple[str, ...] = ENTITIES) -> tuple[list[tuple[st
     ],
 )
 def test_one_opinion_is_read_however_it_is_written(line):
-    assert read(line) == ([("earth + water = mud", 1.0)], [])
+    assert read(line) == ({"earth + water = mud": 1}, [])
 
 
-def test_places_count_among_the_pairs_of_a_goal_that_can_be_read():
+def test_ranks_count_the_readable_pairs_of_a_goal():
     lines = ("mud: water + earth", "mud: water + gold", "mud: stone + water", "glass: fire + stone")
-    text = "\n".join([*lines, "mud: fire + water, ice cream + earth"])
-    assert read(text) == (
-        [
-            ("earth + water = mud", 1.0),
-            ("stone + water = mud", 0.75),
-            ("fire + water = mud", pytest.approx(2 / 3)),
-            ("earth + ice cream = mud", 0.625),
-            ("fire + stone = glass", 1.0),
-        ],
-        ["unknown thing"],
-    )
+    weights, unread = read("\n".join([*lines, "mud: fire + water, ice cream + earth"]))
+    mud = {"earth + water = mud": 1, "stone + water = mud": 3 / 4, "fire + water = mud": 2 / 3}
+    assert weights == pytest.approx({**mud, "earth + ice cream = mud": 5 / 8, "fire + stone = glass": 1})
+    assert unread == ["unknown thing"]
 
 
-def test_lines_that_say_nothing_are_told_with_why():
-    text = (
-        "Sure, here they are!\nmud: water\nlava: earth + fire\nmud: mud + water\nmud: earth + water\nmud: water + earth"
-    )
-    assert read(text) == (
-        [("earth + water = mud", 1.0)],
-        ["no pair", "no pair", "unknown thing", "makes itself", "named twice"],
-    )
-    config = OpinionsConfig("kitchen", "http://localhost/v1", "oracle", AskingConfig(goals_per_prompt=8))
-    first, second = make_prompts(config, ENTITIES)
-    answers = [Answer(text="mud: water + earth"), Answer(text="glass: fire + stone\nmud: earth + fire")]
-    opinions, unread = read_opinions([first, second], answers, ENTITIES)
-    assert [one.recipe for one in opinions] == [(4, 5, 8)]
-    assert [one.why for one in unread] == ["not asked for", "not asked for"]
+def test_lines_without_an_opinion_have_a_reason():
+    lines = ("Sure, here they are!", "mud: water", "lava: earth + fire", "mud: mud + water", "mud: earth + water")
+    weights, unread = read("\n".join([*lines, "mud: water + earth"]))
+    assert weights == {"earth + water = mud": 1}
+    assert unread == ["no pair", "no pair", "unknown thing", "makes itself", "named twice"]
+    weights, unread = read("mud: water + earth", "glass: fire + stone\nmud: earth + fire", goals=8)
+    assert (weights, unread) == ({"earth + fire = mud": 1}, ["not asked for", "not asked for"])
 
 
-def test_labels_with_signs_in_them_are_read_exactly():
-    assert read("c++: fire + water\nmud: c++ + earth\nmud pie: mud + fire") == (
-        [("fire + water = c++", 1.0), ("c++ + earth = mud", 1.0), ("fire + mud = mud pie", 1.0)],
-        [],
-    )
+def test_labels_with_signs_are_read_exactly():
+    weights, unread = read("c++: fire + water\nmud: c++ + earth\nmud pie: mud + fire")
+    assert (weights.keys(), unread) == ({"fire + water = c++", "c++ + earth = mud", "fire + mud = mud pie"}, [])
 
 
 def test_a_label_that_begins_as_another_one_is_read_to_its_end():
     entities = ("day", "day–night", "night", "star", "star: wars", "water")
-    assert read("star: wars: day + water\nday–night: star + water\nstar: night + water", entities) == (
-        [("day + water = star: wars", 1.0), ("star + water = day–night", 1.0), ("night + water = star", 1.0)],
-        [],
-    )
+    lines = ("star: wars: day + water", "day–night: star + water", "star: night + water")
+    weights, unread = read("\n".join(lines), entities=entities)
+    expected = {"day + water = star: wars", "star + water = day–night", "night + water = star"}
+    assert (weights.keys(), unread) == (expected, [])
 
 
 @pytest.mark.parametrize("again", [": ", "+ ", "a = b + ", "mud: water + "])
 def test_a_model_that_repeats_itself_for_ever_is_read_in_no_time(again):
     began = time.perf_counter()
-    assert read(f"mud: earth + water\n{again * 4_000}")[0] == [("earth + water = mud", 1.0)]
+    assert read(f"mud: earth + water\n{again * 4_000}")[0] == {"earth + water = mud": 1}
     assert time.perf_counter() - began < 2  # a tenth of it; once each beginning of the line was compared, ten times it
 
 
 def test_any_text_is_read_without_an_error():
-    for text in (
-        "",
-        "\n\n",
-        ":",
-        "+",
-        "= + =",
-        "mud:" * 500,
-        "a + " * 500,
-        "mud: " + "water + " * 300,
-        "\x00\x1b[31m",
-        "²: ½ + ٣",
-    ):
-        assert read(text)[0] == []
+    long = ("mud:" * 500, "a + " * 500, "mud: " + "water + " * 300)
+    for text in ("", "\n\n", ":", "+", "= + =", *long, "\x00\x1b[31m", "²: ½ + ٣"):
+        assert read(text)[0] == {}

@@ -5,15 +5,18 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from wordcraft_kg.apps.text_agents.games import TaskGames
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 
 
 class _Chat(BaseHTTPRequestHandler):
-    """Answers as a language model's server does: always the first two things, after a thought."""
+    """Answers every prompt with the first two things, after a thought."""
 
     def do_POST(self) -> None:
-        asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-        assert asked["messages"][-1]["role"] == "user"
+        body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        assert body["messages"][-1]["role"] == "user"
         message = {"role": "assistant", "content": "Let me think.\n\n1 + 2\n"}
         body = json.dumps({"choices": [{"index": 0, "message": message, "finish_reason": "stop"}]}).encode()
         self.send_response(200)
@@ -27,7 +30,6 @@ class _Chat(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def chat_server() -> Iterator[str]:
-    """The address of a stand-in for a language model's server."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Chat)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_port}/v1"
@@ -38,3 +40,8 @@ def chat_server() -> Iterator[str]:
 @pytest.fixture(scope="session")
 def kitchen() -> OpenedGraph:
     return open_graph("kitchen")
+
+
+@pytest.fixture(scope="session")
+def games(kitchen: OpenedGraph) -> TaskGames:
+    return TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3)))

@@ -10,64 +10,77 @@ from wordcraft_kg.base.records import read_record
 from wordcraft_kg.runs.folder import locked
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
-PLAYER = f"{shlex.quote(sys.executable)} -c {shlex.quote(FIRST_TWO)}"
-
-
-def read_result(folder: Path) -> TextResult:
-    return read_record(folder / RESULT_FILE, TextResult)
+PYTHON = shlex.quote(sys.executable)
+PLAYER = f"{PYTHON} -c {shlex.quote(FIRST_TWO)}"
+OPEN = ("--open-ended", "--attempts", "2", "--draws", "2")
 
 
 @pytest.fixture
-def play(run, tmp_path):
-    """Let the player play on the kitchen, into the folder `out` of the test."""
-    return lambda *options: run("evaluate-text", "kitchen", "--player", PLAYER, "--out", tmp_path / "out", *options)
+def play(run, tmp_path, monkeypatch):
+    """Let a player play on the kitchen, into the folder `out`, in an empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *options, player=PLAYER, out="out": run(
+        "evaluate-text", "kitchen", "--player", player, *(("--out", out) if out else ()), *options
+    )
 
 
-def games_of(folder: Path) -> list[str]:
-    return (folder / GAMES_FILE).read_text(encoding="utf-8").splitlines()
+@pytest.fixture
+def games(tmp_path) -> Path:
+    return tmp_path / "out" / GAMES_FILE
 
 
-def test_a_program_plays_all_tasks_and_the_result_is_the_view(play, tmp_path):
-    folder = tmp_path / "out"
+def result_in(folder: str | Path) -> TextResult:
+    return read_record(Path(folder, RESULT_FILE), TextResult)
+
+
+def lines_of(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8").splitlines(keepends=True)
+
+
+def test_a_program_plays_all_tasks_and_the_result_is_the_view(play, games):
     outcome = play("--distractors", "2")
     assert outcome.code == 0, outcome.err
-    found = read_result(folder).success
+    success = result_in("out").success
     lines = outcome.out.splitlines()
-    assert f"{found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]" in lines[1]
+    assert f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]" in lines[1]
     assert "63 test tasks of depth 1, 2 distractors, 1 draw each" in lines[2]
-    tasks = "--part test --depth 1 --distractors 2"
-    assert lines[-1].endswith(f"next: wordcraft-kg reference kitchen {tasks} --beside {folder}")
-    games = games_of(folder)
-    assert len(games) == 64
-    assert sum(json.loads(line)["success"] for line in games[1:]) == round(found.mean * 63)
-    again = play("--distractors", "2", "--json")  # everything is there: nothing is played again
-    assert json.loads(again.out)["result"] == json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
-    assert games_of(folder) == games
+    assert lines[-1].endswith("reference kitchen --part test --depth 1 --distractors 2 --beside out")
+    before = lines_of(games)
+    assert len(before) == 64
+    assert sum(json.loads(line)["success"] for line in before[1:]) == round(success.mean * 63)
+    again = play("--distractors", "2", "--json")  # plays nothing again
+    assert json.loads(again.out)["result"] == json.loads(Path("out", RESULT_FILE).read_text(encoding="utf-8"))
+    assert lines_of(games) == before
 
 
-def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(run, tmp_path, caplog):
-    dies = tmp_path / "dies.py"
-    dies.write_text("for _ in range(5): input(); print('1 + 2', flush=True)\n")
-    lives = tmp_path / "lives.py"
-    lives.write_text(FIRST_TWO)
-    python = shlex.quote(sys.executable)
-    first, other = tmp_path / "first", tmp_path / "other"
-    common = ("evaluate-text", "kitchen", "--tasks", "12", "--name", "somebody")
-    outcome = run(*common, "--player", f"{python} {dies}", "--out", first)
+def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(play, games, caplog):
+    Path("dies.py").write_text("for _ in range(5): input(); print('1 + 2', flush=True)\n")
+    Path("lives.py").write_text(FIRST_TWO)
+    options = ("--tasks", "12", "--name", "somebody")
+    outcome = play(*options, player=f"{PYTHON} dies.py")
     assert (outcome.code, outcome.out, outcome.kind) == (1, "", "PlayerError")
-    assert "has ended before the last game was over: expected it to read lines until its input ends." in outcome.err
-    assert f"The games so far are in {first}; the same command goes on." in outcome.err
-    assert len(games_of(first)) == 6
-    with (first / GAMES_FILE).open("a") as file:
+    assert "has ended before the last game was over" in outcome.err
+    assert "The games so far are in out; the same command goes on." in outcome.err
+    assert len(lines_of(games)) == 6
+    with games.open("a") as file:
         file.write('{"task": 1')  # torn
-    run(*common, "--player", f"{python} {lives}", "--out", first)
+    play(*options, player=f"{PYTHON} lives.py")
     assert "torn line" in caplog.text
-    run(*common, "--player", f"{python} {lives}", "--out", other)
-    assert (first / RESULT_FILE).read_bytes() == (other / RESULT_FILE).read_bytes()
-    assert games_of(first) == games_of(other)
+    play(*options, player=f"{PYTHON} lives.py", out="other")
+    for name in (RESULT_FILE, GAMES_FILE):
+        assert Path("out", name).read_bytes() == Path("other", name).read_bytes()
 
 
-def test_the_open_ended_world_is_played_as_often_as_asked(play):
+@pytest.mark.parametrize("size", [0, 1, 200, -1])
+def test_an_evaluation_that_was_killed_while_the_header_was_written_begins_anew(play, games, size):
+    play("--tasks", "2")
+    before = lines_of(games)
+    games.write_text(before[0][:size], encoding="utf-8")
+    outcome = play("--tasks", "2")
+    assert (outcome.code, lines_of(games)) == (0, before)
+
+
+def test_the_open_ended_world_is_played_as_often_as_configured(play):
     result = json.loads(play("--open-ended", "--attempts", "5", "--draws", "2", "--json").out)["result"]
     assert (result["games"], result["success"], result["settings"]["part"]) == (2, None, None)
     assert [*result["known"]] == ["1", "5"]
@@ -75,120 +88,106 @@ def test_the_open_ended_world_is_played_as_often_as_asked(play):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "setting", "fragment"),
     [
-        (["kitchn"], "Did you mean 'kitchen'"),
-        (["kitchen", "--depth", "0"], "--depth 0: expected a whole number, 1 to 5."),
-        (["kitchen", "--attempts", "0"], "--attempts 0: expected a whole number, 1 to 1000."),
-        (["kitchen", "--draws", "0"], "--draws 0: expected a whole number, 1 or more."),
-        (["kitchen", "--tasks", "0"], "--tasks 0: expected a whole number, 1 or more."),
-        (["kitchen", "--refusals", "-1"], "--refusals -1: expected a whole number, 0 or more."),
-        (["kitchen", "--timeout", "0"], "--timeout 0"),
-        (["kitchen", "--base", "water"], "tasks have no base; add --open-ended"),
-        (["kitchen", "--open-ended", "--depth", "2"], "--open-ended has no tasks"),
-        (["kitchen", "--knowledge", "scorer"], "--knowledge scorer: name the scorer's model folder"),
-        (["kitchen", "--scorer", "somewhere"], "only --knowledge scorer asks one"),
-        (["kitchen", "--player", "no-such-program --key sk-123"], "player 'no-such-program' cannot be started"),
+        (["kitchn"], "", "Did you mean 'kitchen'"),
+        (["kitchen", "--depth", "0"], "depth", "expected a whole number, 1 to 5"),
+        (["kitchen", "--attempts", "0"], "attempts", "expected a whole number, 1 to 1000"),
+        (["kitchen", "--draws", "0"], "draws", "expected a whole number, 1 or more"),
+        (["kitchen", "--tasks", "0"], "tasks", "expected a whole number, 1 or more"),
+        (["kitchen", "--refusals", "-1"], "refusals", "expected a whole number, 0 or more"),
+        (["kitchen", "--timeout", "0"], "timeout", "--timeout 0"),
+        (["kitchen", "--base", "water"], "base", "add --open-ended"),
+        (["kitchen", "--open-ended", "--depth", "2"], "open_ended", "no tasks"),
+        (["kitchen", "--knowledge", "scorer"], "knowledge", "name the scorer's model folder"),
+        (["kitchen", "--scorer", "somewhere"], "scorer", "only --knowledge scorer asks one"),
+        (["kitchen", "--player", "no-such-program --key sk-123"], "", "player 'no-such-program' cannot be started"),
     ],
 )
-def test_bad_input_is_refused_and_nothing_is_written(run, tmp_path, arguments, says):
+def test_bad_input_is_refused_and_nothing_is_written(run, tmp_path, arguments, setting, fragment):
     player = [] if "--player" in arguments else ["--player", PLAYER]
     outcome = run("evaluate-text", *arguments, *player, "--out", tmp_path / "words")
-    assert (outcome.code, outcome.out, says in outcome.err) == (1, "", True)
+    assert (outcome.code, outcome.out, outcome.setting, fragment in outcome.err) == (1, "", setting, True)
     assert not [word for word in ("Traceback", "sk-123") if word in outcome.err]
     assert not (tmp_path / "words").exists()
 
 
-def test_games_of_another_player_or_other_settings_are_not_mixed(play, tmp_path):
+def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
     assert play("--tasks", "3").code == 0
-    before = games_of(tmp_path / "out")
-    for options, says in (
+    before = lines_of(games)
+    for options, fragment in (
         (("--tasks", "3", "--name", "other"), "holds games of"),
-        (("--tasks", "3", "--distractors", "2"), "holds games with --distractors 8, and this command has 2"),
-        (("--tasks", "4"), "holds games with --tasks 3, and this command has 4"),
-        (("--open-ended",), "holds games with --part test, and this command has none"),
-        ((), "holds games with --tasks 3, and this command has none"),
+        (("--tasks", "3", "--distractors", "2"), "--distractors 8, and this command has 2"),
+        (("--tasks", "4"), "--tasks 3, and this command has 4"),
+        (("--open-ended",), "--part test, and this command has none"),
+        ((), "--tasks 3, and this command has none"),
     ):
         outcome = play(*options)
-        assert (outcome.code, outcome.out, says in outcome.err) == (1, "", True)
-        assert games_of(tmp_path / "out") == before
+        assert (outcome.code, outcome.out, fragment in outcome.err) == (1, "", True)
+        assert lines_of(games) == before
     assert play("--tasks", "3", "--distractors", "2", "--force").code == 0
-    assert games_of(tmp_path / "out") != before
+    assert lines_of(games) != before
 
 
 @pytest.mark.parametrize(
-    ("edit", "says"),
+    ("options", "edit", "fragment"),
     [
-        (lambda lines: [*lines, lines[1]], "line 4, is damaged: task 0 with draw 0 is there twice, or not asked for"),
-        (lambda lines: [lines[0], lines[1].replace('"task": 0', '"task": 5')], "task 5 with draw 0 is there twice, or"),
-        (lambda lines: [lines[0], lines[1].replace('"goal": "', '"goal": "un')], "is to make"),
-        (lambda lines: [lines[0], lines[1].replace('"success": false', '"success": true')], "was made and not made"),
+        ((), lambda lines: [*lines, lines[1]], "line 4, is damaged: task 0 with draw 0 is there twice, or not asked"),
+        ((), lambda lines: [lines[0], lines[1].replace('"task": 0', '"task": 5')], "task 5 with draw 0 is there twice"),
+        ((), lambda lines: [lines[0], lines[1].replace('"goal": "', '"goal": "un')], "is to make"),
+        ((), lambda lines: [lines[0], lines[1].replace('s": false', 's": true')], "was made and not made"),
+        (OPEN, lambda lines: [*lines, lines[1]], "line 4, is damaged: game 0 is there twice"),
     ],
 )
-def test_games_that_contradict_the_tasks_are_refused_and_kept(play, tmp_path, edit, says):
-    play("--tasks", "2")
-    path = tmp_path / "out" / GAMES_FILE
-    edited = "".join(edit(path.read_text(encoding="utf-8").splitlines(keepends=True)))
-    path.write_text(edited, encoding="utf-8")
-    outcome = play("--tasks", "2")
-    assert (outcome.code, says in outcome.err) == (1, True)
-    assert path.read_text(encoding="utf-8") == edited
-
-
-def test_games_in_another_order_have_the_same_result(play, tmp_path):
-    play("--tasks", "9")
-    path, before = tmp_path / "out" / GAMES_FILE, read_result(tmp_path / "out")
-    header, *games = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    path.write_text("".join([header, *reversed(games)]), encoding="utf-8")
-    assert play("--tasks", "9").code == 0
-    assert read_result(tmp_path / "out") == before
-
-
-def test_games_in_the_open_ended_world_are_not_counted_twice(play, tmp_path):
-    options = ("--open-ended", "--attempts", "2", "--draws", "2")
+def test_games_that_contradict_the_tasks_are_refused_and_kept(play, games, options, edit, fragment):
+    options = options or ("--tasks", "2")
     play(*options)
-    path = tmp_path / "out" / GAMES_FILE
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    path.write_text("".join([*lines, lines[1]]), encoding="utf-8")
+    edited = edit(lines_of(games))
+    games.write_text("".join(edited), encoding="utf-8")
     outcome = play(*options)
-    assert (outcome.code, "line 4, is damaged: game 0 is there twice" in outcome.err) == (1, True)
+    assert (outcome.code, fragment in outcome.err) == (1, True)
+    assert lines_of(games) == edited
 
 
-def test_a_folder_in_which_another_process_plays_is_left_alone(play, tmp_path):
+def test_games_in_another_order_have_the_same_result(play, games):
+    play("--tasks", "9")
+    before, (header, *lines) = result_in("out"), lines_of(games)
+    games.write_text("".join([header, *reversed(lines)]), encoding="utf-8")
+    assert play("--tasks", "9").code == 0
+    assert result_in("out") == before
+
+
+def test_a_folder_in_which_another_process_plays_is_left_alone(play, games):
     play("--tasks", "2")
-    before = games_of(tmp_path / "out")
-    with locked(tmp_path / "out"):
+    before = lines_of(games)
+    with locked(games.parent):
         for more in ([], ["--force"]):
             outcome = play("--tasks", "2", *more)
             assert (outcome.code, "is being written by another process" in outcome.err) == (1, True)
-    assert games_of(tmp_path / "out") == before
+    assert lines_of(games) == before
 
 
 @pytest.mark.parametrize(
     ("name", "folder"),
     [("lab/model-1.5", "lab-model-1.5"), ("../../up", "-..-up"), ("..", "player"), ("été", "été")],
 )
-def test_a_name_with_slashes_names_one_folder_and_none_elsewhere(run, tmp_path, monkeypatch, name, folder):
-    monkeypatch.chdir(tmp_path)
-    assert run("evaluate-text", "kitchen", "--player", PLAYER, "--tasks", "1", "--name", name).code == 0
-    assert [path.relative_to(tmp_path) for path in tmp_path.rglob(RESULT_FILE)] == [
-        Path("text-agents", folder, RESULT_FILE)
-    ]
-    assert read_result(tmp_path / "text-agents" / folder).player == name
+def test_a_name_with_slashes_names_one_folder_and_none_elsewhere(play, tmp_path, name, folder):
+    assert play("--tasks", "1", "--name", name, out=None).code == 0
+    assert [path.parent.relative_to(tmp_path) for path in tmp_path.rglob(RESULT_FILE)] == [Path("text-agents", folder)]
+    assert result_in(Path("text-agents", folder)).player == name
 
 
 @pytest.mark.parametrize("name", ["", "  ", "two\nlines", "\x1b[31mred", "x" * 101])
-def test_a_name_that_cannot_stand_in_a_table_is_refused(run, tmp_path, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
-    outcome = run("evaluate-text", "kitchen", "--player", PLAYER, "--name", name)
+def test_a_name_that_cannot_stand_in_a_table_is_refused(play, tmp_path, name):
+    outcome = play("--name", name, out=None)
     assert (outcome.code, "--name" in outcome.err, [*tmp_path.iterdir()]) == (1, True, [])
 
 
-def test_a_folder_of_something_else_is_left_alone(run, tmp_path):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.txt").write_text("years")
-    (tmp_path / "file").write_text("x")
+def test_a_folder_of_something_else_is_left_alone(play):
+    Path("mine").mkdir()
+    Path("mine/thesis.txt").write_text("years")
+    Path("file").write_text("x")
     for out in ("mine", "file"):
-        outcome = run("evaluate-text", "kitchen", "--player", PLAYER, "--out", tmp_path / out, "--force")
+        outcome = play("--force", out=out)
         assert (outcome.code, outcome.kind) == (1, "OutputExistsError")
-    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+    assert [path.name for path in Path("mine").iterdir()] == ["thesis.txt"]

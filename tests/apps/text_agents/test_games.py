@@ -1,6 +1,7 @@
-"""Games in words: the same tables, rules and counts as those of the agents, to the last digit."""
+"""Games as text: the tables, rules and counts of the agents, to the last digit."""
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +25,12 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 
-@pytest.fixture(scope="module")
-def games(kitchen: OpenedGraph) -> TaskGames:
-    return TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3)))
-
-
 def play_all(games: TaskGames, draws: int, player: Callable[[int, int], Callable[[str], str]]) -> list[PlayedTask]:
-    """Let a player, by task and draw, play all tasks in words."""
+    """Let a player, by task and draw, play all tasks."""
     played = []
-    for task in range(len(games.world.tasks)):
-        for draw in range(draws):
-            talk = Conversation(games.begin(task, draw))
-            played.append(record_of(talk, converse(talk, player(task, draw))))
+    for task, draw in product(range(len(games.world.tasks)), range(draws)):
+        talk = Conversation(games.begin(task, draw))
+        played.append(record_of(talk, converse(talk, player(task, draw))))
     return played
 
 
@@ -50,35 +45,32 @@ def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_
     expected = Evaluator(world, draws=2)(player)
 
     def speaker(task: int, draw: int) -> Callable[[str], str]:
-        mine = iter(slots[task, draw])
-        return lambda told: f"{next(mine) + 1} + {next(mine) + 1}"
+        picks = iter(slots[task, draw])
+        return lambda _: f"{next(picks) + 1} + {next(picks) + 1}"
 
     assert_same(evaluation_of(play_all(TaskGames(world), 2, speaker)), expected)
     assert 0 < expected.success.mean() < 1 or name == "oracle"
 
 
-def test_a_player_that_reads_nothing_but_the_texts_makes_every_goal(games: TaskGames, kitchen: OpenedGraph):
-    recipes = {}
-    for a, b, result in kitchen.graph.recipe_labels():
-        recipes.setdefault(result, []).append((a, b))
-
-    def answer(told: str) -> str:
-        lines = dict(line.split(": ", 1) for line in told.splitlines() if ": " in line)
+def test_a_player_of_the_texts_alone_makes_every_goal(games: TaskGames, kitchen: OpenedGraph):
+    def answer(prompt: str) -> str:
+        lines = dict(line.split(": ", 1) for line in prompt.splitlines() if ": " in line)
         table = {thing.split(" ", 1)[1] for thing in lines["On the table"].split(", ")}
-        return next(f"{a} + {b}" for a, b in recipes[lines["Make"]] if {a, b} <= table)
+        recipes = kitchen.graph.recipe_labels()
+        return next(f"{a} + {b}" for a, b, result in recipes if result == lines["Make"] and {a, b} <= table)
 
     played = play_all(games, 1, lambda task, draw: answer)
     assert all(one.success for one in played)
     assert played[0].messages[-1].endswith(f"You made {played[0].goal}.")
 
 
-def test_what_is_not_understood_costs_nothing_until_it_happens_too_often(games: TaskGames):
+def test_an_invalid_message_costs_nothing_until_there_are_too_many(games: TaskGames):
     talk = Conversation(games.begin(0))
     before = talk.game.state
     for _ in range(REFUSALS):
-        told = talk.hear("unicorn + dragon")
-        assert told.startswith("Not understood: 'unicorn': expected 1 to 5")
-        assert told.endswith(before)
+        reply = talk.hear("unicorn + dragon")
+        assert reply.startswith("Not understood: 'unicorn': expected 1 to 5")
+        assert reply.endswith(before)
     assert "The attempt is lost." in talk.hear("unicorn + dragon")
     assert (talk.is_over, talk.refused, talk.lost, talk.game.is_made) == (True, REFUSALS + 1, 1, False)
     with pytest.raises(EpisodeError):
@@ -89,23 +81,19 @@ def test_what_is_not_understood_costs_nothing_until_it_happens_too_often(games: 
 def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen: OpenedGraph):
     games = TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3, max_attempts=4)))
     talk = Conversation(games.begin(0), refusals=1)
-    talk.hear("nonsense")
-    assert talk.game.attempts_left == 4
-    talk.hear("1 1")
-    talk.hear("nonsense")
-    assert talk.game.attempts_left == 3
-    talk.hear("nonsense")
-    assert talk.game.attempts_left == 2
+    for message, left in (("nonsense", 4), ("1 1", 3), ("nonsense", 3), ("nonsense", 2)):
+        talk.hear(message)
+        assert talk.game.attempts_left == left
 
 
 def test_many_games_at_once_do_not_touch_each_other(games: TaskGames):
-    alone = []
-    for task in range(6):
-        talk = Conversation(games.begin(task, draw=1))
-        alone.append((talk.opening, talk.hear("1 2")))
-    talks = [Conversation(games.begin(task, draw=1)) for task in range(6)]
+    def begin(task: int) -> Conversation:
+        return Conversation(games.begin(task, draw=1))
+
+    alone = [(talk.opening, talk.hear("1 2")) for talk in map(begin, range(6))]
+    talks = [begin(task) for task in range(6)]
     assert [talk.opening for talk in talks] == [opening for opening, _ in alone]
-    assert [talk.hear("1 2") for talk in reversed(talks)] == [told for _, told in reversed(alone)]
+    assert [talk.hear("1 2") for talk in reversed(talks)] == [reply for _, reply in reversed(alone)]
 
 
 def test_a_game_that_is_given_up_takes_no_attempt_more(games: TaskGames):
@@ -119,7 +107,7 @@ def test_a_game_that_is_given_up_takes_no_attempt_more(games: TaskGames):
 # --- the open-ended world --------------------------------------------------------------------------------------------
 
 
-def test_the_open_ended_world_is_played_by_pairs_and_counts_what_is_known(kitchen: OpenedGraph):
+def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitchen: OpenedGraph):
     games = DiscoveryGames(kitchen, attempts=4)
     base = len(games.env.discovery.base)
     talk, other = Conversation(games.begin()), Conversation(games.begin())
@@ -162,23 +150,18 @@ def test_the_partial_graph_tells_train_recipes_only_and_none_that_solves_the_tas
             assert {*facts} == expected or (len(facts) == 41 and {*facts[:40]} <= expected)
 
 
-def test_a_pair_that_solves_the_task_is_not_told_by_the_other_thing_that_it_makes():
-    recipes = [
-        ("water", "earth", "mud"),
-        ("water", "earth", "plant"),
-        ("fire", "earth", "lava"),
-        ("fire", "mud", "pot"),
-    ]
-    graph = RecipeGraph.from_recipes(recipes)
+def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
+    pairs = {"mud": ("water", "earth"), "plant": ("water", "earth"), "lava": ("fire", "earth"), "pot": ("fire", "mud")}
+    graph = RecipeGraph.from_recipes([(*pair, result) for result, pair in pairs.items()])
     games = TaskGames(World(graph, WordCraftConfig(part="all", num_distractors=0)))
     knowledge = PartialGraphKnowledge(make_split(graph, SplitConfig("none")))
-    told = {}
+    facts = {}
     for task, one in enumerate(games.world.tasks):
         game = games.begin(task)
-        told[one.goal] = {fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)}
+        facts[one.goal] = {fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)}
     both = {"earth + water -> mud", "earth + water -> plant"}
-    assert both.isdisjoint(told["mud"] | told["plant"])
-    assert both < told["lava"]
+    assert both.isdisjoint(facts["mud"] | facts["plant"])
+    assert both < facts["lava"]
 
 
 def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games: TaskGames, kitchen: OpenedGraph):
@@ -215,18 +198,16 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGa
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ({"knowledge": "scorer"}, "name the scorer's model folder"),
-        ({"knowledge": "partial", "scorer": Path("model")}, "only `knowledge` scorer asks one"),
-    ],
+    ("given", "setting"),
+    [({"knowledge": "scorer"}, "knowledge"), ({"knowledge": "partial", "scorer": Path("model")}, "scorer")],
 )
-def test_knowledge_needs_a_scorer_if_and_only_if_it_is_one(given: dict[str, Any], says: str):
-    with pytest.raises(ConfigError, match=says):
+def test_knowledge_needs_a_scorer_if_and_only_if_it_is_one(given: dict[str, Any], setting: str):
+    with pytest.raises(ConfigError) as error:
         GameSettings(**given)
+    assert error.value.setting == setting
 
 
-def test_what_may_be_looked_up_is_any_thing_of_the_graph_but_must_be_one(games: TaskGames, kitchen: OpenedGraph):
+def test_look_ups_are_refused_without_knowledge_and_for_unknown_things(games: TaskGames, kitchen: OpenedGraph):
     talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split))
     with pytest.raises(ActionError, match="No look-up is left"):
         Conversation(games.begin(0)).facts(0)

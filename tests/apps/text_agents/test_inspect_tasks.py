@@ -1,4 +1,4 @@
-"""Tasks of Inspect AI: the figures of an evaluation to the last digit, limits, bad answers, and logs read back."""
+"""Tasks of Inspect AI: figures of an evaluation to the last digit, limits, invalid answers, and logs read back."""
 
 import importlib
 import logging
@@ -41,6 +41,7 @@ from wordcraft_kg.studies.result_readers import rows_beside
 
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
+KEYS = ("by_plan", "picks", "ci_low", "ci_high")
 Answer = Callable[[Sequence[ChatMessage]], str]
 Play = Callable[..., EvalLog]
 
@@ -63,10 +64,10 @@ def play(tmp_path: Path) -> Play:
 
     def play(task: Task, answer: Answer, **options: Any) -> EvalLog:
         def output(messages: Sequence[ChatMessage], *_: object) -> ModelOutput:
-            said = ModelOutput.from_content("mockllm", answer(messages))
-            # Without it the mock counts tokens, and loads what it needs for that from the network.
-            said.usage = ModelUsage(input_tokens=100, output_tokens=10, total_tokens=110)
-            return said
+            content = ModelOutput.from_content("mockllm", answer(messages))
+            # Without a usage the mock counts tokens with tables from the network.
+            content.usage = ModelUsage(input_tokens=100, output_tokens=10, total_tokens=110)
+            return content
 
         model = get_model("mockllm/model", custom_outputs=output, memoize=False)
         settings = {"display": "none", "log_dir": str(tmp_path), "log_realtime": False} | options
@@ -76,20 +77,18 @@ def play(tmp_path: Path) -> Play:
     return play
 
 
-def said(messages: Sequence[ChatMessage]) -> int:
-    """Return how often the model has spoken."""
+def turn(messages: Sequence[ChatMessage]) -> int:
+    """Return the number of the model's messages."""
     return sum(message.role == "assistant" for message in messages)
 
 
 def scripted(task: Task, picks: dict[tuple[int, int], list[int]]) -> Answer:
-    """Return a model that picks the slots of a scripted player; it knows a game by what it is told first."""
-    games = {}
-    for sample in task.dataset:
-        games[sample.input[1].text] = picks[sample.metadata["task"], sample.metadata["draw"]]
-    assert len(games) == len(task.dataset)
+    """Return a model that picks the slots of a scripted player; it recognises a game by the first state."""
+    keys = {sample.input[1].text: (sample.metadata["task"], sample.metadata["draw"]) for sample in task.dataset}
+    assert len(keys) == len(task.dataset)
 
     def answer(messages: Sequence[ChatMessage]) -> str:
-        one, other = games[messages[1].text][2 * said(messages) :][:2]
+        one, other = picks[keys[messages[1].text]][2 * turn(messages) :][:2]
         return f"I wonder.\n{one + 1} + {other + 1}"
 
     return answer
@@ -117,20 +116,18 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
     config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
     world, draws, tasks = World(kitchen, config), settings["draws"], settings.get("tasks")
     player = PLAYERS[name](kitchen)
-    # Of an evaluation of all tasks those that are played: a task's table does not depend on the others.
-    everything = Evaluator(world, draws=draws)(player)
+    everything = Evaluator(world, draws=draws)(player)  # a task's table does not depend on the other tasks
     chosen = chosen_tasks(world, tasks)
     expected = Evaluation(*(getattr(everything, field.name)[chosen] for field in fields(Evaluation)))
     assert 0 < expected.success.mean() < 1 or name == "oracle"
     task = crafting("kitchen", **settings)
     log = play(task, scripted(task, picks_of(player, world, draws)), log_format=log_format)
 
-    found, figures = metrics_of(log), expected.figures()
-    assert (found["success"], found["by_plan"], found["picks"]) == (figures.mean, figures.by_plan, figures.picks)
-    assert (found["ci_low"], found["ci_high"]) == (figures.ci_low, figures.ci_high)
-    # Standard error over tasks: those of one task are not independent.
-    rates = expected.success.mean(axis=1)
-    assert found["stderr"] == pytest.approx(rates.std(ddof=1) / len(rates) ** 0.5)
+    metrics, figures = metrics_of(log), expected.figures()
+    assert metrics["success"] == figures.mean
+    assert [metrics[key] for key in KEYS] == [getattr(figures, key) for key in KEYS]
+    rates = expected.success.mean(axis=1)  # the games of one task are not independent
+    assert metrics["stderr"] == pytest.approx(rates.std(ddof=1) / len(rates) ** 0.5)
 
     result = read_inspect_log(log.location)
     assert (result.success, result.outcomes, result.games) == (figures, expected.shares(), expected.success.size)
@@ -139,7 +136,7 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
     assert log.eval.task_version == texts_hash()[:12]
 
 
-def test_what_a_model_is_told_is_the_opening_of_the_conversation_and_the_goal_is_only_in_the_log(kitchen: OpenedGraph):
+def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(kitchen: OpenedGraph):
     sample = crafting("kitchen", tasks=3, draws=2).dataset[1]
     assert (sample.id, sample.target) == ("test-21-0", World(kitchen, WordCraftConfig(part="test")).tasks[21].goal)
     system, user = sample.input
@@ -149,34 +146,28 @@ def test_what_a_model_is_told_is_the_opening_of_the_conversation_and_the_goal_is
     assert sample.metadata["graph_hash"] == kitchen.graph.hash
 
 
-def test_nonsense_silence_and_limits_are_not_made_and_none_is_missing(play: Play):
+def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play: Play):
     task = crafting("kitchen", tasks=4, depth=2, refusals=1)
-    (silent, foolish, last, fine) = (sample.input[1].text for sample in task.dataset)
-
-    def answer(messages: Sequence[ChatMessage]) -> str:
-        started = messages[1].text
-        if started == fine:
-            return "1 + 1"
-        return {silent: "", foolish: "unicorn + [dragon]"}.get(started, "1 + 2\nthat is all")
-
-    log = play(task, answer, message_limit=7)
-    scores = {sample.input[1].text: sample.scores["goal_made"] for sample in log.samples if sample.scores}
+    answers = ("", "unicorn + [dragon]", "1 + 2\nthat is all", "1 + 1")
+    answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
+    log = play(task, lambda messages: answer_to[messages[1].text], message_limit=7)
+    *invalid, valid = (sample.scores["goal_made"] for sample in log.samples)
     # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the limit leaves 6.
-    for name in (silent, foolish, last):
-        assert (scores[name].value, scores[name].metadata["unfinished"]) == (0, True)
-        assert (scores[name].metadata["refused"], scores[name].metadata["lost"]) == (3, 1)
-    assert (scores[fine].metadata["unfinished"], scores[fine].metadata["ending"]) == (False, "same_twice")
-    found = metrics_of(log)
-    assert (found["success"], found["unfinished"], found["refused"], found["lost"]) == (0, 3, 9, 3)
+    for score in invalid:
+        assert (score.value, score.metadata["unfinished"]) == (0, True)
+        assert (score.metadata["refused"], score.metadata["lost"]) == (3, 1)
+    assert (valid.metadata["unfinished"], valid.metadata["ending"]) == (False, "same_twice")
+    metrics = metrics_of(log)
+    assert [metrics[key] for key in ("success", "unfinished", "refused", "lost")] == [0, 3, 9, 3]
     result = read_inspect_log(log.location)
     assert (result.games, result.refused, result.lost) == (4, 9, 3)
-    told = [message.text for message in log.samples[0].messages if message.role == "user"]
-    assert told[1].startswith("Not understood: nothing written")
+    prompts = [message.text for message in log.samples[0].messages if message.role == "user"]
+    assert prompts[1].startswith("Not understood: nothing written")
 
 
-def test_a_model_may_look_up_what_the_partial_graph_knows_and_only_if_it_is_asked_for(play: Play):
+def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play: Play):
     def answer(messages: Sequence[ChatMessage]) -> str:
-        return "look up bread" if said(messages) < 2 else "1 + 2"
+        return "look up bread" if turn(messages) < 2 else "1 + 2"
 
     log = play(crafting("kitchen", tasks=2, knowledge="partial", look_ups=1), answer)
     messages = [message.text for message in log.samples[0].messages]
@@ -200,28 +191,26 @@ def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_
 
 
 def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen: OpenedGraph, play: Play):
-    def pair(turn: int) -> str:
-        return f"{1 + turn % 8} + {1 + turn // 3 % 8}"
+    def pair(number: int) -> str:
+        return f"{1 + number % 8} + {1 + number // 3 % 8}"
 
-    turns = iter(range(100))
+    numbers = iter(range(100))
     talk = Conversation(DiscoveryGames(kitchen, attempts=12).begin())
-    converse(talk, lambda told: pair(next(turns)))
-    expected = talk.game.known_after
+    converse(talk, lambda _: pair(next(numbers)))
+    expected = {attempts: talk.game.known_after[attempts - 1] for attempts in (1, 10, 12)}
+    assert expected[12] > 8
 
-    log = play(discovery("kitchen", attempts=12, games=2), lambda messages: pair(said(messages)))
-    found = metrics_of(log)
-    assert (found["known_1"], found["known_10"], found["known_12"]) == (expected[0], expected[9], expected[11])
-    assert expected[11] > 8
-    result = read_inspect_log(log.location)
-    assert result.known == {1: expected[0], 10: expected[9], 12: expected[11]}
+    log = play(discovery("kitchen", attempts=12, games=2), lambda messages: pair(turn(messages)))
+    metrics, result = metrics_of(log), read_inspect_log(log.location)
+    assert {attempts: metrics[f"known_{attempts}"] for attempts in expected} == expected == result.known
     assert (result.games, result.success, result.settings.base) == (2, None, kitchen.graph.base)
     assert log.eval.metadata["wordcraft_kg"]["people"]["known"] == {str(after): n for after, n in HUMAN_CURVE.items()}
 
 
-def test_tables_that_are_played_again_count_like_further_draws(play: Play):
+def test_a_log_of_repeated_games_is_refused(play: Play):
     log = play(crafting("kitchen", tasks=3), lambda messages: "1 + 1", epochs=2)
-    result = read_inspect_log(log.location)
-    assert (result.games, result.success.tasks, result.success.draws) == (6, 3, 2)
+    with pytest.raises(ArtefactError, match=r"6 of 3 games.* instead of --epochs"):
+        read_inspect_log(log.location)
 
 
 def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play: Play, kitchen: OpenedGraph):
@@ -248,26 +237,24 @@ def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: P
     with pytest.raises(ArtefactError, match=r"5 of 6 games were played; expected all.*tasks=N instead of --limit"):
         read_inspect_log(log.location)
 
-    path = tmp_path / "stopped.eval"
+    stopped, half, spoilt = (tmp_path / name for name in ("stopped.eval", "half.eval", "spoilt.json"))
     log.status = "cancelled"
-    write_eval_log(log, str(path))
-    with pytest.raises(ArtefactError, match=r"not done: it was stopped, and 5 of 6 games .* inspect eval-retry"):
-        read_inspect_log(path)
-
-    half = tmp_path / "half.eval"
-    half.write_bytes(path.read_bytes()[:-300])
-    with pytest.raises(ArtefactError, match="or it is damaged"):
-        read_inspect_log(half)
+    write_eval_log(log, str(stopped))
+    half.write_bytes(stopped.read_bytes()[:-300])
+    log.status = "success"
     log.samples[0].scores["goal_made"].metadata["picks"] = "many"
-    spoilt = tmp_path / "spoilt.json"
-    log.status, log.eval.config.epochs = "success", None
     log.eval.metadata["wordcraft_kg"]["games"] = 5
     write_eval_log(log, str(spoilt))
-    with pytest.raises(ArtefactError, match=r"spoilt.json is damaged.*picks"):
-        read_inspect_log(spoilt)
+    for path, fragment in (
+        (stopped, r"not done: it was stopped, and 5 of 6 games .* inspect eval-retry"),
+        (half, "or it is damaged"),
+        (spoilt, r"spoilt.json is damaged.*picks"),
+    ):
+        with pytest.raises(ArtefactError, match=fragment):
+            read_inspect_log(path)
 
 
-def test_what_is_no_log_of_ours_is_refused(play: Play, tmp_path: Path):
+def test_other_logs_and_files_are_refused(play: Play, tmp_path: Path):
     other = play(Task(dataset=[Sample(input="Say hello.", target="hello")], name="greeting"), lambda messages: "hello")
     with pytest.raises(ArtefactError, match="is a log of 'greeting'; expected one of wordcraft_kg/crafting"):
         read_inspect_log(other.location)
@@ -280,50 +267,47 @@ def test_what_is_no_log_of_ours_is_refused(play: Play, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("make", "parameters", "message"),
+    ("make", "parameters", "setting", "fragment"),
     [
-        (crafting, {"graph": "kitchn"}, "kitchen"),
-        (crafting, {"graph": 7}, "`graph` 7: expected a graph folder"),
-        (crafting, {"part": "tests"}, "`part` 'tests'"),
-        (crafting, {"distractors": -1}, "`distractors` -1: expected a whole number, 0 or more"),
-        (crafting, {"depth": 2, "attempts": 1}, "`attempts` 1: expected a whole number, 2 to"),
-        (crafting, {"depth": "two"}, "`depth` 'two': expected a whole number, 1 to 5"),
-        (crafting, {"draws": 0}, "`draws` 0"),
-        (crafting, {"tasks": 0}, "`tasks` 0: expected a whole number, 1 or more"),
-        (crafting, {"refusals": -1}, "`refusals` -1"),
-        (crafting, {"knowledge": "full"}, "`knowledge` 'full'"),
-        (crafting, {"knowledge": "scorer"}, "name the scorer's model folder"),
-        (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "models/none"),
-        (crafting, {"scorer": "models/none"}, "only `knowledge` scorer asks one"),
-        (crafting, {"look_ups": 1.5}, "`look_ups` 1.5"),
-        (crafting, {"distractor": 2}, "there is no parameter `distractor`.* Did you mean .*distractors"),
-        (discovery, {"base": ["water", "unicorn"]}, "unicorn"),
-        (discovery, {"base": 1}, "no entity '1'"),
-        (discovery, {"base": True}, "no entity 'True'"),
-        (discovery, {"games": 0}, "`games` 0"),
-        (discovery, {"attempts": 0}, "0"),
-        (discovery, {"depth": 2}, "there is no parameter `depth`"),
+        (crafting, {"graph": "kitchn"}, "", "kitchen"),
+        (crafting, {"graph": 7}, "graph", "expected a graph folder"),
+        (crafting, {"part": "tests"}, "part", "'tests'"),
+        (crafting, {"distractors": -1}, "distractors", "expected a whole number, 0 or more"),
+        (crafting, {"depth": 2, "attempts": 1}, "attempts", "expected a whole number, 2 to"),
+        (crafting, {"depth": "two"}, "depth", "expected a whole number, 1 to 5"),
+        (crafting, {"draws": 0}, "draws", "0"),
+        (crafting, {"tasks": 0}, "tasks", "expected a whole number, 1 or more"),
+        (crafting, {"refusals": -1}, "refusals", "-1"),
+        (crafting, {"knowledge": "full"}, "knowledge", "'full'"),
+        (crafting, {"knowledge": "scorer"}, "knowledge", "name the scorer's model folder"),
+        (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "", "models/none"),
+        (crafting, {"scorer": "models/none"}, "scorer", "only `knowledge` scorer asks one"),
+        (crafting, {"look_ups": 1.5}, "look_ups", "1.5"),
+        (crafting, {"distractor": 2}, "distractor", "there is no parameter .* Did you mean .*distractors"),
+        (discovery, {"base": ["water", "unicorn"]}, "base", "unicorn"),
+        (discovery, {"base": 1}, "base", "no entity '1'"),
+        (discovery, {"base": True}, "base", "no entity 'True'"),
+        (discovery, {"games": 0}, "games", "0"),
+        (discovery, {"attempts": 0}, "attempts", "0"),
+        (discovery, {"depth": 2}, "depth", "there is no parameter"),
     ],
 )
-def test_a_wrong_parameter_is_told_without_a_traceback(
-    make: Callable[..., Task], parameters: dict[str, Any], message: str
-):
-    with pytest.raises(InspectTaskError, match=message) as raised:
+def test_a_wrong_parameter_is_an_error_without_a_traceback(make, parameters, setting, fragment):
+    with pytest.raises(InspectTaskError, match=fragment) as raised:
         make(**{"graph": "kitchen", **parameters})
-    # Inspect shows these without a traceback; with brackets that its terminal would take for a style.
-    assert isinstance(raised.value, PrerequisiteError)
-    assert isinstance(raised.value, ConfigError)
-    assert raised.value.message.replace("\\[", "[") == str(raised.value)
+    assert raised.value.setting == setting
+    assert isinstance(raised.value, PrerequisiteError)  # which Inspect shows without a traceback
+    assert raised.value.message.replace("\\[", "[") == str(raised.value)  # its terminal takes brackets for a style
 
 
 def test_inspect_finds_both_tasks_by_the_package_s_name():
     root = Path(wordcraft_kg.__file__).parents[1]
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
-    ((name, module),) = project["entry-points"]["inspect_ai"].items()
-    registered = importlib.import_module(module)
-    assert name == "wordcraft_kg"
-    assert registry_info(registered.crafting).name == "wordcraft_kg/crafting"
-    assert registry_info(registered.discovery).name == "wordcraft_kg/discovery"
+    assert project["entry-points"]["inspect_ai"] == {"wordcraft_kg": crafting.__module__}
+    assert [registry_info(one).name for one in (crafting, discovery)] == [
+        "wordcraft_kg/crafting",
+        "wordcraft_kg/discovery",
+    ]
 
 
 def test_nothing_else_of_the_package_imports_inspect():
@@ -335,10 +319,9 @@ def test_nothing_else_of_the_package_imports_inspect():
 
 @pytest.mark.slow
 def test_finding_the_tasks_loads_no_torch():
-    # Inspect loads the tasks of all packages whatever somebody evaluates.
-    code = (
-        "import wordcraft_kg.apps.text_agents.inspect_tasks, sys; print({'torch', 'pandas', 'pykeen'} & {*sys.modules})"
-    )
+    # Inspect loads the tasks of all packages, whichever task is evaluated.
+    module = "wordcraft_kg.apps.text_agents.inspect_tasks"
+    code = f"import {module}, sys; print({{'torch', 'pandas', 'pykeen'}} & {{*sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
 

@@ -1,6 +1,6 @@
-"""Opinions of a language model: asked of an OpenAI-compatible endpoint which pairs of things make which thing.
+"""Recipes elicited from a language model at an OpenAI-compatible endpoint.
 
-``prompts`` are asked by ``endpoint``, ``answers`` keeps the answers, ``asking`` asks the missing ones, ``reading``
-reads opinions from them, and ``folder`` writes a model folder with an ``OpinionScorer``. Prompts hold nothing of the
-graph but the labels of its entities: no recipe, and nothing of the split.
+``asking`` sends the unanswered ``prompts`` to an ``endpoint``, ``answers`` stores the answers, ``reading`` parses
+opinions, and ``folder`` writes a model folder with an ``OpinionScorer``. Prompts contain the labels of the graph's
+entities, without recipes or information on the split.
 """

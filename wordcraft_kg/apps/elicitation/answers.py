@@ -1,4 +1,4 @@
-"""The answers of an endpoint on disk: a small file each, named by the SHA-256 of the request."""
+"""Answers of an endpoint on disk: a small file each, named by the SHA-256 of the request."""
 
 import hashlib
 import logging
@@ -8,35 +8,29 @@ from typing import Literal
 from wordcraft_kg.apps.elicitation.prompts import Request
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
-from wordcraft_kg.base.records import Count, Hash, Record, as_values, read_record
+from wordcraft_kg.base.records import Hash, Record, as_values, read_record
 
 
 class Answer(Record, frozen=True, kw_only=True):
-    """An endpoint's answer, as far as the endpoint tells.
+    """An endpoint's answer.
 
     Attributes:
-        text: words of the answer.
-        model: model that has answered; empty if unknown.
+        text: text of the answer.
+        model: name of the answering model; empty if unknown.
         finish: reason of the end, such as ``stop`` or ``length``; empty if unknown.
-        tokens_in: tokens of the prompt; None if unknown.
-        tokens_out: tokens of the answer.
     """
 
     text: str
     model: str = ""
     finish: str = ""
-    tokens_in: Count | None = None
-    tokens_out: Count | None = None
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the words, in hexadecimal."""
+        """SHA-256 of the text, in hexadecimal."""
         return hashlib.sha256(self.text.encode(errors="surrogatepass")).hexdigest()
 
 
 class _KeptAnswer(Record, frozen=True, kw_only=True):
-    """An answer's file: with its request, so that it cannot pass for the answer to another one."""
-
     format: Literal["wordcraft-kg answer 1"] = "wordcraft-kg answer 1"
     request: Request
     answer: Answer
@@ -44,25 +38,25 @@ class _KeptAnswer(Record, frozen=True, kw_only=True):
 
 
 class Answers:
-    """A folder of answers; :meth:`open` makes it."""
+    """A folder of answers, created by :meth:`open`."""
 
     def __init__(self, folder: Path):
         self.folder = folder
 
     def open(self) -> None:
-        """Make the folder, before anything is asked that could not be kept.
+        """Create the folder.
 
         Raises:
-            OutputExistsError: if a file is in its place.
+            OutputExistsError: if the path is a file.
         """
-        if self.folder.exists() and not self.folder.is_dir():
-            raise OutputExistsError(
-                f"'{self.folder}' is a file, but `answers` are kept in a folder. Choose another one."
-            )
-        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            text = f"'{self.folder}' is a file, but `answers` are kept in a folder. Choose another one."
+            raise OutputExistsError(text) from None
 
     def find(self, request: Request) -> Answer | None:
-        """Return the answer to a request; None without one, and, with a warning, if its file is not sound."""
+        """Return the answer to a request; None, with a warning, for a damaged file."""
         path = self._path(request)
         if not path.exists():
             return None
@@ -78,7 +72,7 @@ class Answers:
         return kept.answer
 
     def keep(self, request: Request, answer: Answer) -> None:
-        """Write an answer, whole or not at all."""
+        """Write an answer atomically."""
         kept = _KeptAnswer(request=request, answer=answer, sha256=answer.hash)
         write_atomically(self._path(request), dump_json(as_values(kept)), durable=True)
 

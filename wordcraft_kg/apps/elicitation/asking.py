@@ -1,27 +1,28 @@
-"""Asking the prompts that have no kept answer, several at once; each answer is kept as soon as it arrives."""
+"""Concurrent requests for the prompts without a stored answer; each answer is stored on arrival."""
 
 import asyncio
 import logging
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from wordcraft_kg.apps.elicitation.answers import Answer, Answers
 from wordcraft_kg.apps.elicitation.config import OpinionsConfig
 from wordcraft_kg.apps.elicitation.endpoint import Endpoint
-from wordcraft_kg.apps.elicitation.prompts import Prompt, make_prompts
+from wordcraft_kg.apps.elicitation.prompts import TEMPLATE_HASH, Prompt, make_prompts
+from wordcraft_kg.apps.elicitation.records import AskingEstimate
 from wordcraft_kg.base.errors import EndpointError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.runs.folder import Progress
 from wordcraft_kg.runs.interruption import first_interrupt
 
-TICK = 0.1
-"""Seconds between two looks for Ctrl-C."""
+_TICK = 0.1  # seconds between checks for Ctrl-C
 
 
 @dataclass(frozen=True)
 class AskingPlan:
-    """All prompts, and of these the ones that have no kept answer yet."""
+    """All prompts, and the prompts without a stored answer."""
 
     prompts: tuple[Prompt, ...]
     waiting: tuple[Prompt, ...]
@@ -29,39 +30,56 @@ class AskingPlan:
 
 @stage("looking for answers that are kept")
 def plan_asking(config: OpinionsConfig, entities: Sequence[str], answers: Answers) -> AskingPlan:
-    """Return the prompts about the entities of a graph, and the ones without a kept answer."""
+    """Return the prompts about a graph's entities, and the prompts without a stored answer."""
     prompts = tuple(make_prompts(config, entities))
     return AskingPlan(prompts, tuple(prompt for prompt in prompts if answers.find(prompt.request) is None))
+
+
+def view_asking(plan: AskingPlan, graph: str, config: OpinionsConfig, answers: Path) -> AskingEstimate:
+    """Return the estimate for the prompts about a graph."""
+    return AskingEstimate(
+        graph=graph,
+        endpoint=config.endpoint,
+        model=config.model,
+        template=TEMPLATE_HASH,
+        goals=sum(len(prompt.goals) for prompt in plan.prompts),
+        prompts=len(plan.prompts),
+        kept=len(plan.prompts) - len(plan.waiting),
+        to_ask=len(plan.waiting),
+        tokens_in=sum(prompt.request.tokens for prompt in plan.waiting),
+        tokens_out=sum(prompt.answer_tokens for prompt in plan.waiting),
+        answers=str(answers),
+    )
 
 
 def ask_all(
     plan: AskingPlan, make_endpoint: Callable[[], Endpoint], answers: Answers, progress: Progress | None = None
 ) -> list[Answer]:
-    """Ask the prompts without an answer, and return all answers in the order of the prompts.
+    """Request the missing answers, and return all answers in the order of the prompts.
 
-    The first Ctrl-C waits for the prompts under way, since they may cost money, and asks no others; the second one
-    ends at once. An event loop must not be running: in a notebook, call it in a thread.
+    The first Ctrl-C waits for pending requests, since they may cost money; the second one ends immediately. Without a
+    running event loop; in a notebook, call the function in a thread.
 
     Args:
-        plan: prompts, and the ones to ask.
-        make_endpoint: makes the client; called only if there is something to ask.
-        answers: folder that keeps each answer.
+        plan: all prompts and the prompts to send.
+        make_endpoint: creates the client, if there are prompts to send.
+        answers: folder of answers.
         progress: called after each answer.
 
     Raises:
-        OutputExistsError: if there is a file in place of the folder of answers.
-        EndpointError: if a prompt is refused or not answered after all retries; the answers so far are kept.
-        KeyboardInterrupt: after Ctrl-C, saying how many answers are kept.
+        OutputExistsError: if the folder of answers is a file.
+        EndpointError: for a refused prompt, or no answer after all retries; earlier answers are stored.
+        KeyboardInterrupt: after Ctrl-C, with the number of stored answers.
     """
-    kept = len(plan.prompts) - len(plan.waiting)
-    total, tokens = len(plan.prompts), 0
+    total = len(plan.prompts)
+    kept = total - len(plan.waiting)
 
     def keep(prompt: Prompt, answer: Answer) -> None:
-        nonlocal kept, tokens
+        nonlocal kept
         answers.keep(prompt.request, answer)
-        kept, tokens = kept + 1, tokens + (answer.tokens_in or 0) + (answer.tokens_out or 0)
+        kept += 1
         if progress:
-            progress(kept, total, {"tokens": tokens} if tokens else {})
+            progress(kept, total, {})
 
     if plan.waiting:
         endpoint = make_endpoint()
@@ -90,7 +108,7 @@ async def _ask_waiting(
     keep: Callable[[Prompt, Answer], None],
     interrupted: threading.Event,
 ) -> None:
-    """Ask prompts until the first error or Ctrl-C; then wait for the ones under way and raise the error."""
+    """Send prompts until the first error or Ctrl-C; then wait for pending answers and raise the error."""
     todo = iter(prompts)
     errors: list[Exception] = []
 
@@ -105,11 +123,11 @@ async def _ask_waiting(
 
     async with endpoint:
         workers = {asyncio.create_task(work()) for _ in range(endpoint.config.settings.at_once)}
-        is_told = False
+        has_warned = False
         while workers:
-            _, workers = await asyncio.wait(workers, timeout=TICK)
-            if workers and interrupted.is_set() and not is_told:
-                is_told = True
+            _, workers = await asyncio.wait(workers, timeout=_TICK)
+            if workers and interrupted.is_set() and not has_warned:
+                has_warned = True
                 logging.getLogger(__name__).warning(
                     "waiting for the prompts that are under way; Ctrl-C again ends without them."
                 )

@@ -1,4 +1,4 @@
-"""Settings of asking for opinions: every setting, default and allowed value; imports no torch."""
+"""Settings of ask-opinions; without torch."""
 
 import re
 from dataclasses import dataclass
@@ -10,25 +10,24 @@ from wordcraft_kg.base.settings import number_in, one_of, whole
 from wordcraft_kg.runs.config_file import RunConfig
 
 Sampling = Literal["greedy", "default"]
-"""What an endpoint is asked for: temperature 0 and a seed; or nothing, for models that refuse these."""
+"""Sampling of a request: temperature 0 and a seed, or the model's default."""
 OPENAI_KEY = "OPENAI_API_KEY"
 
 
 @dataclass(frozen=True)
 class AskingConfig:
-    """How an endpoint is asked.
+    """Prompts and requests of ask-opinions.
 
     Attributes:
-        goals_per_prompt: things that one prompt asks about.
-        pairs: most pairs that are asked for of each thing.
-        sampling: greedy (temperature 0 and `seed`) or default, what the model does by itself, for models that refuse
-            to be told.
-        seed: seed that the endpoint is given; many ignore it.
-        at_once: prompts under way at the same time.
-        key_variable: name of the environment variable that holds the endpoint's key; the key itself is written nowhere.
-            Default: OPENAI_API_KEY for an address with https, and no key for one with http.
-        timeout: seconds after which a prompt that is not answered is asked again.
-        retries: how often a prompt is asked again if the endpoint is busy, fails, or answers by half.
+        goals_per_prompt: entities per prompt.
+        pairs: maximum number of requested pairs per entity.
+        sampling: greedy (temperature 0 and `seed`), or default for models that refuse these settings.
+        seed: seed for the endpoint; many endpoints ignore the seed.
+        at_once: concurrent prompts.
+        key_variable: environment variable with the endpoint's key, which is never written or printed. Default:
+            OPENAI_API_KEY for https addresses, no key for http addresses.
+        timeout: seconds until an unanswered prompt is repeated.
+        retries: repetitions of a prompt after a timeout, a failure or a torn answer.
 
     Example:
         >>> AskingConfig(goals_per_prompt=20).pairs
@@ -54,19 +53,19 @@ class AskingConfig:
         whole("retries", self.retries, 0, 100)
         if self.key_variable is not None and not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", self.key_variable):
             raise ConfigError(
-                "`key_variable` is no name of an environment variable (letters, digits and _). What was given is not "
-                "shown, in case it is the key itself: put that into a variable, and give the variable's name."
+                "`key_variable` is not the name of an environment variable (letters, digits and _). Its value is not "
+                "shown, in case it is the key itself: put the key into a variable, and give the variable's name."
             )
 
 
 @dataclass(frozen=True)
 class OpinionsConfig(RunConfig):
-    """All settings of a model folder of opinions.
+    """Settings of a model folder of opinions.
 
     Attributes:
-        endpoint: address of an endpoint that speaks as OpenAI's, such as ``http://localhost:8080/v1``.
-        model: name of the language model there.
-        settings: how it is asked.
+        endpoint: address of an OpenAI-compatible endpoint, such as ``http://localhost:8080/v1``.
+        model: the endpoint's name of the language model.
+        settings: prompts and requests.
 
     Example:
         >>> OpinionsConfig("kitchen", "http://localhost:8080/v1/", "some-model").endpoint
@@ -86,25 +85,23 @@ class OpinionsConfig(RunConfig):
 
 
 def checked_endpoint(address: str) -> str:
-    """Return the address of an endpoint without a slash at its end.
+    """Return an endpoint's address without a final slash.
 
     Raises:
-        ConfigError: if it is none, or holds a password, a query or a fragment, in which a key might be.
+        ConfigError: for an invalid address, or one with a password, query or fragment, which may contain a key.
     """
     expected = "expected an address such as http://localhost:8080/v1 or https://api.openai.com/v1"
     try:
         parts = urlsplit(address.strip())
-        port_is_sound = parts.port is None or parts.port > 0
+        is_valid = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
         (parts.hostname or "").encode("idna")
     except ValueError:
-        raise ConfigError(f"`endpoint` is no address: {expected}.") from None
+        raise ConfigError(f"`endpoint` is not an address: {expected}.") from None
     if parts.username is not None or parts.password is not None or parts.query or parts.fragment:
         raise ConfigError(
-            f"`endpoint` holds a user, a password, a query or a fragment, and none of these may be written down: "
-            f"{expected}, and put a key into the environment variable that `key_variable` names."
+            f"`endpoint` has a user, a password, a query or a fragment, which would be written to files: {expected}, "
+            "and put a key into the environment variable that `key_variable` names."
         )
-    if parts.scheme not in ("http", "https") or not parts.hostname or not port_is_sound or not address.isprintable():
-        raise ConfigError(f"`endpoint` '{address[:100]}': {expected}.")
-    if any(letter.isspace() for letter in address.strip()):
+    if not is_valid or not address.isprintable() or re.search(r"\s", address.strip()):
         raise ConfigError(f"`endpoint` '{address[:100]}': {expected}.")
     return address.strip().rstrip("/")

@@ -1,11 +1,10 @@
-"""A model folder of opinions: their scorer, the opinions as a table, what could not be read, and how good they are."""
+"""Model folders of opinions: scorer, table of opinions, unreadable lines and metrics."""
 
 import csv
 import hashlib
 import io
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,17 +24,8 @@ from wordcraft_kg.runs.record import end_run, start_run
 
 TABLE, UNREAD = "opinions.csv", "unread.txt"
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", TABLE, UNREAD)
-MOST_UNREAD = 200
-"""Lines that are listed as examples of what could not be read."""
-LONGEST_LINE = 200
-
-
-@dataclass(frozen=True)
-class WrittenOpinions:
-    """The outcome of asking: the model's folder, and the content of its ``metrics.json``."""
-
-    folder: Path
-    metrics: OpinionMetrics
+_MOST_UNREAD = 200  # lines of unread.txt
+_LONGEST_LINE = 200
 
 
 def write_opinions(
@@ -46,8 +36,8 @@ def write_opinions(
     answers: Sequence[Answer],
     *,
     force: bool = False,
-) -> WrittenOpinions:
-    """Write the model folder of the opinions in the answers to prompts; the graph's split only judges them.
+) -> tuple[Path, OpinionMetrics]:
+    """Write a model folder from the answers to prompts; return folder and metrics. Only the metrics use the split.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
@@ -72,7 +62,7 @@ def write_opinions(
         write_atomically(staging / UNREAD, _examples(unread))
         write_atomically(staging / "README.md", _card(opened, config, metrics))
         end_run(staging, start_run(staging, config.command, seed=config.settings.seed, inputs=inputs), "done", OUTPUTS)
-    return WrittenOpinions(folder, metrics)
+    return folder, metrics
 
 
 def _metrics(
@@ -83,10 +73,6 @@ def _metrics(
     unread: Sequence[Unread],
 ) -> OpinionMetrics:
     why = Counter(one.why for one in unread)
-    counts = [(answer.tokens_in, answer.tokens_out) for answer in answers]
-    tokens_in, tokens_out = (
-        None if None in of or not of else sum(filter(None, of)) for of in (list(zip(*counts, strict=True)) or [(), ()])
-    )
     return OpinionMetrics(
         template=TEMPLATE_HASH,
         prompts=len(prompts),
@@ -96,34 +82,23 @@ def _metrics(
         unread={name: why[name] for name in WHYS},
         cut=sum(answer.finish == "length" for answer in answers),
         models=tuple(sorted({answer.model for answer in answers if answer.model})),
-        tokens_in=tokens_in,
-        tokens_out=tokens_out,
         agreement={"all": agreement(opened, opinions), "test": agreement(opened, opinions, test_only=True)},
     )
 
 
 def agreement(opened: OpenedGraph, opinions: Sequence[Opinion], *, test_only: bool = False) -> Agreement:
-    """Compare opinions with the recipes of a graph, or with those of its test part.
-
-    An opinion that is a recipe of another part is neither right nor wrong of the test part, and is left out there.
-    """
-    graph, split = opened.graph, opened.split
-    of_part = split.is_in("test") | (not test_only)
-    wanted = {tuple(row) for row in graph.recipes[of_part].tolist()}
-    others = {tuple(row) for row in graph.recipes[~of_part].tolist()}
-    judged = [one for one in opinions if one.recipe not in others]
-    right = sum(one.recipe in wanted for one in judged)
+    """Compare opinions with all recipes of a graph, or with test recipes; opinions on other parts are left out."""
+    recipes, is_in = opened.graph.recipes, opened.split.is_in("test") | (not test_only)
+    wanted, others = ({tuple(row) for row in recipes[rows].tolist()} for rows in (is_in, ~is_in))
+    named = [one.recipe for one in sorted(opinions, key=lambda one: -one.rank) if one.recipe not in others]
+    first = {recipe[2]: recipe for recipe in named}  # the one of the best rank
     goals = {recipe[2] for recipe in wanted}
-    # Of those judged, the best one of a goal, since ranks are unique there.
-    first: dict[int, Opinion] = {}
-    for one in sorted(judged, key=lambda one: -one.rank):
-        first[one.recipe[2]] = one
-    hits = sum(goal in first and first[goal].recipe in wanted for goal in goals)
+    right, hits = len(wanted.intersection(named)), len(wanted.intersection(first.values()))
     return Agreement(
-        opinions=len(judged),
+        opinions=len(named),
         recipes=len(wanted),
         right=right,
-        precision=right / len(judged) if judged else None,
+        precision=right / len(named) if named else None,
         recall=right / len(wanted) if wanted else None,
         goals=len(goals),
         first_right=hits / len(goals) if goals else None,
@@ -140,9 +115,8 @@ def _table(opinions: Sequence[Opinion], entities: Sequence[str]) -> str:
 
 
 def _examples(unread: Sequence[Unread]) -> str:
-    """Return lines that could not be read, each once, with why."""
-    rows = dict.fromkeys(f"{one.why}\t{' '.join(one.line.split())[:LONGEST_LINE]}" for one in unread)
-    return "".join(f"{row}\n" for row in list(rows)[:MOST_UNREAD])
+    rows = dict.fromkeys(f"{one.why}\t{' '.join(one.line.split())[:_LONGEST_LINE]}" for one in unread)
+    return "".join(f"{row}\n" for row in list(rows)[:_MOST_UNREAD])
 
 
 def _card(opened: OpenedGraph, config: OpinionsConfig, metrics: OpinionMetrics) -> str:

@@ -1,7 +1,4 @@
-"""The kind of model that ``ask-opinions`` writes, for everything that opens model folders.
-
-The entry-point group ``wordcraft_kg.models`` names this module, so that it is imported when such a folder is opened.
-"""
+"""Registration of the model folders of ``ask-opinions``, by the entry-point group ``wordcraft_kg.models``."""
 
 from wordcraft_kg.apps.elicitation.config import OpinionsConfig
 from wordcraft_kg.apps.elicitation.records import OpinionMetrics
@@ -13,7 +10,7 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 def opinions_history(files: RunFiles) -> History:
-    """Read what was asked of which model."""
+    """Read the origin of the opinions in a model folder."""
     config, metrics = OpinionsConfig.read(files.folder), files.record("metrics.json", OpinionMetrics)
     facts = {
         "asked by": " ".join(files.run.argv),

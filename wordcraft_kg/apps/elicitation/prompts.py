@@ -1,4 +1,4 @@
-"""What a language model is asked, and what names an answer: the request itself."""
+"""Prompts for a language model, and the request as the key of its answer."""
 
 import hashlib
 import json
@@ -9,7 +9,7 @@ from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
 from wordcraft_kg.base.records import Record
 
 LISTED = 1_500
-"""Entities up to which each prompt lists all of them; of a larger graph, the model names things freely."""
+"""Maximum number of entities that prompts list; for a larger graph, the model names things freely."""
 TASK = """\
 In a crafting game, two things are combined and make another thing, as in the real world or in a play on words.
 A thing may be combined with itself.
@@ -26,9 +26,8 @@ Which pairs make these things?
 {goals}
 """
 TEMPLATE_HASH = hashlib.sha256("\0".join((TASK, THINGS, QUESTION)).encode()).hexdigest()
-"""The version of the prompts: SHA-256 of their wording."""
-CHARACTERS_PER_TOKEN = 4
-"""Of English text, about; tokenizers differ."""
+"""Version of the prompts: SHA-256 of the template."""
+_CHARACTERS_PER_TOKEN = 4  # approximately, for English
 
 
 class Message(Record, frozen=True):
@@ -39,12 +38,7 @@ class Message(Record, frozen=True):
 
 
 class Request(Record, frozen=True, kw_only=True):
-    """The content of a request, which names its answer; the key is no part of it.
-
-    Attributes:
-        endpoint: address, because a model of the same name may be another one elsewhere.
-        temperature: None to leave it to the endpoint, as for ``seed``.
-    """
+    """The content of a request without the key; None stands for the endpoint's default."""
 
     endpoint: str
     model: str
@@ -54,19 +48,19 @@ class Request(Record, frozen=True, kw_only=True):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of all of it, in hexadecimal."""
+        """SHA-256 of the content, in hexadecimal."""
         values = [self.endpoint, self.model, [[one.role, one.content] for one in self.messages]]
         return hashlib.sha256(json.dumps([*values, self.temperature, self.seed]).encode()).hexdigest()
 
     @property
     def tokens(self) -> int:
-        """About how many tokens it has."""
-        return sum(len(message.content) for message in self.messages) // CHARACTERS_PER_TOKEN + 1
+        """Approximate number of tokens."""
+        return sum(len(message.content) for message in self.messages) // _CHARACTERS_PER_TOKEN + 1
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """The labels of some goals, the request about them, and about how many tokens the answer will have."""
+    """Labels of goals, the request for their pairs, and the approximate number of tokens of the answer."""
 
     goals: tuple[str, ...]
     request: Request
@@ -74,7 +68,7 @@ class Prompt:
 
 
 def make_prompts(config: OpinionsConfig, entities: Sequence[str]) -> list[Prompt]:
-    """Return the prompts that ask about all entities, given by label in the order of their ids.
+    """Return the prompts about all entities, given by label in the order of their ids.
 
     Example:
         >>> config = OpinionsConfig("kitchen", "http://localhost:8080/v1", "some-model")
@@ -94,11 +88,9 @@ def make_prompts(config: OpinionsConfig, entities: Sequence[str]) -> list[Prompt
 def _prompt(config: OpinionsConfig, task: str, goals: tuple[str, ...]) -> Prompt:
     settings: AskingConfig = config.settings
     is_greedy = settings.sampling == "greedy"
-    # What all prompts share comes first, because servers keep what they have read of a beginning.
-    messages = (
-        Message("system", task.strip()),
-        Message("user", QUESTION.format(goals="\n".join(goals)).strip()),
-    )
+    # The common part comes first, because servers cache prefixes.
+    question = QUESTION.format(goals="\n".join(goals))
+    messages = Message("system", task.strip()), Message("user", question.strip())
     request = Request(
         endpoint=config.endpoint,
         model=config.model,
@@ -107,4 +99,4 @@ def _prompt(config: OpinionsConfig, task: str, goals: tuple[str, ...]) -> Prompt
         seed=settings.seed if is_greedy else None,
     )
     letters = sum(3 * len(goal) + 6 for goal in goals) * settings.pairs
-    return Prompt(goals, request, letters // CHARACTERS_PER_TOKEN + 1)
+    return Prompt(goals, request, letters // _CHARACTERS_PER_TOKEN + 1)

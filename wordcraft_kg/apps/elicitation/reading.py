@@ -1,4 +1,4 @@
-"""Reading opinions from answers: lines such as ``mud: water + earth``, forgivingly."""
+"""Lenient parser of opinions in answers: lines such as ``mud: water + earth``."""
 
 import re
 from collections import defaultdict
@@ -11,7 +11,7 @@ from wordcraft_kg.apps.elicitation.prompts import Prompt
 from wordcraft_kg.base.labels import LabelIndex
 
 Why = Literal["no pair", "unknown thing", "not asked for", "makes itself", "named twice"]
-"""Reasons for which a line is no opinion; an unknown thing is not in the graph, "not asked for" is about the result."""
+"""Reason for a line without an opinion; "unknown thing" is outside the graph, "not asked for" concerns the result."""
 WHYS: tuple[Why, ...] = get_args(Why)
 _MARKS = re.compile(r"\*\*|__|`")
 _THINKING = re.compile(r"<think(?:ing)?>.*?(?:</think(?:ing)?>|\Z)", re.DOTALL | re.IGNORECASE)
@@ -25,11 +25,11 @@ _SEVERAL = re.compile(r"\s*[,;|]\s*(?:or\s+)?|\s+or\s+")
 
 @dataclass(frozen=True)
 class Opinion:
-    """A pair that is thought to make a goal.
+    """A recipe by a language model.
 
     Attributes:
         recipe: ids of both ingredients, the smaller one first, and of the goal.
-        rank: place among the pairs of the goal, from 1.
+        rank: rank among the pairs of the goal, from 1.
     """
 
     recipe: tuple[int, int, int]
@@ -37,16 +37,13 @@ class Opinion:
 
     @property
     def weight(self) -> float:
-        """1 for the pair that is named first, then 3/4, 2/3, 5/8, ...: ``(1 + 1 / rank) / 2``.
-
-        An order is all that an answer gives. That a pair is named at all says at least as much as its place.
-        """
+        """``(1 + 1 / rank) / 2``, because naming a pair at all is at least as informative as its rank."""
         return (1 + 1 / self.rank) / 2
 
 
 @dataclass(frozen=True)
 class Unread:
-    """A line without an opinion, and the reason."""
+    """A line without an opinion, and its reason."""
 
     why: Why
     line: str
@@ -55,14 +52,14 @@ class Unread:
 def read_opinions(
     prompts: Sequence[Prompt], answers: Sequence[Answer], entities: Sequence[str]
 ) -> tuple[list[Opinion], list[Unread]]:
-    """Return the opinions in the answers to prompts, and the lines without one.
+    """Return the opinions in the answers to prompts, and the lines without an opinion.
 
-    Ranks are counted among the pairs that could be read. A line may have a bullet, a number, quotes or emphasis; it
-    may say ``first + second = thing`` as well, or name several pairs; and the pairs may stand below the thing.
+    A line may have a bullet, a number, quotes or emphasis, the form ``first + second = thing``, or several pairs;
+    pairs may follow a heading. Ranks count readable pairs.
 
     Args:
-        prompts: prompts, in the order of the answers.
-        answers: an answer for each.
+        prompts: prompts.
+        answers: an answer per prompt.
         entities: labels of the graph, in the order of their ids.
     """
     known = LabelIndex(entities)
@@ -93,11 +90,11 @@ def read_opinions(
 def _pairs(
     text: str, known: LabelIndex, goals: set[int | None]
 ) -> Iterator[tuple[tuple[int, int] | None, int | None, str]]:
-    """Yield each pair of an answer, what it is said to make, and its line; None for a pair that cannot be read."""
+    """Yield each pair of an answer, its goal, and its line; None for an unreadable pair or goal."""
     heading: int | None = None
-    # Some servers leave the beginning of what was thought to the prompt, so that an answer holds its end alone.
-    *_, said = _END_OF_THINKING.split(_THINKING.sub("\n", text))
-    for raw in said.splitlines():
+    # With some servers, thoughts begin in the prompt and only end in the answer.
+    *_, visible = _END_OF_THINKING.split(_THINKING.sub("\n", text))
+    for raw in visible.splitlines():
         line = _plain(raw)
         if not line:
             continue
@@ -116,9 +113,9 @@ def _pairs(
 
 
 def _divided(line: str, known: LabelIndex) -> tuple[int | None, str]:
-    """Return what a line is about and the rest of it; None for a line that is about nothing that the graph has.
+    """Return the goal of a line and the rest of the line; None without a goal in the graph.
 
-    The beginning of a label may be a label too: ``star`` of ``star: wars``. Then the one counts after which is a pair.
+    The beginning of a label may be a label too, as ``star`` of ``star: wars``; the one before a pair counts.
     """
     about: list[tuple[int, str]] = []
     for match in _GOAL.finditer(line):
@@ -146,7 +143,7 @@ def _pair(text: str, known: LabelIndex) -> tuple[int, int] | None:
 
 
 def _plain(line: str) -> str:
-    """Return a line without what lists and emphasis add to it; labels keep what belongs to them."""
+    """Return a line without list marks and emphasis."""
     line = _BULLET.sub("", line.strip())
     line = _MARKS.sub("", line).strip()
     return "" if re.fullmatch(r"[-=*#~ ]*", line) or line.startswith("```") else line.rstrip(".,; ")

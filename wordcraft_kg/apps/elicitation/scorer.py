@@ -1,4 +1,4 @@
-"""Opinions of what makes what: recipes with weights that come from elsewhere than the graph's own recipes."""
+"""Scorer of weighted recipes from a source other than the graph."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -14,31 +14,31 @@ from wordcraft_kg.models.scorers.recipes import Witness
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
 MOST_ENTITIES = 2_000_000
-"""Three ids of so many entities are one key of 64 bits."""
+"""Limit at which three ids fit into a key of 64 bits."""
 
 
 class OpinionScorer(StoredScorer):
-    """Scores a recipe by the weight of the opinion that it is one, and 0 without such an opinion.
+    """Scores a recipe with the weight of its opinion, 0 without one, and a link with its strongest recipe.
 
-    A link has the strongest recipe that it would be part of::
+    Links::
 
         score(a, combinesWith, b) = max over c of score(a, b -> c)
         score(x, componentOf, c) = max over b of score(x, b -> c)
 
     Attributes:
-        opinions: shape (n, 3), int32: pairs, the smaller id first, and their results; ascending, each once.
+        opinions: shape (n, 3), int32: unique pairs, the smaller id first, and results, in ascending order.
         weights: shape (n,), float32, above 0.
-        recipes: shape (0, 3): recipes of its training, which are none.
+        recipes: shape (0, 3): training recipes.
     """
 
     kind: ClassVar[str] = "opinions"
 
     def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
-        """Take ``opinions`` and ``weights``; :meth:`of` takes them in any order.
+        """Take ``opinions`` and ``weights``; :meth:`of` accepts any order.
 
         Raises:
-            KeyError: if one is missing.
-            ValueError: if one has another shape or type than it should have, or holds what it cannot.
+            KeyError: for a missing tensor.
+            ValueError: for a wrong shape, type or value.
         """
         super().__init__(entities, graph_hash, **kwargs)
         self.check(tensors, len(self.entities))
@@ -53,7 +53,7 @@ class OpinionScorer(StoredScorer):
     def of(
         cls, opinions: Ids, weights: Sequence[float], entities: Sequence[str], graph_hash: str, **kwargs: Any
     ) -> "OpinionScorer":
-        """Take opinions, shape (n, 3), with weights above 0: pairs in any order; of equal ones the strongest counts.
+        """Take opinions, shape (n, 3), with weights above 0, in any order; the strongest of equal opinions counts.
 
         Example:
             >>> scorer = OpinionScorer.of([[1, 0, 2]], [1.0], ["earth", "water", "mud"], "hash of the graph")
@@ -69,7 +69,7 @@ class OpinionScorer(StoredScorer):
         return cls(tensors, entities, graph_hash, **kwargs)
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors that it can be made from again."""
+        """Return the tensors for the constructor."""
         return {"opinions": self.opinions, "weights": self.weights}
 
     def weighted_recipes(self) -> tuple[Tensor, Tensor]:
@@ -78,28 +78,25 @@ class OpinionScorer(StoredScorer):
 
     @property
     def observed(self) -> Ids:
-        """The triples of the opinions, shape (T, 3), sorted."""
+        """Triples of the opinions, shape (T, 3), sorted."""
         return recipe_triples(self.opinions.numpy().astype(np.int64))
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Return the weight of the opinion that each pair makes a result, 0 without one; labels or ids broadcast.
-
-        Returns:
-            float32, of the broadcast shape.
+        """Return the weight of each recipe's opinion, 0 without one, float32; labels or ids broadcast.
 
         Raises:
-            UnknownEntityError: for a label or id that the scorer does not know.
+            UnknownEntityError: for an unknown label or id.
         """
         ids = torch.broadcast_tensors(*(self.entity_ids(part) for part in (ingredients, others, results)))
         return weights_of(torch.stack(ids, dim=-1), self._keys, self._weights, len(self.entities))
 
     def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return no recipe: an opinion does not rest on recipes of the graph."""
+        """Return an empty list, because opinions do not depend on recipes of the graph."""
         self.entity_ids([ingredient, other, result])
         return []
 
     def _strongest_links(self) -> tuple[Tensor, Tensor]:
-        """Return the key of each link that an opinion would give, ascending, and its largest weight."""
+        """Return the keys of the opinions' links, ascending, and their largest weights."""
         size = len(self.entities)
         a, b, c = self.opinions.numpy().astype(np.int64).T
         keys = np.concatenate(

@@ -1,4 +1,4 @@
-"""Games as conversations: prompts and answers in turn, whoever plays."""
+"""Games as conversations of prompts and answers."""
 
 import re
 from collections.abc import Callable
@@ -19,17 +19,16 @@ _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
 
 class Conversation:
-    """A game in texts: an opening, and a reply to each message.
+    """A game as text: an opening, and a reply to each message.
 
-    The last line of a message counts: two entities are an attempt, ``look up`` and an entity ask for facts. A message
-    that is not understood is refused at no cost; after some refusals in a row the next one costs the attempt, so that
-    every conversation ends.
+    The last line of a message counts: two entities are an attempt, ``look up`` and an entity a look-up. An invalid
+    message costs nothing; after several in a row the next one costs the attempt, so that every conversation ends.
 
     Attributes:
         game: the game.
-        refused: messages that were not understood.
-        lost: attempts lost by them.
-        look_ups: entities that were looked up.
+        refused: number of invalid messages.
+        lost: attempts lost by invalid messages.
+        look_ups: number of look-ups.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -41,14 +40,14 @@ class Conversation:
     def __init__(
         self, game: Game, knowledge: Knowledge | None = None, *, refusals: int = REFUSALS, look_ups: int = LOOK_UPS
     ):
-        """Begin a conversation; ``EvaluationSettings`` (``settings``) explains the numbers."""
+        """Begin a conversation; see ``settings.EvaluationSettings`` for ``refusals`` and ``look_ups``."""
         self.game, self._knowledge, self._refusals, self._most_look_ups = game, knowledge, refusals, look_ups
         self.refused = self.lost = self.look_ups = 0
         self._in_a_row = 0
 
     @property
     def rules(self) -> str:
-        """The rules of the game, and how to answer."""
+        """Rules of the game and format of answers."""
         parts = [self.game.rules, told("answer")]
         if self._knowledge is not None and self._most_look_ups:
             parts.append(told("look_up", look_ups=self._most_look_ups))
@@ -61,35 +60,35 @@ class Conversation:
 
     @property
     def is_over(self) -> bool:
-        """Whether the game is over, so that no message is expected."""
+        """Whether the game is over."""
         return self.game.is_over
 
     def hear(self, message: str) -> str:
-        """Take a message and return the reply: its outcome, and the state."""
-        line = last_line(message)
-        asked = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
+        """Return the reply to a message: its outcome and the new state."""
+        line, entities = last_line(message), self.game.graph.entities
+        look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         try:
-            if asked is not None:
-                entity = read_label(asked[1], self.game.graph.entities, by_number=False)
-                said = facts_in_words(self.game.graph.entities[entity], self.facts(entity))
+            if look_up is not None:
+                entity = read_label(look_up[1], entities, by_number=False)
+                outcome = facts_in_words(entities[entity], self.facts(entity))
             else:
-                said = self.game.combine(*read_pair(line, self.game.labels))
+                outcome = self.game.combine(*read_pair(line, self.game.labels))
             self._in_a_row = 0
         except ActionError as error:
-            said = self._refuse(str(error))
-        return f"{said}\n\n{self.game.state}"
+            outcome = self._refuse(str(error))
+        return f"{outcome}\n\n{self.game.state}"
 
     def facts(self, entity: int) -> list[str]:
         """Return the facts about an entity, and count the look-up.
 
         Raises:
-            ActionError: if no look-up is left.
+            ActionError: without a look-up left.
         """
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
             raise ActionError(told("no_look_ups"))
-        found = self._knowledge.facts(entity, self.game)
+        facts = self._knowledge.facts(entity, self.game)
         self.look_ups += 1
-        return found
+        return facts
 
     def _refuse(self, why: str) -> str:
         self.refused += 1
@@ -108,7 +107,7 @@ def facts_in_words(label: str, facts: list[str]) -> str:
 
 
 def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
-    """Play a game with a player that answers each prompt; return all prompts and answers in turn, the verdict last."""
+    """Play a game with a function that answers prompts; return all messages in turn, the outcome of the game last."""
     messages = [talk.opening]
     while not talk.is_over:
         messages.append(answer(messages[-1]))
@@ -118,13 +117,7 @@ def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Play:
-    """Games of one world with their rules; a knowledge that would leak is refused before the first game.
-
-    Attributes:
-        games: the games.
-        settings: the recorded settings.
-        knowledge: knowledge that can be looked up; None for none.
-    """
+    """Games of one world with their settings and knowledge; raises a LeakError if look-ups would leak."""
 
     games: TaskGames | DiscoveryGames
     settings: PlayedSettings
@@ -136,12 +129,13 @@ class Play:
 
     @classmethod
     def open(cls, graph: str, settings: GameSettings, **rules: Any) -> Self:
-        """Open the games of settings on a graph folder, a book's file or a known book; ``rules`` are recorded, too.
+        """Open the games on a graph folder, recipe book or known book; ``rules`` are additional recorded settings.
 
         Raises:
             ConfigError: for settings that do not fit the graph.
-            LeakError: if a scorer would tell recipes of train tasks that it was trained on.
-            ArtefactError, RecipeFileError, GraphMismatchError: if graph or scorer cannot be read, or do not match.
+            LeakError: if a scorer would reveal its train recipes on train tasks.
+            ArtefactError, RecipeFileError, GraphMismatchError: for a graph or scorer that is unreadable or of another
+                graph.
         """
         opened = open_graph(graph)
         knowledge = open_knowledge(settings, opened)
@@ -155,10 +149,10 @@ class Play:
         return cls(tasks, PlayedSettings.of_tasks(tasks.world, **rules), knowledge)
 
     def begin(self, task: int = 0, draw: int = 0) -> Conversation:
-        """Begin a game; in the open-ended world all are alike.
+        """Begin a game.
 
         Raises:
-            ConfigError: if there is no such task or draw.
+            ConfigError: if the task or draw does not exist.
         """
         rules = self.settings
         game = self.games.begin(task, draw)

@@ -15,14 +15,14 @@ from wordcraft_kg.graphs.tasks import TaskSet
 
 
 class Game(ABC):
-    """A game in which an attempt combines two places of :attr:`labels`; after its end, attempts raise an EpisodeError.
+    """A game whose attempts combine two entries of :attr:`labels`; attempts after its end raise an EpisodeError.
 
     Attributes:
         graph: the recipe graph.
-        rules: the rules in words.
+        rules: the rules as a prompt.
         goal: label of the goal; None in the open-ended world.
         tasks: tasks of the world; None in the open-ended world.
-        task: number of the game's task among them.
+        task: index of the game's task.
     """
 
     goal: str | None = None
@@ -30,20 +30,20 @@ class Game(ABC):
     task = -1
 
     def __init__(self, graph: RecipeGraph, aim: str):
-        """Begin a game; ``aim`` names the text that says what to achieve."""
+        """Begin a game; ``aim`` is the key of the text that states the aim."""
         self.graph = graph
         self.rules = f"{told('rules')} {told(aim)}"
         self._is_ended = False
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of the entities that can be combined, in the order of their numbers."""
+        """Labels of the entities that can be combined, by number."""
         return self.graph.labels(self._entities())
 
     @property
     @abstractmethod
     def attempts_left(self) -> int:
-        """Attempts left, the current one included."""
+        """Attempts left, including the current one."""
 
     @property
     def is_over(self) -> bool:
@@ -52,21 +52,21 @@ class Game(ABC):
 
     @property
     def state(self) -> str:
-        """The state in words; once the game is over, how it ended."""
+        """The state as a prompt; the outcome once the game is over."""
         return told("ended") if self._is_ended else self._ending() or self._ongoing()
 
     def combine(self, one: int, other: int) -> str:
-        """Make an attempt and return its outcome in words."""
+        """Make an attempt and return a description of its result."""
         self._check()
         return self._combine(one, other)
 
     def lose_attempt(self) -> None:
-        """Use up an attempt for nothing."""
+        """Use up an attempt without a result."""
         self._check()
         self._lose()
 
     def end(self) -> None:
-        """Give the game up, however many attempts are left."""
+        """Give up the game, regardless of the attempts left."""
         self._is_ended = not self.is_over or self._is_ended
 
     def _check(self) -> None:
@@ -90,22 +90,22 @@ class Game(ABC):
 
 
 class TaskGame(Game):
-    """A crafting task at one of the evaluation's tables.
+    """A crafting task at a table of the evaluation.
 
     Attributes:
-        draw: number of the draw of distractors.
-        start: labels on the table at the beginning.
+        draw: index of the draw of distractors.
+        start: initial labels on the table.
         is_made: whether the goal was made.
-        by_plan: whether the last pair of one of the task's plans made it.
-        picks: picks so far, as the evaluation of agents counts them.
-        last: the last pair that was combined; None before the first and after a lost attempt.
+        by_plan: whether the last pair of a plan made the goal.
+        picks: picks so far, counted as in the evaluation of agents.
+        last: the last combined pair; None initially and after a lost attempt.
     """
 
     goal: str
     tasks: TaskSet
 
     def __init__(self, env: WordCraftEnv, tables: EvaluationTables, task: int, draw: int):
-        """Begin a game with an environment of its own."""
+        """Begin a game in an unshared environment."""
         super().__init__(env.world.graph, "goal")
         self.tasks, self.task, self.draw = env.tasks, task, draw
         self._env = env
@@ -119,7 +119,7 @@ class TaskGame(Game):
 
     @property
     def attempts_left(self) -> int:
-        """Attempts left, the current one included."""
+        """Attempts left, including the current one."""
         return self._env.state.attempts_left
 
     def _entities(self) -> Iterable[int]:
@@ -153,7 +153,7 @@ class TaskGame(Game):
 
 
 class TaskGames:
-    """Tasks of a world as games, at the tables at which agents are evaluated; many may go on at once.
+    """Tasks of a world as independent games, at the tables of the evaluation.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -163,15 +163,15 @@ class TaskGames:
     """
 
     def __init__(self, world: World):
-        """Prepare what all games share."""
+        """Prepare the state that all games share."""
         self.world, self.graph = world, world.graph
         self._env, self._tables = WordCraftEnv(world), EvaluationTables(world)
 
     def begin(self, task: int = 0, draw: int = 0) -> TaskGame:
-        """Begin a task, by its number in the world, with a draw of distractors.
+        """Begin a task, by index, with a draw of distractors.
 
         Raises:
-            ConfigError: if there is no such task or draw.
+            ConfigError: if the task or draw does not exist.
         """
         return TaskGame(copy.copy(self._env), self._tables, task, draw)
 
@@ -180,12 +180,12 @@ class DiscoveryGame(Game):
     """A game in the open-ended world.
 
     Attributes:
-        known_after: number of known entities after each attempt so far.
-        repeated: attempts with a pair that had been tried before.
+        known_after: number of known entities after each attempt.
+        repeated: attempts with an already tried pair.
     """
 
     def __init__(self, env: OpenEndedEnv):
-        """Begin a game with an environment of its own."""
+        """Begin a game in an unshared environment."""
         super().__init__(env.graph, "discover")
         self._env = env
         env.reset()
@@ -194,26 +194,26 @@ class DiscoveryGame(Game):
 
     @property
     def attempts_left(self) -> int:
-        """Attempts left, the current one included."""
+        """Attempts left, including the current one."""
         return self._env.max_attempts - len(self.known_after)
 
-    def _entities(self) -> Iterable[int]:
-        return self._env.discovery.known
+    def _entities(self) -> list[int]:
+        return [*self._env.discovery.known]
 
     def _ending(self) -> str | None:
         if self._env.discovery.is_complete:
             return told("all_known")
-        return None if self.attempts_left else told("no_attempt_left", known=len(self._env.discovery.known))
+        return None if self.attempts_left else told("no_attempt_left", known=len(self._entities()))
 
     def _ongoing(self) -> str:
-        known = len(self._env.discovery.known)
-        return told("world", known=known, table=numbered(self.labels), attempts_left=self.attempts_left)
+        table, known = numbered(self.labels), len(self._entities())
+        return told("world", known=known, table=table, attempts_left=self.attempts_left)
 
     def _combine(self, one: int, other: int) -> str:
-        known = [*self._env.discovery.known]
+        known = self._entities()
         pair = known[one], known[other]
         *_, info = self._env.step([*pair])
-        self.known_after.append(len(self._env.discovery.known))
+        self.known_after.append(len(self._entities()))
         self.repeated += info["repeated"]
         text = combined(self.graph.labels(pair), self.graph.labels(info["new_entities"]), "nothing new")
         return text + (told("tried") if info["repeated"] else "")
@@ -221,23 +221,23 @@ class DiscoveryGame(Game):
     def _lose(self) -> None:
         unknown = next(entity for entity in range(self.graph.num_entities) if entity not in self._env.discovery.known)
         self._env.step([unknown, unknown])  # an illegal action, which wastes the attempt
-        self.known_after.append(len(self._env.discovery.known))
+        self.known_after.append(len(self._entities()))
 
 
 class DiscoveryGames:
-    """Games in the open-ended world of a graph, all alike; many may go on at once."""
+    """Independent games in the open-ended world of a graph, all from the same base.
+
+    Raises:
+        ConfigError: for a value out of range, or a base that makes nothing.
+    """
 
     def __init__(self, graph: GraphLike, *, attempts: int = 100, base: Iterable[Entity] | None = None):
-        """Prepare what all games share.
-
-        Raises:
-            ConfigError: for a value out of range, or a base from which nothing can be made.
-        """
+        """Prepare the state that all games share."""
         self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
         self.graph = self.env.graph
 
     def begin(self, task: int = 0, draw: int = 0) -> DiscoveryGame:
-        """Begin a game; there is one task, and all its draws are the same game."""
+        """Begin a game; all tasks and draws are alike."""
         env = copy.copy(self.env)
         env.discovery = copy.copy(self.env.discovery)
         return DiscoveryGame(env)

@@ -1,10 +1,9 @@
-"""Many games at once for players that come back: each game has an id, and the oldest are forgotten."""
+"""Concurrent games, each with an id, of players that may reconnect; the oldest games are forgotten."""
 
 import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
@@ -17,115 +16,100 @@ from wordcraft_kg.base.labels import read_label
 from wordcraft_kg.base.settings import MAX_SIZE
 from wordcraft_kg.runs.folder import locked
 
-MOST_GAMES = 1_000
-"""Most games that are remembered: ten for each of a hundred players at once, in less than 100 MiB."""
-MOST_MESSAGES = 10_000
-"""Most messages of a game that are kept, however often its player is refused."""
 NEVER = MAX_SIZE
-"""Refusals in a row until one costs an attempt: players that call tools read the error, and call again."""
+"""Value of ``refusals`` at which invalid messages never cost an attempt: clients read a tool's error and call again."""
+_MOST_GAMES = 1_000
+"""Remembered games: ten for each of a hundred players, in less than 100 MiB."""
+_MOST_MESSAGES = 10_000
+"""Recorded messages of a game, which bound its memory."""
 
 
-@dataclass
 class HostedGame:
     """A game with an id and the messages of its player.
 
-    A game that is over raises an EpisodeError, a message that is not understood an ActionError, a record that cannot be
-    kept an OSError; ``end`` tries again to keep it.
+    Calls raise an EpisodeError after the end of the game, an ActionError for invalid messages, and an OSError if the
+    record of the game cannot be written; :meth:`end` repeats the attempt to write the record.
 
     Attributes:
         name: the game's id.
-        talk: the game, and its counts.
-        keep: called with the game once it is over, to keep its record.
-        attempts: the attempts so far, in words.
-        messages: prompts and answers in turn; the first has the rules and the first state, later ones no states.
+        talk: the game and its counts.
+        messages: prompts and answers in turn; the first has the rules and the initial state, later ones omit states.
     """
 
-    name: str
-    talk: Conversation
-    keep: "Callable[[HostedGame], None]"
-    attempts: list[str] = field(default_factory=list)
-    messages: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
+    def __init__(self, name: str, talk: Conversation, keep: "Callable[[HostedGame], None]"):
+        """Begin a game; ``keep`` records the game once it is over."""
+        self.name, self.talk, self._keep = name, talk, keep
+        self.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
         self._is_kept = False
-        self.messages.append(f"{self.talk.game.rules}\n\n{self.talk.game.state}")
 
     def combine(self, first: str, second: str) -> str:
-        """Make an attempt and return its outcome in words."""
+        """Make an attempt and return a description of its result."""
         game = self.talk.game
-        with self._heard(said := f"{first} + {second}"):
-            came = game.combine(*(read_label(thing, game.labels) for thing in (first, second)))
-        self.attempts.append(came)
-        self._note(said, came)
+        with self._hearing(message := f"{first} + {second}"):
+            result = game.combine(*(read_label(thing, game.labels) for thing in (first, second)))
+        self._note(message, result)
         self._keep_if_over()
-        return came
+        return result
 
     def look_up(self, thing: str) -> tuple[str, list[str]]:
-        """Return the label of an entity, and the facts about it."""
+        """Return the label of an entity and the facts about it."""
         entities = self.talk.game.graph.entities
-        with self._heard(said := f"look up {thing}"):
+        with self._hearing(message := f"look up {thing}"):
             entity = read_label(thing, entities, by_number=False)
             facts = self.talk.facts(entity)
-        self._note(said, "\n".join(facts))
+        self._note(message, "\n".join(facts))
         return entities[entity], facts
 
     def end(self) -> None:
-        """Give the game up, if it is not over."""
+        """Give up the game unless it is over."""
         if not self.talk.is_over:
             self.talk.game.end()
             self._note("end", "")  # the answer is the state alone
         self._keep_if_over()
 
     @contextmanager
-    def _heard(self, said: str) -> Iterator[None]:
+    def _hearing(self, message: str) -> Iterator[None]:
         if self.talk.is_over:
             raise EpisodeError(f"This game is over. {self.talk.game.state} Begin another one.")
         try:
             yield
         except ActionError as error:
             self.talk.refused += 1
-            self._note(said, str(error))
+            self._note(message, str(error))
             raise
 
-    def _note(self, said: str, answer: str) -> None:
-        if len(self.messages) < MOST_MESSAGES:
-            self.messages += [said, answer]
+    def _note(self, message: str, answer: str) -> None:
+        if len(self.messages) < _MOST_MESSAGES:
+            self.messages += [message, answer]
 
     def _keep_if_over(self) -> None:
         if self.talk.is_over and not self._is_kept:
-            self.keep(self)
+            self._keep(self)
             self._is_kept = True
 
 
 class HostedGames:
-    """Games of one world, played at the same time by everybody who knows a game's id.
+    """Games of one world, open to everyone who knows a game's id.
 
     Attributes:
-        play: the games and their rules.
-        keep: see :class:`HostedGame`.
-
-    Example:
-        >>> world = World("kitchen", WordCraftConfig(part="test"))
-        >>> hosted = HostedGames(Play(TaskGames(world), PlayedSettings.of_tasks(world, refusals=NEVER)))
-        >>> game = hosted.begin(task=0)
-        >>> hosted.game(game.name).combine("the flour", "2")
-        'flour + water -> dough'
+        play: the games and their settings.
+        keep: called with each game that is over, to record it.
     """
 
-    def __init__(self, play: Play, keep: Callable[[HostedGame], None] = lambda game: None, *, most: int = MOST_GAMES):
+    def __init__(self, play: Play, *, most: int = _MOST_GAMES):
         """Host games; ``most`` of them are remembered."""
-        self.play, self.keep, self._most = play, keep, most
+        self.play, self._most = play, most
+        self.keep: Callable[[HostedGame], None] = lambda game: None
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, draw: int = 0) -> HostedGame:
         """Begin a game.
 
         Raises:
-            ConfigError: if there is no such task or draw.
+            ConfigError: if the task or draw does not exist.
         """
-        # A game's id cannot be guessed from another one.
-        hosted = HostedGame(secrets.token_urlsafe(9), self.play.begin(task, draw), self.keep)
-        self._hosted[hosted.name] = hosted
+        name = secrets.token_urlsafe(9)  # cannot be guessed from another one
+        hosted = self._hosted[name] = HostedGame(name, self.play.begin(task, draw), self.keep)
         while len(self._hosted) > self._most:
             self._hosted.popitem(last=False)
         return hosted
@@ -134,7 +118,7 @@ class HostedGames:
         """Return a game.
 
         Raises:
-            EpisodeError: if there is none, or it was forgotten.
+            EpisodeError: for an unknown or forgotten id.
         """
         if name not in self._hosted:
             raise EpisodeError(
@@ -147,22 +131,22 @@ class HostedGames:
 
 @contextmanager
 def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame], None]]:
-    """Yield a function that adds a game that is over to a file, which no other server may write.
+    """Yield a function that appends a game to a file; other servers cannot write the file meanwhile.
 
     Raises:
-        ArtefactError: if another server writes the file, or it is damaged or of another kind.
-        GraphMismatchError, ConfigError: if its games are of another graph or other settings; the file is unchanged.
+        ArtefactError: for a damaged file, a file of another kind, or a file that another server writes.
+        GraphMismatchError, ConfigError: for games of another graph or other settings; the file is unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()
     check_file(path)
     with locked(path, "written"):
-        games = len(open_games(path, header))
+        count = len(open_games(path, header))
 
         def keep(hosted: HostedGame) -> None:
-            nonlocal games
+            nonlocal count
             last = f"{hosted.messages[-1]}\n\n{hosted.talk.game.state}".lstrip()
-            append_game(path, record_of(hosted.talk, [*hosted.messages[:-1], last], games))
-            games += 1
+            append_game(path, record_of(hosted.talk, [*hosted.messages[:-1], last], count))
+            count += 1
 
         yield keep

@@ -1,11 +1,8 @@
-"""Logs of Inspect AI, read as results of text agents."""
+"""Results of text agents from logs of Inspect AI."""
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
-
-import msgspec
 
 from wordcraft_kg.apps.text_agents.records import PlayedSettings, PlayedTask, PlayedWorld, TextResult
 from wordcraft_kg.apps.text_agents.results import result_of
@@ -16,26 +13,20 @@ from wordcraft_kg.base.records import Count, Record, as_record
 if TYPE_CHECKING:
     from inspect_ai.log import EvalLog
 
-Played = TypeVar("Played", PlayedTask, PlayedWorld)
+Played = TypeVar("Played", bound=PlayedTask | PlayedWorld)
 METADATA = "wordcraft_kg"
-"""Key of a task's metadata under which is a :class:`LoggedTask`."""
+"""Key of a :class:`LoggedTask` in a task's metadata."""
 UNFINISHED = "unfinished"
-"""Key of a game's record: whether a limit of Inspect's ended the game."""
+"""Key of a game's record: whether a limit of Inspect ended the game."""
 VERDICT = "verdict"
-"""Key of a game's record: how the game ended, in words."""
+"""Key of a game's record: description of the game's outcome."""
 
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
-"""Fields of a log that are not read; the model's messages make up most of it."""
+"""Skipped fields of a log; messages are the largest part."""
 
 
 class LoggedTask(Record, frozen=True, kw_only=True):
-    """Metadata of a task in its log.
-
-    Attributes:
-        settings: settings of the games.
-        games: games in an epoch.
-        people: discoveries of people in another game's open-ended world, and their source.
-    """
+    """Metadata of a task in its log: settings, number of games, and people's discoveries in another game."""
 
     settings: PlayedSettings
     games: Count
@@ -45,12 +36,11 @@ class LoggedTask(Record, frozen=True, kw_only=True):
 def read_inspect_log(path: str | Path) -> TextResult:
     """Read the result of a language model from a log of ``crafting`` or ``discovery``, ``.eval`` or ``.json``.
 
-    The model's name is the player. A game that a limit of Inspect's has ended counts; without a game that has failed or
-    was not played there is no result. Tables that were played several times (``--epochs``) count like further draws.
+    The player is the model's name. Games that a limit of Inspect ended count.
 
     Raises:
-        MissingExtraError: if Inspect AI is not installed.
-        ArtefactError: if the file is missing or damaged, no log of these tasks, or not all games were played.
+        MissingExtraError: without Inspect AI.
+        ArtefactError: for a missing or damaged file, a log of another task, or missing games.
     """
     path = Path(path)
     log = _read(path)
@@ -61,10 +51,8 @@ def read_inspect_log(path: str | Path) -> TextResult:
         )
     task = as_record(about, LoggedTask, path)
     settings, scores = task.settings, _scores(path, log, task.games)
-    if settings.is_open_ended:
-        return result_of(log.eval.model, settings, [played_of(one, PlayedWorld, str(path)) for one in scores])
-    played = [played_of(one, PlayedTask, str(path)) for one in scores]
-    return result_of(log.eval.model, settings, distinct_draws(played))
+    kind: type[PlayedTask | PlayedWorld] = PlayedWorld if settings.is_open_ended else PlayedTask
+    return result_of(log.eval.model, settings, [played_of(one, kind, str(path)) for one in scores])
 
 
 def _read(path: Path) -> "EvalLog":
@@ -83,23 +71,23 @@ def _read(path: Path) -> "EvalLog":
 
 
 def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
-    """Return what was recorded of each game, if all games were played."""
-    expected = games * (log.eval.config.epochs or 1)
+    """Return the record of each game; raise an ArtefactError unless all games were played."""
     scores = []
     for sample in log.samples or []:
         for name in ("goal_made", "things_known"):
             if sample.error is None and sample.scores and name in sample.scores:
                 scores.append(sample.scores[name].metadata or {})
-    there = f"{len(scores):,} of {expected:,} games were played"
+    progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
-        said = {"started": "it was cut off, or goes on", "cancelled": "it was stopped"}.get(log.status, "it has failed")
+        why = {"started": "it was cut off, or goes on", "cancelled": "it was stopped"}.get(log.status, "it has failed")
         raise ArtefactError(
-            f"{path} is of a run that is not done: {said}, and {there}. Finish it: inspect eval-retry {path}"
+            f"{path} is of a run that is not done: {why}, and {progress}. Finish it: inspect eval-retry {path}"
         )
-    if len(scores) != expected:
+    if len(scores) != games:
         raise ArtefactError(
-            f"{path}: {there}; expected all. Of fewer tasks, evenly spaced, the figures can be compared: use "
-            "-T tasks=N instead of --limit or --sample-id; failed ones are played again by inspect eval-retry."
+            f"{path}: {progress}; expected all, each once. Play fewer tasks with -T tasks=N instead of --limit or "
+            "--sample-id, and more games with -T draws=N or games=N instead of --epochs; repeat failed games with "
+            "inspect eval-retry."
         )
     return scores
 
@@ -108,22 +96,7 @@ def played_of(values: Mapping[str, Any] | None, kind: type[Played], where: str) 
     """Return a game from the metadata of its score.
 
     Raises:
-        ArtefactError: if it is not one; ``where`` names the source.
+        ArtefactError: for damaged metadata; the message names the source ``where``.
     """
     bare = {key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}
     return as_record({**bare, "messages": []}, kind, where)
-
-
-def distinct_draws(played: Sequence[PlayedTask]) -> list[PlayedTask]:
-    """Return games so that no task has a draw twice: a table that is played again counts like a further draw.
-
-    Inspect's epochs play each sample several times.
-    """
-    draws = 1 + max((one.draw for one in played), default=0)
-    times: dict[tuple[int, int], int] = defaultdict(int)
-    found = []
-    for one in played:
-        place = one.task, one.draw
-        found.append(msgspec.structs.replace(one, draw=one.draw + draws * times[place]))
-        times[place] += 1
-    return found

@@ -1,7 +1,6 @@
 """Tasks of Inspect AI: crafting tasks at the tables of the evaluation, and the open-ended world.
 
-``inspect eval wordcraft_kg/crafting`` finds them by the package's entry point. The conversation is that of all text
-agents.
+``inspect eval wordcraft_kg/crafting`` finds the tasks by the package's entry point.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -12,16 +11,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE
-from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.inspect_log import (
-    METADATA,
-    UNFINISHED,
-    VERDICT,
-    LoggedTask,
-    distinct_draws,
-    played_of,
-)
+from wordcraft_kg.apps.text_agents.inspect_log import METADATA, UNFINISHED, VERDICT, LoggedTask, played_of
 from wordcraft_kg.apps.text_agents.records import PlayedTask, PlayedWorld
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, evaluation_of, mean_known, record_of
 from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings
@@ -44,15 +36,14 @@ except ModuleNotFoundError:
 
 F = TypeVar("F", bound=Callable[..., Any])
 PLAYED = "wordcraft_kg_played"
-"""Key of a sample's store under which the solver leaves the record of its game."""
+"""Key of a game's record in a sample's store."""
 _RULES = ("knowledge", "scorer", "look_ups", "refusals")
 
 
 class InspectTaskError(ConfigError, PrerequisiteError):
-    """A parameter of a task is wrong; Inspect shows the message without a traceback."""
+    """A wrong parameter of a task; Inspect shows the message without a traceback."""
 
     def __init__(self, message: str):
-        """Take the message."""
         from rich.markup import escape
 
         ValueError.__init__(self, message)
@@ -60,16 +51,16 @@ class InspectTaskError(ConfigError, PrerequisiteError):
 
 
 def _with_parameters(*names: str, **own: Any) -> Callable[[F], F]:
-    """Declare the parameters that Inspect reads: a graph, settings of games by their names, and others by default."""
+    """Declare the parameters of a task for Inspect: a graph, settings of games by name, and others with defaults."""
     defaults = {field.name: field.default for field in fields(EvaluationSettings)}
     kind = Parameter.POSITIONAL_OR_KEYWORD
     given = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}
     parameters = [Parameter(name, kind, default=value) for name, value in given.items()]
 
     def declared(function: F) -> F:
-        # A parameter that is unknown is an error of ours, not a warning of Inspect's.
-        read = Signature([*parameters, Parameter("unknown", Parameter.VAR_KEYWORD)])
-        function.__signature__ = read  # type: ignore[attr-defined]
+        # Inspect passes unknown parameters only to a variadic one, and else just warns about them.
+        variadic = Parameter("unknown", Parameter.VAR_KEYWORD)
+        function.__signature__ = Signature([*parameters, variadic])  # type: ignore[attr-defined]
         return function
 
     return declared
@@ -78,13 +69,13 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[F], F]:
 @task
 @_with_parameters("part", "depth", "distractors", "attempts", "draws", "tasks", *_RULES)
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
-    """Make the goal from what is on the table: the tasks on which agents are evaluated, at the same tables.
+    """Make the goal from entities on the table: the tasks and tables of the evaluation of agents.
 
-    ``graph`` is a graph folder, a book's file or a known book; the other parameters are those of
-    :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`.
+    ``graph`` is a graph folder, recipe book or known book; see
+    :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters.
 
     Raises:
-        InspectTaskError: for a wrong parameter, or a graph or scorer that cannot be read.
+        InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
     """
     with _readable():
         play = _open(crafting, graph, settings)
@@ -102,27 +93,24 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
 @task
 @_with_parameters(*_RULES, attempts=ATTEMPTS, base=None, games=1)
 def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any) -> Task:
-    """Discover as much as possible in the open-ended world, from one or several entities as a ``base``.
+    """Discover entities in the open-ended world from a ``base`` of one or more entities, in a number of ``games``.
 
-    Other parameters are those of :func:`crafting`; ``games`` is their number, which Inspect's ``--epochs`` replaces.
-
-    Raises:
-        InspectTaskError: as :func:`crafting`.
+    See :func:`crafting` for other parameters and errors.
     """
     with _readable():
         whole("games", games, 1, MAX_SIZE)
-        # Inspect reads a number or a truth value where the name of an entity is meant.
-        named = base if isinstance(base, list | tuple) else [base]
-        start = None if base is None else [str(entity) for entity in named]
+        # Inspect parses labels such as `1` and `true` as a number and a truth value.
+        labels = base if isinstance(base, list | tuple) else [base]
+        start = None if base is None else [str(label) for label in labels]
         play = _open(discovery, graph, settings, open_ended=True, base=start, draws=games)
         rules = play.settings
-        sample = _sample("world", play, attempts=rules.attempts, known_at_start=len(rules.base))
+        about = {"attempts": rules.attempts, "known_at_start": len(rules.base)}
+        samples = [_sample(f"world-{game}", play, draw=game, **about) for game in range(games)]
         people = {"known": {str(after): known for after, known in HUMAN_CURVE.items()}, "source": HUMAN_SOURCE}
-        return _task(play, [sample], rules.graph, people, scorer=things_known(), epochs=games)
+        return _task(play, samples, rules.graph, people, scorer=things_known())
 
 
 def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> Play:
-    """Open the games of a task's parameters."""
     known = [name for name in signature(declared).parameters if name != "unknown"]
     for name in given:
         if name not in known:
@@ -137,15 +125,10 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
-    """Return a game as a sample: its opening, its goal if it has one, and metadata."""
-    talk = _begin(play, about)
+    talk = play.begin(about.get("task", 0), about["draw"])
     hashes = {name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "texts")}
     opening: list[ChatMessage] = [ChatMessageSystem(content=talk.rules), ChatMessageUser(content=talk.game.state)]
     return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
-
-
-def _begin(play: Play, about: Mapping[str, Any]) -> Conversation:
-    return play.begin(about.get("task", 0), about.get("draw", 0))
 
 
 def _task(play: Play, samples: list[Sample], name: str, people: dict[str, Any] | None = None, **options: Any) -> Task:
@@ -161,7 +144,7 @@ def _task(play: Play, samples: list[Sample], name: str, people: dict[str, Any] |
 
 @contextmanager
 def _readable() -> Iterator[None]:
-    """Turn errors of ours into errors that Inspect shows without a traceback."""
+    """Turn errors of this package into errors that Inspect shows without a traceback."""
     try:
         yield
     except WordCraftKGError as error:
@@ -170,24 +153,21 @@ def _readable() -> Iterator[None]:
 
 @solver
 def conversation(play: Play) -> Solver:
-    """Let a model play: each message is answered until the game is over.
-
-    A game that a limit of Inspect's ends is given up, and scored as it was then.
-    """
+    """Let a model play until the game is over, or until a limit of Inspect ends the game."""
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
-        talk = _begin(play, state.metadata)
+        talk = play.begin(state.metadata.get("task", 0), state.metadata["draw"])
         try:
             state = await generate(state)
-            told = talk.hear(state.output.completion)
+            reply = talk.hear(state.output.completion)
             while not talk.is_over:
-                state.messages.append(ChatMessageUser(content=told))
+                state.messages.append(ChatMessageUser(content=reply))
                 state = await generate(state)
-                told = talk.hear(state.output.completion)
+                reply = talk.hear(state.output.completion)
         finally:  # also on a limit, which Inspect raises as an error
             is_finished = talk.is_over
             talk.game.end()
-            played = as_values(record_of(talk, [], state.epoch - 1))  # Inspect counts epochs from 1
+            played = as_values(record_of(talk, [], state.metadata["draw"]))
             del played["messages"]  # they are in Inspect's log
             state.store.set(PLAYED, {**played, UNFINISHED: not is_finished, VERDICT: talk.game.state})
         return state
@@ -197,16 +177,15 @@ def conversation(play: Play) -> Solver:
 
 @metric(scores="unreduced")
 def crafting_figures() -> Metric:
-    """Compute the figures of an evaluation of agents, and Inspect's standard error over tasks."""
+    """Compute the metrics of the evaluation of agents, and the standard error over tasks."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
             return {}
-        played = distinct_draws([_played(one, PlayedTask) for one in scores])
+        played = [_played(one, PlayedTask) for one in scores]
         tasks, draws = {one.task for one in played}, {one.draw for one in played}
-        # With some samples of a task missing there is no interval over tasks.
-        is_complete = len(played) == len(tasks) * len(draws)
-        success = evaluation_of(played).figures() if is_complete else None
+        # The interval over tasks needs all draws of each task.
+        success = evaluation_of(played).figures() if len(played) == len(tasks) * len(draws) else None
 
         def mean(name: str) -> float:
             return sum(getattr(one, name) for one in played) / len(played)
@@ -226,7 +205,7 @@ def crafting_figures() -> Metric:
 
 @metric(scores="unreduced")
 def discovery_figures() -> Metric:
-    """Compute the mean number of known entities after some numbers of attempts, and its standard error at the end."""
+    """Compute the mean number of known entities by number of attempts, and the standard error of the last one."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
@@ -248,17 +227,16 @@ def _played(score: SampleScore, kind: type[Any]) -> Any:
 
 
 def _counts(scores: list[SampleScore]) -> dict[str, int]:
-    """Return the counts over all games."""
     values = [one.score.metadata or {} for one in scores]
     return {name: sum(one.get(name, 0) for one in values) for name in ("refused", "lost", "look_ups", UNFINISHED)}
 
 
 @scorer(metrics=[crafting_figures()])
 def goal_made() -> Scorer:
-    """Score a task: 1 if its goal was made, else 0; the score's metadata is the game's record."""
+    """Score a task with 1 if its goal was made, else 0; the score's metadata is the game's record."""
 
     async def score(state: TaskState, target: Target) -> Score:
-        played = _left(state)
+        played = _record(state)
         answer = " + ".join(played["last"]) if played["last"] else None
         return Score(value=int(played["success"]), answer=answer, explanation=played[VERDICT], metadata=played)
 
@@ -267,22 +245,17 @@ def goal_made() -> Scorer:
 
 @scorer(metrics=[discovery_figures()])
 def things_known() -> Scorer:
-    """Score a game in the open-ended world: the number of known entities at its end."""
+    """Score a game in the open-ended world with the final number of known entities."""
 
     async def score(state: TaskState, target: Target) -> Score:
-        played = _left(state)
+        played = _record(state)
         after = played["known_after"] or [state.metadata["known_at_start"]]
         return Score(value=after[-1], explanation=played[VERDICT], metadata=played)
 
     return score
 
 
-def _left(state: TaskState) -> dict[str, Any]:
-    """Return the record that the solver has left.
-
-    Raises:
-        ArtefactError: if another solver has played.
-    """
+def _record(state: TaskState) -> dict[str, Any]:
     played = state.store.get(PLAYED)
     if played is None:
         raise ArtefactError(

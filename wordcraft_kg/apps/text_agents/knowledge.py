@@ -1,4 +1,4 @@
-"""Knowledge to look up: the recipes of the partial graph, or the best links of a trained scorer."""
+"""Knowledge for look-ups: the recipes of the partial graph, or the best links of a trained scorer."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -17,18 +17,18 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.protocol import TripleScorer
 
-MOST_FACTS = 40
-"""Most recipes of an entity; some entities have hundreds."""
-MOST_BELIEVED = 10
-"""Most entities for each relation that a scorer scores."""
+_MOST_FACTS = 40
+"""Recipes of an entity; some entities have hundreds."""
+_MOST_LINKS = 10
+"""Entities per relation of a scorer."""
 
 
 class Knowledge(ABC):
-    """Facts that can be looked up.
+    """Facts for look-ups.
 
     Attributes:
-        scorer: hash of the scorer's weights; None without one.
-        kg: triples that the scorer was trained on; a scorer of the full graph remembers the answers.
+        scorer: hash of the scorer's weights; None without a scorer.
+        kg: training triples of the scorer; a scorer of the full graph knows the answers.
     """
 
     scorer: str | None = None
@@ -36,23 +36,21 @@ class Knowledge(ABC):
 
     @abstractmethod
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the facts about an entity, a line each, those that concern the game most first."""
+        """Return the facts about an entity, one per line, the most relevant to the game first."""
 
 
 class PartialGraphKnowledge(Knowledge):
-    """The train recipes without those of the task's plans.
+    """The train recipes, without all recipes of pairs in the task's plans.
 
-    All results of a pair of the task's plans are hidden. Facts are listed in this order: recipes that make the entity,
-    recipes that use it with an entity at hand, its other uses.
+    Facts are listed in this order: recipes that make the entity, uses with an entity on the table, other uses.
     """
 
     def __init__(self, split: Split):
-        """Take the train recipes of a split."""
         self.graph = split.graph
         self._is_known = split.is_in("train")
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the recipes of an entity, at most :data:`MOST_FACTS`."""
+        """Return the recipes of an entity, at most 40."""
         graph = self.graph
         pairs = graph.recipes[:, :2]
         plans = () if game.tasks is None else game.tasks.plans[game.task]
@@ -65,24 +63,24 @@ class PartialGraphKnowledge(Knowledge):
             return (0 if result == entity else 1 if other in at_hand else 2), row
 
         rows = {*graph.recipes_of(entity).tolist(), *graph.uses_of(entity).tolist()}
-        told = (row for row in rows if self._is_known[row] and tuple(pairs[row].tolist()) not in solving)
-        known = sorted(told, key=rank)
-        facts = [f"{a} + {b} -> {c}" for a, b, c in graph.recipe_labels(graph.recipes[known[:MOST_FACTS]])]
-        return facts + ([f"and {len(known) - MOST_FACTS} more"] if len(known) > MOST_FACTS else [])
+        known = [row for row in rows if self._is_known[row] and tuple(pairs[row].tolist()) not in solving]
+        known.sort(key=rank)
+        facts = [f"{a} + {b} -> {c}" for a, b, c in graph.recipe_labels(graph.recipes[known[:_MOST_FACTS]])]
+        return facts + ([f"and {len(known) - _MOST_FACTS} more"] if len(known) > _MOST_FACTS else [])
 
 
 class ScorerKnowledge(Knowledge):
-    """The best links of a scorer: entities to combine with, likely results and likely components.
+    """The best links of a scorer: partners, likely results and likely components of an entity.
 
-    On a train task a cross-fitted scorer answers with the model that has not seen the task's recipes. Self-combinations
-    are left out, because link predictors believe almost all of them.
+    On a train task, the cross-fitted model without the task's recipes answers. Self-combinations are omitted, because
+    link predictors score almost all of them high.
     """
 
     def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: Taught | None = None):
-        """Take a scorer of the split's graph, the hash of its weights and its training triples.
+        """Take a scorer, the hash of its weights and its training triples.
 
         Raises:
-            GraphMismatchError: if it is of another graph.
+            GraphMismatchError: for a scorer of another graph.
         """
         from wordcraft_kg.models.scorers.protocol import check_scorer
 
@@ -91,10 +89,10 @@ class ScorerKnowledge(Knowledge):
         self._models: dict[str, Ids] = {}
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the most plausible links of an entity; partners are at hand, other ends are any entities.
+        """Return the most plausible links of an entity; partners are on the table, other ends are any entities.
 
         Raises:
-            LeakError: for a train task, if the scorer has no model that has not seen its recipes.
+            LeakError: for a train task and a scorer without folds.
         """
         scorer = self._answering(game)
         return [] if scorer is None else [*self._links(scorer, entity, game)]
@@ -110,12 +108,12 @@ class ScorerKnowledge(Knowledge):
         ):
             if len(ids):
                 scores = scorer.score(head, relation, tail).cpu().numpy()
-                best = np.argsort(-scores, kind="stable")[:MOST_BELIEVED]
-                believed = (f"{self.graph.entities[ids[place]]} ({scores[place]:.2f})" for place in best.tolist())
-                yield f"{about}: {', '.join(believed)}"
+                best = np.argsort(-scores, kind="stable")[:_MOST_LINKS].tolist()
+                links = (f"{self.graph.entities[ids[index]]} ({scores[index]:.2f})" for index in best)
+                yield f"{about}: {', '.join(links)}"
 
     def _answering(self, game: Game) -> "TripleScorer | None":
-        """Return the model that may be asked about a game; None if each has seen a part of the task's plans."""
+        """Return the model without the task's recipes; None if each fold has some of them."""
         from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
 
         tasks = game.tasks
@@ -136,11 +134,11 @@ class ScorerKnowledge(Knowledge):
 
 
 def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | None:
-    """Open the knowledge that settings name, for games on a graph and its split; None for nothing.
+    """Open the knowledge of settings, for games on a graph and its split.
 
     Raises:
-        ArtefactError: if the scorer's folder is unfinished or damaged.
-        GraphMismatchError: if the scorer is of another graph or split.
+        ArtefactError: for an unfinished or damaged scorer folder.
+        GraphMismatchError: for a scorer of another graph or split.
     """
     if settings.scorer is None:
         return PartialGraphKnowledge(opened.split) if settings.knowledge == "partial" else None

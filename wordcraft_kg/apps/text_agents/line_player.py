@@ -1,7 +1,6 @@
-"""The line protocol: any program that reads a line and writes a line can play.
+"""The line protocol for programs that play: a JSON object per line on stdin, an answer per line on stdout.
 
-The program is started once. It reads a JSON object in a line, and answers with a line of words, until its input ends.
-The guide to text agents describes the keys of the object, which :meth:`LinePlayer.speaker` makes.
+The guide to text agents describes the keys of the object.
 """
 
 import json
@@ -22,16 +21,16 @@ from wordcraft_kg.base.errors import ConfigError, PlayerError
 from wordcraft_kg.base.settings import number_in
 
 MOST_CHARACTERS = 100_000
-"""Of a line; a language model may think aloud."""
+"""Characters of a line; a language model may think aloud."""
 _MOST_WAITING = 16
-_PATIENCE = 5.0  # seconds for a program to end once its input has
+_PATIENCE = 5.0  # seconds from the end of a program's input to its own end
 
 
 class LinePlayer:
     """A program that plays by the line protocol.
 
     Attributes:
-        name: the name of the script or program, without options, which may hold a secret.
+        name: name of the script or program, without options, which may contain a secret.
 
     Example:
         >>> with LinePlayer("python examples/line_player.py") as player:
@@ -40,10 +39,10 @@ class LinePlayer:
     """
 
     def __init__(self, command: str, *, timeout: float = TIMEOUT):
-        """Start a program from its command line, without a shell; ``timeout`` is in seconds for an answer.
+        """Start a program without a shell; ``timeout`` is the time for an answer in seconds.
 
         Raises:
-            ConfigError: if the command cannot be read, or the time is not positive.
+            ConfigError: for an invalid command line or time.
             PlayerError: if the program cannot be started.
         """
         number_in("timeout", timeout, 1e-3, 1e6, "seconds, .001 to a million")
@@ -67,11 +66,11 @@ class LinePlayer:
             threading.Thread(target=work, daemon=True).start()
 
     def __enter__(self) -> Self:
-        """Return itself."""
+        """Return the player."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        """End the program's input, and kill a program that goes on nevertheless."""
+        """End the program's input; kill a program that does not end."""
         self._unsent.put(None)
         try:
             self._process.wait(_PATIENCE if kind is None else 0.1)
@@ -80,17 +79,17 @@ class LinePlayer:
             self._process.wait()
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Return the function that answers the prompts of a conversation that begins."""
+        """Return the function that answers the prompts of a new conversation."""
         self._games += 1
         number, is_new = self._games, True
 
-        def answer(told: str) -> str:
+        def answer(prompt: str) -> str:
             nonlocal is_new
             game = talk.game
             line = {
                 "game": number,
                 "new": is_new,
-                "text": told,
+                "text": prompt,
                 "goal": game.goal,
                 "table": list(game.labels),
                 "attempts_left": game.attempts_left,
@@ -101,10 +100,10 @@ class LinePlayer:
         return answer
 
     def ask(self, line: str) -> str:
-        """Return the line with which the program answers a line.
+        """Return the program's answer to a line.
 
         Raises:
-            PlayerError: if it has ended, does not answer in time, or breaks the protocol.
+            PlayerError: if the program has ended, does not answer in time, or breaks the protocol.
         """
         if not self._lines.empty():
             self._receive(0)  # raises if the program has ended
@@ -117,13 +116,13 @@ class LinePlayer:
 
     def _receive(self, timeout: float) -> str:
         try:
-            found = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
+            answer = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
         except Empty:
             raise self._error(
                 f"did not answer within {self._timeout:g} seconds: expected a line for each line that it reads. Does "
                 "it flush what it writes? A longer time is --timeout."
             ) from None
-        if found is None:
+        if answer is None:
             code = None
             with suppress(subprocess.TimeoutExpired):
                 code = self._process.wait(_PATIENCE)
@@ -131,20 +130,19 @@ class LinePlayer:
                 f"has ended{f' with exit code {code}' if code else ''} before the last game was over: expected it to "
                 "read lines until its input ends."
             )
-        if len(found) > MOST_CHARACTERS:
+        if len(answer) > MOST_CHARACTERS:
             raise self._error(
                 f"wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two things, such as 'water + earth'."
             )
-        return found.decode(errors="replace").rstrip("\r\n")
+        return answer.decode(errors="replace").rstrip("\r\n")
 
-    def _error(self, found: str) -> PlayerError:
-        return PlayerError(f"player '{self.name}' {found}")
+    def _error(self, problem: str) -> PlayerError:
+        return PlayerError(f"player '{self.name}' {problem}")
 
     def _write(self) -> None:
-        """Pass the lines on to the program, and end its input at the end; runs in a thread of its own."""
         stream = self._process.stdin
         assert stream is not None
-        with suppress(OSError):  # it has ended; earlier output may still be an answer
+        with suppress(OSError):  # the program has ended; earlier output may still be an answer
             while (line := self._unsent.get()) is not None:
                 stream.write(line)
                 stream.flush()
@@ -152,7 +150,6 @@ class LinePlayer:
             stream.close()
 
     def _read(self) -> None:
-        """Pass on the lines of the program, while they are taken; runs in a thread of its own."""
         stream = self._process.stdout
         assert stream is not None
         with suppress(OSError, ValueError, Full):
@@ -163,7 +160,7 @@ class LinePlayer:
 
 
 def name_of(words: list[str]) -> str:
-    """Return the name of a command: of the first file among its words, or of the program; never an option."""
+    """Return the name of a Python program's script, or else of the program."""
     is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
     for word in words[1:] if is_python else ():
         with suppress(OSError):  # code may stand where a file's name is expected

@@ -1,6 +1,6 @@
-"""The crafting worlds as a server of the Model Context Protocol: tools to play, resources with rules and facts.
+"""The crafting worlds as a server of the Model Context Protocol, whose tools play games.
 
-Connections have no memory in the present protocol, so each game has an id, which ``begin`` returns.
+Connections have no memory in the present protocol, so ``begin`` returns an id for each game.
 """
 
 import hashlib
@@ -11,21 +11,19 @@ from typing import Annotated, Any, Self
 from mcp.server import MCPServer
 from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
-from mcp.server.mcpserver.resources import TextResource
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolResult, InputRequiredResult, TextContent, ToolAnnotations
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 from starlette.types import ASGIApp
 
 from wordcraft_kg import __version__
-from wordcraft_kg.apps.text_agents.conversation import Play, facts_in_words
+from wordcraft_kg.apps.text_agents.conversation import facts_in_words
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import HostedGame, HostedGames
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
 from wordcraft_kg.base.errors import ActionError, WordCraftKGError
-from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import MAX_SIZE
-from wordcraft_kg.envs.words import numbered, texts_hash, told
+from wordcraft_kg.envs.words import texts_hash, told
 
 LONGEST = 200
 """Characters of a label or a game's id."""
@@ -37,30 +35,19 @@ TOOLS = {
     "state": "Show where a game stands: the goal if there is one, what can be combined, and the attempts left.",
     "combine": "Make an attempt: combine two things, or a thing with itself. Give each by its word or its number. What "
     "is not understood is refused and costs nothing.",
-    "known": "List what can be combined with its numbers, and the attempts so far with what came of them.",
     "look_up": "Look up what is known of a thing, by its word. It costs no attempt; {look_ups} times a game.",
     "end": "Give a game up.",
 }
 """Descriptions of the tools for language models, in addition to :data:`~wordcraft_kg.envs.words.TEXTS`."""
-PROMPTS = {
-    "task": "Play a game of crafting. Begin task {task} and play until the game is over, with as few attempts as you "
-    "can.",
-    "world": "Play a game of crafting. Begin a game and play until it is over; discover as many things as you can.",
-    "instructions": "Call begin, then combine until the game is over.",
-}
-BOOK = (
-    *("name", "entities", "recipes", "base", "graph_hash", "split_hash", "part", "depth", "tasks", "distractors"),
-    *("attempts", "knowledge", "look_ups", "texts"),
-)
-"""Keys of the facts of a book; none of them is a recipe."""
+INSTRUCTIONS = "Call begin, then combine until the game is over."
 _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 _PLAYS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=False, open_world_hint=False)
 _ENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False)
 
 
 def tools_hash() -> str:
-    """Return the hash of all texts that players read here: texts of all games, tools' descriptions and prompts."""
-    return hashlib.sha256(json.dumps([texts_hash(), TOOLS, PROMPTS], sort_keys=True).encode()).hexdigest()
+    """Return the hash of all prompts of MCP clients: texts of the games, descriptions of tools, and instructions."""
+    return hashlib.sha256(json.dumps([texts_hash(), TOOLS, INSTRUCTIONS], sort_keys=True).encode()).hexdigest()
 
 
 class Position(BaseModel, frozen=True):
@@ -74,11 +61,11 @@ class Position(BaseModel, frozen=True):
     success: bool | None = Field(description="whether the goal was made; null before the end, or if there is no goal")
 
     @classmethod
-    def of(cls, found: HostedGame, **more: Any) -> Self:
-        """Return where a hosted game stands."""
-        game = found.talk.game
+    def of(cls, hosted: HostedGame, **more: Any) -> Self:
+        """Return the position of a hosted game."""
+        game = hosted.talk.game
         return cls(
-            game=found.name,
+            game=hosted.name,
             goal=game.goal,
             things=list(game.labels),
             attempts_left=game.attempts_left,
@@ -101,12 +88,6 @@ class Combined(Position, frozen=True):
     new: list[str] = Field(description="things that can be combined now and could not before")
 
 
-class Known(Position, frozen=True):
-    """What is known in a game."""
-
-    attempts: list[str] = Field(description="the attempts so far, and what came of them")
-
-
 class Facts(BaseModel, frozen=True):
     """What is known of a thing."""
 
@@ -117,53 +98,44 @@ class Facts(BaseModel, frozen=True):
 
 
 def _as_text(value: Any) -> Any:
-    """Return the digits of a number: language models write either."""
-    return str(value) if type(value) is int and abs(value) < 10**9 else value
-
-
-def _no_truth_value(value: Any) -> Any:
-    if isinstance(value, bool):
-        raise ValueError("a truth value is no number")
-    return value
+    return str(value) if type(value) is int and abs(value) < 10**9 else value  # models write a number either way
 
 
 GameName = Annotated[str, Field(max_length=LONGEST, description="id of the game, from begin")]
 Thing = Annotated[str, Field(max_length=LONGEST, description="word or number of a thing"), BeforeValidator(_as_text)]
-Word = Annotated[str, Field(max_length=LONGEST, description="word of a thing")]
 
 
 class _Server(MCPServer[Any]):
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        """Call a tool as the base class does, with errors in words for players."""
+        """Call a tool; reword errors for players."""
         try:
             return await super().call_tool(name, arguments, context)
         except ToolError as error:
-            text = _in_words(error.__cause__)
-            if text is None:
+            cause = error.__cause__
+            if not isinstance(cause, ValidationError | OSError | WordCraftKGError):
                 raise
-            raise ToolError(text) from error.__cause__
+            raise ToolError(_in_words(cause)) from cause
 
 
-def _in_words(error: BaseException | None) -> str | None:
-    """Return the text for a player's error; None for another one."""
+def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
     if isinstance(error, ValidationError):
-        found = error.errors(include_url=False, include_context=False, include_input=False)
-        each = (f"'{'.'.join(map(str, one['loc']))}': {one['msg'].removeprefix('Value error, ')}" for one in found)
+        details = error.errors(include_url=False, include_context=False, include_input=False)
+        each = (f"'{'.'.join(map(str, one['loc']))}': {one['msg']}" for one in details)
         return told("refused", why="; ".join(each) + ".")
+    if isinstance(error, ActionError):
+        return told("refused", why=str(error))
     if isinstance(error, OSError):
         return (
             f"The game is over, but its record could not be written: {error.strerror or error}. `state` tells how it "
             "ended, and `end` tries again to write it."
         )
-    if isinstance(error, WordCraftKGError):
-        return told("refused", why=str(error)) if isinstance(error, ActionError) else str(error)
-    return None
+    return str(error)
 
 
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
-    """Return a server of games for any transport, or for clients in this process."""
+    """Return a server of games, for any transport."""
     games, settings = hosted.play.games, hosted.play.settings
     rules, about_look_ups = games.begin().rules, TOOLS["look_up"].format(look_ups=settings.look_ups)
     if settings.look_ups:
@@ -171,102 +143,63 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     server = _Server(
         "wordcraft-kg",
         title="Crafting worlds of wordcraft-kg",
-        instructions=f"{rules}\n{PROMPTS['instructions']}",
+        instructions=f"{rules}\n{INSTRUCTIONS}",
         version=__version__,
         log_level="WARNING",
     )
     if isinstance(games, TaskGames):
-        _add_tasks(server, hosted, last=len(games.world.tasks) - 1)
+        _add_begin_task(server, hosted, last=len(games.world.tasks) - 1)
     else:
-        _add_world(server, hosted)
+
+        @server.tool(title="Begin a game", description=TOOLS["begin_world"], annotations=_PLAYS)
+        async def begin() -> Annotated[CallToolResult, Begun]:
+            return _begun(hosted.begin())
 
     @server.tool(title="State of a game", description=TOOLS["state"], annotations=_READS)
     async def state(game: GameName) -> Annotated[CallToolResult, Position]:
-        found = hosted.game(game)
-        return _result(found.talk.game.state, Position.of(found))
+        playing = hosted.game(game)
+        return _result(playing.talk.game.state, Position.of(playing))
 
     @server.tool(title="Combine two things", description=TOOLS["combine"], annotations=_PLAYS)
     async def combine(game: GameName, first: Thing, second: Thing) -> Annotated[CallToolResult, Combined]:
-        found = hosted.game(game)
-        before = set(found.talk.game.labels)
-        came = found.combine(first, second)
-        new = [label for label in found.talk.game.labels if label not in before]
-        return _result(f"{came}\n\n{found.talk.game.state}", Combined.of(found, result=came, new=new))
-
-    @server.tool(title="What is known in a game", description=TOOLS["known"], annotations=_READS)
-    async def known(game: GameName) -> Annotated[CallToolResult, Known]:
-        found = hosted.game(game)
-        text = "\n".join([numbered(found.talk.game.labels), *found.attempts])
-        return _result(text, Known.of(found, attempts=[*found.attempts]))
+        playing = hosted.game(game)
+        before = set(playing.talk.game.labels)
+        result = playing.combine(first, second)
+        new = [label for label in playing.talk.game.labels if label not in before]
+        return _result(f"{result}\n\n{playing.talk.game.state}", Combined.of(playing, result=result, new=new))
 
     if settings.look_ups:
 
         @server.tool(title="Look a thing up", description=about_look_ups, annotations=_PLAYS)
-        async def look_up(game: GameName, thing: Word) -> Annotated[CallToolResult, Facts]:
-            found = hosted.game(game)
-            label, facts = found.look_up(thing)
-            left = settings.look_ups - found.talk.look_ups
+        async def look_up(
+            game: GameName, thing: Annotated[str, Field(max_length=LONGEST, description="word of a thing")]
+        ) -> Annotated[CallToolResult, Facts]:
+            playing = hosted.game(game)
+            label, facts = playing.look_up(thing)
+            left = settings.look_ups - playing.talk.look_ups
             return _result(facts_in_words(label, facts), Facts(game=game, thing=label, facts=facts, look_ups_left=left))
 
     @server.tool(title="End a game", description=TOOLS["end"], annotations=_ENDS)
     async def end(game: GameName) -> Annotated[CallToolResult, Position]:
-        found = hosted.game(game)
-        found.end()
-        return _result(found.talk.game.state, Position.of(found))
+        playing = hosted.game(game)
+        playing.end()
+        return _result(playing.talk.game.state, Position.of(playing))
 
-    _add_resources(server, hosted.play, rules)
     return server
 
 
-def _add_world(server: MCPServer[Any], hosted: HostedGames) -> None:
-    """Add the tool and the prompt that begin a game in the open-ended world."""
-
-    @server.tool(title="Begin a game", description=TOOLS["begin_world"], annotations=_PLAYS)
-    async def begin() -> Annotated[CallToolResult, Begun]:
-        return _begun(hosted.begin())
-
-    @server.prompt(title="Play", description="Play a game to its end.")
-    async def play() -> str:
-        return PROMPTS["world"]
-
-
-def _add_tasks(server: MCPServer[Any], hosted: HostedGames, last: int) -> None:
-    """Add the tool and the prompt that begin a task, by its number from 0 to ``last``."""
+def _add_begin_task(server: MCPServer[Any], hosted: HostedGames, last: int) -> None:
     which = Field(ge=0, le=last, description=f"number of the task, 0 to {last}")
     what = Field(ge=0, le=MAX_SIZE, description="number of the draw of what else is on the table")
 
     @server.tool(title="Begin a game", description=TOOLS["begin"].format(first=0, last=last), annotations=_PLAYS)
-    async def begin(
-        task: Annotated[int, which, BeforeValidator(_no_truth_value)],
-        draw: Annotated[int, what, BeforeValidator(_no_truth_value)] = 0,
-    ) -> Annotated[CallToolResult, Begun]:
+    async def begin(task: Annotated[int, which], draw: Annotated[int, what] = 0) -> Annotated[CallToolResult, Begun]:
         return _begun(hosted.begin(task, draw))
 
-    @server.prompt(title="Play", description="Play a game to its end.")
-    async def play(
-        task: Annotated[str, Field(description=f"number of the task, 0 to {last}; 0 if left out")] = "0",
-    ) -> str:
-        return PROMPTS["task"].format(task=task[:LONGEST])
 
-
-def _begun(found: HostedGame) -> CallToolResult:
-    game = found.talk.game
-    return _result(f"Game {found.name}\n{game.rules}\n\n{game.state}", Begun.of(found, rules=game.rules))
-
-
-def _add_resources(server: MCPServer[Any], play: Play, rules: str) -> None:
-    graph, settings = play.games.graph, as_values(play.settings)
-    settings |= {"name": graph.name, "entities": graph.num_entities, "recipes": len(graph.recipes)}
-    settings["base"] = settings["base"] or graph.labels(graph.base_ids)
-    settings["tasks"] = len(play.games.world.tasks) if isinstance(play.games, TaskGames) else None
-    book = json.dumps({name: settings[name] for name in BOOK}, ensure_ascii=False, indent=2)
-    for name, about, text, kind in (
-        ("rules", "What is played, and how.", rules, "text/plain"),
-        ("book", "Facts of the book that is played.", book, "application/json"),
-        ("things", "All things that there are, a line each.", "\n".join(graph.entities), "text/plain"),
-    ):
-        uri, title = f"wordcraft://{name}", name.title()
-        server.add_resource(TextResource(uri=uri, name=name, title=title, description=about, text=text, mime_type=kind))
+def _begun(hosted: HostedGame) -> CallToolResult:
+    game = hosted.talk.game
+    return _result(f"Game {hosted.name}\n{game.rules}\n\n{game.state}", Begun.of(hosted, rules=game.rules))
 
 
 def _result(text: str, values: BaseModel) -> CallToolResult:
@@ -274,13 +207,12 @@ def _result(text: str, values: BaseModel) -> CallToolResult:
 
 
 def make_http_app(server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: Collection[str] = ()) -> ASGIApp:
-    """Return a server as an application that answers for a host, for this machine and for further names.
+    """Return the server as an application for a host, this machine's own names and further names.
 
-    The SDK refuses other hosts (DNS rebinding), pages of other sites, and bodies that are too long.
+    The SDK refuses other hosts (DNS rebinding), pages of other sites, and long bodies.
     """
-    names = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
-    shown = [f"[{name}]" if ":" in name else name for name in sorted(names)]
-    hosts = [ending for name in shown for ending in (name, f"{name}:*")]
+    names = sorted({*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)})
+    hosts = [(f"[{name}]" if ":" in name else name) + port for name in names for port in ("", ":*")]
     origins = [f"{scheme}://{one}" for scheme in ("http", "https") for one in hosts]
     return server.streamable_http_app(
         streamable_http_path=PATH,

@@ -1,4 +1,4 @@
-"""Many games of one player, each on the disk before the next begins, so that an interrupted evaluation goes on."""
+"""Evaluation of one player, resumable because each game is on the disk before the next begins."""
 
 import logging
 import os
@@ -25,24 +25,18 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import as_lines, as_values
 from wordcraft_kg.runs.folder import locked
 
-HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
+_HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
 Speaker = Callable[[Conversation], Callable[[str], str]]
-"""A player: returns the function that answers the prompts of a conversation."""
+"""A player: maps a conversation to the function that answers its prompts."""
 
 
 def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResult:
-    """Let a player play the games that settings ask for, continue a folder's games, and write the result there.
-
-    Args:
-        player: name of the player.
-        speak: the player.
-        play: the games.
-        folder: folder of the games and the result.
+    """Evaluate a player, by name and function; write games and result to a folder, or continue the folder's games.
 
     Raises:
-        ArtefactError: if the folder's games are damaged, or another process plays there.
-        ConfigError: if they are of another player or other settings.
-        GraphMismatchError: if they are of another graph or split.
+        ArtefactError: for damaged games, or a folder in use by another process.
+        ConfigError: for games of another player or with other settings.
+        GraphMismatchError: for games of another graph or split.
     """
     path, settings = folder / GAMES_FILE, play.settings
     tasks = chosen_tasks(play.games.world, settings.tasks).tolist() if isinstance(play.games, TaskGames) else [0]
@@ -62,7 +56,7 @@ def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResul
 
 
 def _check_game(where: str, one: PlayedTask | PlayedWorld, play: Play, missing: dict[tuple[int, int], None]) -> None:
-    """Remove a game that was read from the missing ones, and refuse one that cannot be among them."""
+    """Remove a recorded game from the missing ones; refuse an impossible game."""
     if isinstance(one, PlayedTask):
         name, key = f"task {one.task} with draw {one.draw}", (one.task, one.draw)
     else:
@@ -72,13 +66,11 @@ def _check_game(where: str, one: PlayedTask | PlayedWorld, play: Play, missing: 
         del missing[key]
         wrong = _contradiction(one, play) if isinstance(one, PlayedTask) else ""
     if wrong:
-        raise ArtefactError(
-            f"{where} is damaged: {name} {wrong}. Remove the line; what is missing then is played again."
-        )
+        raise ArtefactError(f"{where} is damaged: {name} {wrong}. Remove the line; the game is played again.")
 
 
 def _contradiction(played: PlayedTask, play: Play) -> str:
-    """Return how a game contradicts its task or itself; empty if it does not."""
+    """Return the contradiction of a game with its task or itself; "" without one."""
     assert isinstance(play.games, TaskGames)
     goal = play.games.world.tasks[played.task].goal
     if played.goal != goal:
@@ -89,67 +81,67 @@ def _contradiction(played: PlayedTask, play: Play) -> str:
 
 
 def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:
-    """Begin a file of games, or read the existing one to continue it; a torn last line is dropped.
+    """Begin a file of games, or read a file to continue it without its torn last line.
 
     Raises:
-        ArtefactError: if the file is of another kind or damaged.
-        GraphMismatchError: if its games were played on another graph or split.
-        ConfigError: if they were played by another player or with other settings. The file is unchanged on errors.
+        ArtefactError: for a damaged file, or a file of another kind.
+        GraphMismatchError: for games on another graph or split.
+        ConfigError: for games of another player or with other settings. The file is unchanged on errors.
     """
-    if not path.exists() or not path.stat().st_size:
-        _write(path, "wb", header)
-        return []
-    found, played, torn = read_games(path)
-    if not played and found != header:
-        _write(path, "wb", header)
-        return []
-    _check_header(path, found, header)
-    if torn:
-        logging.getLogger(__name__).warning(
-            "%s ended in a torn line, which was dropped; its game is played again", path
-        )
-        os.truncate(path, path.stat().st_size - len(torn))
-    return [*played]
+    line = as_lines([header])[0].encode()
+    path.touch()
+    with path.open("rb") as file:
+        start = file.read(len(line))
+    if start == line or not line.startswith(start):  # else empty, or killed while the header was written
+        kept, played, torn = read_games(path)
+        if played or kept == header:
+            _check_header(path, kept, header)
+            if torn:
+                text = "%s ended in a torn line, which was dropped; its game is played again"
+                logging.getLogger(__name__).warning(text, path)
+                os.truncate(path, path.stat().st_size - len(torn))
+            return [*played]
+    _write(path, "wb", line)
+    return []
 
 
 def append_game(path: Path, played: PlayedTask | PlayedWorld) -> None:
-    """Add a line, which is on the disk when this returns; the file is unchanged on errors.
+    """Append a game durably; the file is unchanged on errors.
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if the file cannot be written.
     """
     size = path.stat().st_size
     try:
-        _write(path, "ab", played)
+        _write(path, "ab", as_lines([played])[0].encode())
     except OSError:
         with suppress(OSError):
             os.truncate(path, size)
         raise
 
 
-def _write(path: Path, mode: str, record: GamesHeader | PlayedTask | PlayedWorld) -> None:
+def _write(path: Path, mode: str, line: bytes) -> None:
     with path.open(mode) as file:
-        file.write(as_lines([record])[0].encode())
+        file.write(line)
         file.flush()
         os.fsync(file.fileno())
 
 
-def _check_header(path: Path, found: GamesHeader, wanted: GamesHeader) -> None:
-    if found.player != wanted.player:
-        raise ConfigError(f"'{path}' holds games of '{found.player}', not of '{wanted.player}'. Choose another `out`.")
-    names = [field.name for field in msgspec.structs.fields(found.settings)]
-    for name in sorted(names, key=HASHES.__contains__, reverse=True):
-        began, asked = (_given(getattr(header.settings, name)) for header in (found, wanted))
-        if began != asked:
-            kind = GraphMismatchError if name in HASHES else ConfigError
+def _check_header(path: Path, kept: GamesHeader, own: GamesHeader) -> None:
+    if kept.player != own.player:
+        raise ConfigError(f"'{path}' holds games of '{kept.player}', not of '{own.player}'. Choose another `out`.")
+    names = [field.name for field in msgspec.structs.fields(kept.settings)]
+    for name in sorted(names, key=_HASHES.__contains__, reverse=True):
+        before, now = (_given(getattr(header.settings, name)) for header in (kept, own))
+        if before != now:
+            kind = GraphMismatchError if name in _HASHES else ConfigError
             raise kind(
-                f"'{path}' holds games with {HASHES.get(name, f'`{name}`')} {began}, and this command has {asked}. "
+                f"'{path}' holds games with {_HASHES.get(name, f'`{name}`')} {before}, and this command has {now}. "
                 "Choose another `out`, or give the same settings."
             )
 
 
 def _given(value: object) -> str:
-    """Return a setting as a user writes it."""
     if value is None:
         return "none"
     return ",".join(value) if isinstance(value, tuple) else str(value)

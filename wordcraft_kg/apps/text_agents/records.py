@@ -1,4 +1,4 @@
-"""Records of text agents: the settings of their games, each game, and the result of many."""
+"""Records of text agents: settings, games and results."""
 
 from typing import Any, Literal
 
@@ -18,16 +18,16 @@ RESULT_FILE, GAMES_FILE = "result.json", "games.jsonl"
 
 
 class PlayedSettings(Record, frozen=True, kw_only=True):
-    """Settings of games that were played, with hashes; results with equal settings can be compared.
+    """Settings of played games, with hashes; results with equal settings are comparable.
 
-    Names of :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` mean the same here.
+    See :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other attributes.
 
     Attributes:
-        part: None in the open-ended world, as depth and distractors.
-        base: entities known at the start of the open-ended world; empty for tasks.
-        scorer: hash of the scorer's weights, if one is asked.
-        kg: triples that the scorer was trained on.
-        texts: hash of all texts that players read, see :func:`~wordcraft_kg.envs.words.texts_hash`.
+        part: None in the open-ended world, like depth and distractors.
+        base: initial entities of the open-ended world; empty for tasks.
+        scorer: hash of the scorer's weights.
+        kg: training triples of the scorer.
+        texts: hash of the prompts, see :func:`~wordcraft_kg.envs.words.texts_hash`.
     """
 
     graph: str
@@ -49,19 +49,19 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
     @property
     def is_open_ended(self) -> bool:
-        """Whether the games are of the open-ended world."""
+        """Whether the games are in the open-ended world."""
         return self.part is None
 
     @classmethod
     def of_tasks(cls, world: World, **rules: Any) -> "PlayedSettings":
-        """Return the settings of a world's tasks; ``rules`` are draws, tasks, knowledge and so on."""
+        """Return the settings of a world's tasks; ``rules`` are the other fields."""
         config = world.config
         amounts = {"depth": config.depth, "distractors": config.num_distractors, "attempts": config.attempts}
         return cls._of(world.graph, world.split, part=config.part, **amounts, **rules)
 
     @classmethod
     def of_world(cls, env: OpenEndedEnv, split: Split, **rules: Any) -> "PlayedSettings":
-        """Return the settings of a graph's open-ended world; ``rules`` are draws, knowledge and so on."""
+        """Return the settings of a graph's open-ended world; ``rules`` are the other fields."""
         rules |= {"part": None, "depth": None, "distractors": None, "attempts": env.max_attempts}
         return cls._of(env.graph, split, base=env.graph.labels(env.discovery.base), **rules)
 
@@ -74,7 +74,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):
-    """The first line of ``games.jsonl``; the other lines are games."""
+    """First line of ``games.jsonl``, before the games."""
 
     format: GamesFormat = "wordcraft-kg games in words 1"
     player: str
@@ -82,18 +82,18 @@ class GamesHeader(Record, frozen=True, kw_only=True):
 
 
 class PlayedTask(Record, frozen=True, kw_only=True):
-    """A task that was played: a line of ``games.jsonl``.
+    """A played task: a line of ``games.jsonl``.
 
     Attributes:
-        task: number of the task among those of its part.
-        draw: number of the draw of distractors.
-        table: labels on the table at the beginning.
-        by_plan: whether the last pair of a plan made it.
-        picks: picks until the end.
-        last: the last pair that was combined; None if the last attempt was lost.
-        refused: messages that were not understood.
-        lost: attempts lost by them.
-        look_ups: entities that were looked up.
+        task: index of the task in its part.
+        draw: index of the draw of distractors.
+        table: initial labels on the table.
+        by_plan: whether the last pair of a plan made the goal.
+        picks: number of picks.
+        last: the last combined pair; None after a lost attempt.
+        refused: number of invalid messages.
+        lost: attempts lost by invalid messages.
+        look_ups: number of look-ups.
         messages: all prompts and answers in turn.
     """
 
@@ -113,12 +113,12 @@ class PlayedTask(Record, frozen=True, kw_only=True):
 
 
 class PlayedWorld(Record, frozen=True, kw_only=True):
-    """A game in the open-ended world: a line of ``games.jsonl``; see :class:`PlayedTask` for the last four.
+    """A game in the open-ended world: a line of ``games.jsonl``; see :class:`PlayedTask` for the last four fields.
 
     Attributes:
-        game: number of the game.
+        game: index of the game.
         known_after: number of known entities after each attempt.
-        repeated: attempts with a pair that had been tried before.
+        repeated: attempts with an already tried pair.
     """
 
     game: Count
@@ -131,13 +131,13 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
 
 
 class TextResult(Record, frozen=True, kw_only=True):
-    """``result.json``: how a text agent did; see :class:`PlayedTask` for the last three.
+    """``result.json``: figures of a text agent; see :class:`PlayedTask` for the last three fields.
 
     Attributes:
         player: name of the player, such as its script or a language model.
-        success: success on the tasks; None in the open-ended world.
+        success: success on tasks; None in the open-ended world.
         outcomes: shares of the endings; empty in the open-ended world.
-        known: mean number of entities known after some numbers of attempts; empty for tasks.
+        known: mean number of known entities by number of attempts; empty for tasks.
     """
 
     format: Literal["wordcraft-kg words 1"] = "wordcraft-kg words 1"

@@ -1,4 +1,4 @@
-"""Results of text agents beside the reference figures."""
+"""Results of text agents as rows of ``reference``."""
 
 from collections.abc import Sequence
 from itertools import count
@@ -53,7 +53,7 @@ def _open_rows(paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay) -> Se
 def _task_rows(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
-    """Return a row for each player; results that differ in the distractors alone are one player's."""
+    """Return a row per player; results that differ only in distractors share a row."""
     rows: dict[tuple[str, PlayedSettings, int], ReferenceRow] = {}
     for path in paths:
         result = _result(path, opened)

@@ -1,4 +1,4 @@
-"""Results of text agents, counted as the evaluation of agents counts, and read from the files that hold them."""
+"""Results of text agents, with the metrics of the evaluation of agents."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -36,10 +36,10 @@ COUNTS = ("refused", "lost", "look_ups")
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
-    """Return the numbers of the tasks that are played: all, or at most ``most`` of them, evenly spaced.
+    """Return the indices of all tasks, or of at most ``most`` tasks, evenly spaced.
 
     Raises:
-        ConfigError: for a number below 1, as `tasks`.
+        ConfigError: for ``most`` below 1.
     """
     if most is not None:
         whole("tasks", most, 1, MAX_SIZE)
@@ -47,7 +47,7 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
 
 
 def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
-    """Return the record of a game that is over; ``number`` counts games of the open-ended world."""
+    """Return the record of a finished game; ``number`` is the index of a game in the open-ended world."""
     game = talk.game
     counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages)}
     if isinstance(game, DiscoveryGame):
@@ -82,10 +82,10 @@ def _ending_of(game: TaskGame) -> Ending:
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Return games as an evaluation of agents: N tasks with D draws each, without ids of the last pairs.
+    """Return games of N tasks with D draws each as an evaluation of agents, without ids of the last pairs.
 
     Raises:
-        ValueError: if a task lacks a draw that another one has.
+        ValueError: if a draw is missing for some of the tasks.
     """
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
@@ -106,9 +106,9 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
 
 
 def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[int, float]:
-    """Return the mean number of known entities after some numbers of attempts, starting from ``base``.
+    """Return the mean number of known entities by number of attempts, from ``base`` at the start.
 
-    A game that ended before its last attempt keeps its number.
+    Games that ended early keep their last number.
     """
     marks = sorted({mark for mark in (*MARKS, attempts) if mark <= attempts})
     after = {mark: [(base, *one.known_after[:mark])[-1] for one in played] for mark in marks}
@@ -116,67 +116,65 @@ def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[
 
 
 def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]) -> TextResult:
-    """Return the result of all games of a player."""
+    """Return the result of a player's games."""
     counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
     worlds = [one for one in played if isinstance(one, PlayedWorld)]
     tasks = [one for one in played if isinstance(one, PlayedTask)]
-    found = None if settings.is_open_ended else evaluation_of(tasks)
+    evaluation = None if settings.is_open_ended else evaluation_of(tasks)
     return TextResult(
         player=player,
         settings=settings,
         games=len(played),
-        success=found.figures() if found else None,
-        outcomes=found.shares() if found else {},
-        known={} if found else mean_known(worlds, settings.attempts, len(settings.base)),
+        success=evaluation.figures() if evaluation else None,
+        outcomes=evaluation.shares() if evaluation else {},
+        known={} if evaluation else mean_known(worlds, settings.attempts, len(settings.base)),
         **counts,
     )
 
 
 def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWorld], bytes]:
-    """Read a file of games; a torn last line is left out.
-
-    Returns:
-        the header, the games, and the torn line.
+    """Return the header, the games and a torn last line of a file.
 
     Raises:
-        ArtefactError: if the file is missing, of another kind, or damaged.
+        ArtefactError: for a missing or damaged file, or a file of another kind.
     """
     lines, _, torn = read_large_file(path).rpartition(b"\n")
     first, _, rest = lines.partition(b"\n")
-    header, where = parse_record(first, GamesHeader, f"{path}, line 1,"), f"{path} (after line 1)"
-    if header.settings.is_open_ended:
-        return header, parse_lines(rest, PlayedWorld, where), torn
-    return header, parse_lines(rest, PlayedTask, where), torn
+    header = parse_record(first, GamesHeader, f"{path}, line 1,")
+    kind: type[PlayedTask | PlayedWorld] = PlayedWorld if header.settings.is_open_ended else PlayedTask
+    return header, parse_lines(rest, kind, f"{path} (after line 1)"), torn
 
 
 def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
-    """Read the games of ``wordcraft-kg mcp --out`` as a result.
+    """Read the result from the games of ``wordcraft-kg mcp --out``.
 
-    Of a task that was played again, the first game counts. Every task is needed: a figure over tasks that a player has
-    chosen says nothing.
+    The first game of a repeated task counts. All tasks are required, because a player could select easy tasks.
 
     Raises:
-        ArtefactError: if the file is of another kind or damaged.
-        GraphMismatchError: if its games are of another graph or split.
-        ConfigError: if a task is missing.
+        ArtefactError: for a damaged file, or a file of another kind.
+        GraphMismatchError: for games of another graph or split.
+        ConfigError: for a missing task.
     """
     header, played, _ = read_games(path)
     settings = header.settings
-    for what, own in (("graph", opened.graph.hash), ("split", opened.split.hash)):
-        if (its := getattr(settings, f"{what}_hash")) != own:
-            raise GraphMismatchError(f"'{path}' holds games on the {what} {its[:12]}, and this is {own[:12]}.")
+    for name, kept, own in (
+        ("graph", settings.graph_hash, opened.graph.hash),
+        ("split", settings.split_hash, opened.split.hash),
+    ):
+        if kept != own:
+            raise GraphMismatchError(f"'{path}' holds games on the {name} {kept[:12]}, and this is {own[:12]}.")
     if settings.part is None or settings.depth is None or settings.distractors is None:
         if not played:
             raise ConfigError(f"'{path}' holds no game that is over.")
         return result_of(header.player, msgspec.structs.replace(settings, draws=len(played)), played)
-    its_tasks = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
-    world = World(opened, its_tasks.environment)
+    tasks = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
+    world = World(opened, tasks.environment)
     first = {(one.task, one.draw): one for one in reversed(played) if isinstance(one, PlayedTask)}
     draws = 1 + max((draw for _, draw in first), default=0)
     needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(draws)))
     if set(first) != needed:
         raise ConfigError(
             f"'{path}' holds {len(needed & set(first)):,} of the {len(needed):,} games of its {settings.part} tasks: "
-            "expected each task with each draw. A player that chooses its tasks has no figure."
+            "expected each task with each draw. There is no figure for selected tasks."
         )
     return result_of(header.player, msgspec.structs.replace(settings, draws=draws), [*first.values()])

@@ -1,4 +1,4 @@
-"""Settings of games that text agents play; imports nothing heavy, so that the command line can name them."""
+"""Settings of text agents' games; without heavy imports, for the command line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from wordcraft_kg.graphs.task_search import MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart
 
 KnowledgeKind = Literal["none", "partial", "scorer"]
-"""What may be looked up: nothing, the train recipes, or the best links of a trained scorer."""
+"""Source of look-ups: nothing, the train recipes, or the best links of a trained scorer."""
 REFUSALS = 3
 LOOK_UPS = 10
 TIMEOUT = 60.0
-"""Seconds for an answer of a program."""
+"""Seconds."""
 ATTEMPTS = 100
 """Attempts in a game of the open-ended world."""
 
@@ -30,17 +30,17 @@ def _labels(kind: Any, tokens: Sequence[Any]) -> list[str]:
 
 @dataclass(frozen=True)
 class GameSettings:
-    """Games of text agents: tasks or the open-ended world, and what may be looked up.
+    """Games of text agents: tasks or the open-ended world, and the source of look-ups.
 
     Attributes:
         part: tasks to play: train, valid, test or all.
         depth: fewest attempts that solve a task, 1 to 5.
         distractors: entities on the table that no plan needs.
         attempts: attempts in a game. Default: depth; 100 in the open-ended world.
-        open_ended: no tasks: discover as many entities as possible from the base.
-        base: comma-separated entities known at the start of the open-ended world. Default: the graph's base.
-        knowledge: what may be looked up: none, partial (the train recipes without those of the task's plans) or
-            scorer (the best links of --scorer).
+        open_ended: discover as many entities as possible from the base, without tasks.
+        base: comma-separated initial entities of the open-ended world. Default: the graph's base.
+        knowledge: source of look-ups: none, partial (train recipes except those of the task's plans) or scorer (best
+            links of --scorer).
         scorer: model folder, for --knowledge scorer.
         look_ups: look-ups in a game.
 
@@ -83,7 +83,7 @@ class GameSettings:
 
     @property
     def environment(self) -> WordCraftConfig:
-        """Settings of the environment in which tasks are played."""
+        """Settings of the tasks' environment."""
         return WordCraftConfig(
             part=self.part, depth=self.depth, num_distractors=self.distractors, max_attempts=self.attempts
         )
@@ -94,9 +94,9 @@ class EvaluationSettings(GameSettings):
     """Games on which a text agent is evaluated.
 
     Attributes:
-        draws: draws of distractors for each task; with --open-ended the number of games.
-        tasks: most tasks to play, evenly spaced over the part. Default: all.
-        refusals: answers in a row that may be misunderstood at no cost; the next one costs the attempt.
+        draws: draws of distractors for each task; number of games with --open-ended.
+        tasks: maximum number of tasks, evenly spaced over the part. Default: all.
+        refusals: consecutive invalid answers without cost; the next one costs the attempt.
     """
 
     draws: int = 1

@@ -9,19 +9,17 @@ from cyclopts import Parameter
 from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
 from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.extras import check_extra
-from wordcraft_kg.base.settings import number_in
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import Book
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.elicitation.records import OpinionMetrics
-    from wordcraft_kg.apps.elicitation.view import AskingEstimate
+    from wordcraft_kg.apps.elicitation.records import AskingEstimate, OpinionMetrics
 
 GROUP = "Link prediction"
 EXAMPLES = (
     "wordcraft-kg ask-opinions everyday --endpoint http://localhost:8080/v1 --model local --yes",
-    "wordcraft-kg ask-opinions everyday --endpoint https://api.openai.com/v1 --model MODEL --price-in 1 --price-out 4",
+    "wordcraft-kg ask-opinions everyday --endpoint https://api.openai.com/v1 --model MODEL",
 )
 
 
@@ -33,95 +31,75 @@ def ask_opinions(
     settings: Annotated[AskingConfig, Parameter(name="*")] = AskingConfig(),
     out: Path = Path("models/opinions"),
     answers: Path | None = None,
-    price_in: float | None = None,
-    price_out: float | None = None,
     yes: Flag = False,
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Ask a language model which pairs make which thing, and keep its opinions as a scorer: u, v and w for agents.
+    """Elicit recipes from a language model, and save them as a scorer for u, v and w of agents.
 
-    Prompts hold the labels of the graph's entities and no recipe. Without --yes nothing is asked: the command says how
-    much there is to ask, and about what it costs. Answers are kept, so that the same command never asks twice.
+    Prompts contain the labels of the graph's entities and no recipe. Without --yes, the command only estimates the
+    amount of prompts and tokens. Answers are stored, so that no prompt is sent twice.
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        endpoint: address of an endpoint that speaks as OpenAI's, such as http://localhost:8080/v1.
-        model: name of the language model there.
-        settings: how it is asked.
+        endpoint: address of an OpenAI-compatible endpoint, such as http://localhost:8080/v1.
+        model: the endpoint's name of the language model.
+        settings: prompts and requests.
         out: model folder to write.
-        answers: folder in which answers are kept. Default: the cache, see wordcraft-kg books --cache.
-        price_in: price of a million tokens of prompts, for the estimate.
-        price_out: price of a million tokens of answers.
-        yes: ask, without looking at the estimate first.
-        force: replace the folder if it exists.
+        answers: folder of answers. Default: the cache, see wordcraft-kg books --cache.
+        yes: send the prompts.
+        force: replace an existing model folder.
     """
     from wordcraft_kg.apps.elicitation.answers import Answers
-    from wordcraft_kg.apps.elicitation.asking import ask_all, plan_asking
+    from wordcraft_kg.apps.elicitation.asking import ask_all, plan_asking, view_asking
     from wordcraft_kg.apps.elicitation.endpoint import Endpoint
-    from wordcraft_kg.apps.elicitation.view import OpinionsView, view_asking
+    from wordcraft_kg.apps.elicitation.records import OpinionsView
     from wordcraft_kg.base.cache import cache_folder
     from wordcraft_kg.graphs.folder import open_graph
 
     config = OpinionsConfig(str(graph), endpoint, model, settings)
-    for name, price in (("price_in", price_in), ("price_out", price_out)):
-        if price is not None:
-            number_in(name, price, 0, 1e9, "0 or more, for a million tokens")
     opened = open_graph(config.graph)
     kept = Answers(answers or cache_folder("opinions"))
     plan = plan_asking(config, opened.graph.entities, kept)
-    estimate = view_asking(plan, opened.graph.name, config, kept.folder, price_in=price_in, price_out=price_out)
+    estimate = view_asking(plan, opened.graph.name, config, kept.folder)
     if estimate.to_ask and not yes:
         output.result(OpinionsView(estimate), [*_estimate(estimate), "nothing was asked; add --yes to ask"])
         return
     check_output(out, force=force)
     check_extra("opinions")
-    said = ask_all(plan, lambda: Endpoint(config), kept, output.progress("asking", unit="prompt"))
-    from wordcraft_kg.apps.elicitation.folder import write_opinions
+    from wordcraft_kg.apps.elicitation.folder import write_opinions  # loads torch
 
-    written = write_opinions(out, opened, config, plan.prompts, said, force=force)
+    answered = ask_all(plan, lambda: Endpoint(config), kept, output.progress("asking", unit="prompt"))
+    folder, metrics = write_opinions(out, opened, config, plan.prompts, answered, force=force)
     following = f"wordcraft-kg evaluate-agent {graph} --scorer {out}"
-    text = [*_outcome(estimate, written.metrics), f"wrote {out}/   next: {following}"]
-    output.result(OpinionsView(estimate, str(written.folder), written.metrics), text)
+    text = [*aligned(_outcome(estimate, metrics)), f"wrote {out}/   next: {following}"]
+    output.result(OpinionsView(estimate, str(folder), metrics), text)
 
 
-def _estimate(found: "AskingEstimate") -> list[str]:
+def _estimate(estimate: "AskingEstimate") -> list[str]:
+    tokens = f"about {estimate.tokens_in:,} in (a quarter of the characters) and {estimate.tokens_out:,} out"
+    goals = counted(estimate.goals, "thing")
     rows = [
-        ("to ask", f"{found.model} at {found.endpoint} about {counted(found.goals, 'thing')} of {found.graph}"),
-        ("prompts", f"{found.prompts:,}; {found.kept:,} are answered already, {found.to_ask:,} are not"),
-        (
-            "tokens",
-            f"about {found.tokens_in:,} in (a quarter of the characters) and {found.tokens_out:,} out (more if the "
-            "model thinks aloud)",
-        ),
-        ("price", "no prices given" if found.price is None else f"about {found.price:,.4f}, at the prices given"),
-        ("kept in", found.answers),
+        ("to ask", f"{estimate.model} at {estimate.endpoint} about {goals} of {estimate.graph}"),
+        ("prompts", f"{estimate.prompts:,}; {estimate.kept:,} are answered already, {estimate.to_ask:,} are not"),
+        ("tokens", f"{tokens} (more if the model thinks aloud)"),
+        ("kept in", estimate.answers),
     ]
     return aligned(rows)
 
 
-def _outcome(estimate: "AskingEstimate", found: "OpinionMetrics") -> list[str]:
-    asked = f"{estimate.to_ask:,} of {counted(found.prompts, 'prompt')}, the others were answered already"
-    unread = [f"{number:,} {why}" for why, number in found.unread.items() if number]
-    rows = [
-        ("asked", asked if estimate.kept else counted(found.prompts, "prompt")),
-        ("opinions", f"{found.opinions:,} about {found.goals_with_opinions:,} of {counted(found.goals, 'thing')}"),
-        *([("not read", f"{', '.join(unread)}; see unread.txt")] if unread else []),
-        *([("cut off", f"{counted(found.cut, 'answer')}; smaller --goals-per-prompt help")] if found.cut else []),
-        *_agreement(found),
-    ]
-    if found.tokens_in is not None and found.tokens_out is not None:
-        rows.append(("tokens", f"{found.tokens_in:,} in and {found.tokens_out:,} out, as the endpoint counts them"))
-    return aligned(rows)
-
-
-def _agreement(found: "OpinionMetrics") -> Iterator[tuple[str, str]]:
-    for name, of in found.agreement.items():
-        if of.recall is None:
-            continue
-        precision = "none" if of.precision is None else f"{of.precision:.3f}"
-        yield (
-            f"{name} recipes",
-            f"precision {precision}, recall {of.recall:.3f}, first pair right for {of.first_right or 0:.3f} of "
-            f"{counted(of.goals, 'thing')}",
-        )
+def _outcome(estimate: "AskingEstimate", metrics: "OpinionMetrics") -> Iterator[tuple[str, str]]:
+    prompts = counted(metrics.prompts, "prompt")
+    some = f"{estimate.to_ask:,} of {prompts}, the others were answered already"
+    yield "asked", some if estimate.kept else prompts
+    goals = counted(metrics.goals, "thing")
+    yield "opinions", f"{metrics.opinions:,} about {metrics.goals_with_opinions:,} of {goals}"
+    if unread := [f"{number:,} {why}" for why, number in metrics.unread.items() if number]:
+        yield "not read", f"{', '.join(unread)}; see unread.txt"
+    if metrics.cut:
+        yield "cut off", f"{counted(metrics.cut, 'answer')}; smaller --goals-per-prompt help"
+    for name, part in metrics.agreement.items():
+        if part.recall is not None:
+            precision = "none" if part.precision is None else f"{part.precision:.3f}"
+            first = f"first pair right for {part.first_right or 0:.3f} of {counted(part.goals, 'thing')}"
+            yield f"{name} recipes", f"precision {precision}, recall {part.recall:.3f}, {first}"

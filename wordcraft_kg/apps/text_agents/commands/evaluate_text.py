@@ -23,7 +23,7 @@ EXAMPLES = (
     'wordcraft-kg evaluate-text everyday --player "python my_player.py" --distractors 8 --knowledge partial',
     'wordcraft-kg evaluate-text everyday --player "python my_player.py" --open-ended --attempts 100',
 )
-LONGEST_NAME = 100
+_LONGEST_NAME = 100
 
 
 def evaluate_text(
@@ -37,45 +37,41 @@ def evaluate_text(
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Let a program that reads a line and writes a line play all tasks of a part, at the tables of the agents.
+    """Evaluate a program that plays by text, on the tasks and tables of the evaluation of agents.
 
-    It reads a JSON object a line (text, goal, table, attempts_left, game, new) and answers with the two things to
-    combine, such as: water + earth. Games are saved one by one; the same command goes on where it stopped.
+    For each JSON object on stdin (a line with text, goal, table, attempts_left, game, new), the program writes a line
+    with two things to combine, such as: water + earth. The same command continues an interrupted evaluation.
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        player: command that starts the program, such as "python my_player.py"; no shell is asked.
+        player: command line of the program, such as "python my_player.py"; runs without a shell.
         settings: the games.
         timeout: seconds for an answer.
-        name: the player's name in results. Default: the name of its script or program.
-        out: folder for the games and the result. Default: text-agents/<name>.
-        force: forget the games that are in the folder, and begin anew.
+        name: player's name in results. Default: name of the script or program.
+        out: folder for games and result. Default: text-agents/<name>.
+        force: delete the games in the folder and start again.
     """
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
     from wordcraft_kg.apps.text_agents.playing import play_all
 
-    if name is not None and (not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME):
-        raise ConfigError(f"--name {name[:LONGEST_NAME]!r}: expected 1 to {LONGEST_NAME} characters on one line.")
+    if name is not None and (not name.strip() or not name.isprintable() or len(name) > _LONGEST_NAME):
+        raise ConfigError(f"--name {name[:_LONGEST_NAME]!r}: expected 1 to {_LONGEST_NAME} characters on one line.")
     rules = {"draws": settings.draws, "tasks": settings.tasks, "refusals": settings.refusals}
     play = Play.open(graph, settings, **rules)
     with LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
-        # A model's name may hold a slash; it names one folder all the same, and none elsewhere.
         folder = out or Path("text-agents") / (re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player")
         _prepare(folder, force)
-        kept = f"The games so far are in {folder}; the same command goes on."
         try:
             result = play_all(called, program.speaker, play, folder)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"interrupted. {kept}") from None
-        except PlayerError as error:
-            raise PlayerError(f"{error} {kept}") from None
+        except (KeyboardInterrupt, PlayerError) as error:
+            why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
+            raise type(error)(f"{why} The games so far are in {folder}; the same command goes on.") from None
     output.result({"result": result, "out": str(folder)}, _text(result, graph, folder))
 
 
 def _prepare(folder: Path, force: bool) -> None:
-    """Refuse a folder with other content; with ``force``, forget the games of the folder."""
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE, RESULT_FILE
     from wordcraft_kg.runs.folder import locked
 
@@ -102,22 +98,24 @@ def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
 
 
 def _figures(result: "TextResult") -> list[tuple[str, str]]:
-    settings, found = result.settings, result.success
-    if found is None:
+    settings, success = result.settings, result.success
+    if success is None:
         known = ", ".join(f"{number:g} after {mark}" for mark, number in result.known.items())
         return [("known", f"{known} attempts"), ("over", counted(result.games, "game"))]
-    tasks = f"{counted(found.tasks, f'{settings.part} task')} of depth {settings.depth}"
+    tasks = f"{counted(success.tasks, f'{settings.part} task')} of depth {settings.depth}"
     distractors = counted(settings.distractors or 0, "distractor")
     endings = (f"{ending.replace('_', ' ')} {share:.1%}" for ending, share in result.outcomes.items())
     return [
-        ("success", f"{found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]   by plan {found.by_plan:.3f}"),
-        ("over", f"{tasks}, {distractors}, {counted(found.draws, 'draw')} each"),
+        (
+            "success",
+            f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]   by plan {success.by_plan:.3f}",
+        ),
+        ("over", f"{tasks}, {distractors}, {counted(success.draws, 'draw')} each"),
         ("endings", ", ".join(endings)),
     ]
 
 
 def _beside(settings: "PlayedSettings") -> str:
-    """Return the options of `reference` that show these games."""
     if settings.is_open_ended:
         return f"--open-ended --base {shlex.quote(','.join(settings.base))}"
     options = f"--part {settings.part} --depth {settings.depth} --distractors {settings.distractors}"

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.options import Book
 
@@ -22,7 +23,6 @@ EXAMPLES = (
     "wordcraft-kg mcp kitchen --depth 2 --attempts 4 --transport http --out games.jsonl",
     "wordcraft-kg mcp everyday --open-ended --attempts 100",
 )
-PLAYER = "MCP clients"
 
 
 def mcp(
@@ -36,23 +36,20 @@ def mcp(
     out: Path | None = None,
     output: Output = Output(),
 ) -> None:
-    """Let language models play by tools, as a server of the Model Context Protocol; Ctrl-C ends it.
+    """Serve games to language models as tools of the Model Context Protocol, until Ctrl-C.
 
-    Clients start it themselves and talk to it on its standard streams, or ask it over HTTP, many at once. The tasks and
-    tables are those on which agents are evaluated.
+    Clients start the server and use its standard streams, or connect over HTTP. Tasks and tables are those of the
+    evaluation of agents.
 
     Args:
         graph: graph folder, recipe book or known book's name.
         settings: the games.
-        transport: stdio, for a client on this machine that starts the server, or http.
-        host: address of this machine to listen on; others than 127.0.0.1, such as 0.0.0.0, open the games to others.
-        port: port to listen on; 0 takes a free one.
-        allow_host: a further name or address by which the server may be asked for, as with --host 0.0.0.0 or behind a
-            proxy; several by several options.
-        out: file for the games that are over (JSON lines). The same command goes on with it.
+        transport: stdio, for a local client that starts the server, or http.
+        host: address to listen on; any but 127.0.0.1, such as 0.0.0.0, opens the games to other machines.
+        port: port to listen on; 0 selects a free port.
+        allow_host: additional host name or address of the server, as with --host 0.0.0.0 or a proxy; repeatable.
+        out: file for finished games (JSON lines). The same command appends to it.
     """
-    from wordcraft_kg.base.extras import check_extra
-
     if transport == "stdio" and output.json:
         raise ConfigError("--json: on stdio the output belongs to the protocol; leave it out, or add --transport http.")
     check_extra("mcp")
@@ -63,12 +60,10 @@ def mcp(
     from wordcraft_kg.apps.web.serving import Serving, listen, serve
 
     with ExitStack() as stack:
-        listening = None
-        if transport == "http":
-            listening = stack.enter_context(listen(host, port))  # before the work
+        listening = stack.enter_context(listen(host, port)) if transport == "http" else None  # before the work
         hosted = HostedGames(Play.open(graph, settings, refusals=NEVER, texts=tools_hash()))
         if out is not None:
-            header = GamesHeader(player=PLAYER, settings=hosted.play.settings)
+            header = GamesHeader(player="MCP clients", settings=hosted.play.settings)
             hosted.keep = stack.enter_context(kept_games(out, header))
         server = make_server(hosted)
         if listening is None:

@@ -22,17 +22,11 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 RESULTS = ("success", "by_plan", "picks", "endings")
-
-
-@pytest.fixture(scope="module")
-def opened():
-    return open_graph("kitchen")
 
 
 def policy_for(opened, num_slots, scorer=None, **settings):

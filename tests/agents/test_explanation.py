@@ -3,7 +3,6 @@
 import math
 from concurrent.futures import ThreadPoolExecutor
 from itertools import combinations_with_replacement
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ import torch
 from refusals import refuses
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
-from wordcraft_kg.agents.explanation import MOST_ON_TABLE, ExplainedTable, Explainer
+from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
 from wordcraft_kg.envs import evaluation_tables
 from wordcraft_kg.envs.batch import BatchEngine
@@ -24,7 +23,6 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
-from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
@@ -39,22 +37,17 @@ KINDS = ("no scorer", "mlp", "links", "cross-fitted links", "recipes", "scorer a
 
 
 @pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
-    return open_graph("kitchen")
-
-
-@pytest.fixture(scope="module")
-def scorer(recipes_folder: Path) -> CrossFitted:
+def scorer(recipes_folder):
     found = load_scorer(recipes_folder)
     assert isinstance(found, CrossFitted)
     return found
 
 
-def world_of(opened: OpenedGraph, part: str = "test", **settings: object) -> World:
+def world_of(opened, part="test", **settings):
     return World(opened, WordCraftConfig.of({"part": part, "num_distractors": 4, **settings}))
 
 
-def policy_of(opened: OpenedGraph, scorer: CrossFitted, kind: str, world: World) -> Policy:
+def policy_of(opened, scorer, kind, world):
     """A policy of random weights, large enough that its picks differ from state to state."""
     scorers: dict[str, tuple[TripleScorer | None, dict[str, object]]] = {
         "no scorer": (None, {}),
@@ -68,12 +61,7 @@ def policy_of(opened: OpenedGraph, scorer: CrossFitted, kind: str, world: World)
     guide, settings = scorers[kind]
     train = world.variant(part="train")
     policy, _ = make_policy(
-        PolicyConfig(**{**SMALL, **settings}),  # type: ignore[arg-type]
-        opened.graph,
-        world.num_slots,
-        scorer=guide,
-        tasks=train.tasks,
-        seed=4,
+        PolicyConfig(**{**SMALL, **settings}), opened.graph, world.num_slots, scorer=guide, tasks=train.tasks, seed=4
     )
     with torch.no_grad():
         for parameter in policy.parameters():
@@ -89,9 +77,7 @@ def policy_of(opened: OpenedGraph, scorer: CrossFitted, kind: str, world: World)
     ("part", "depth", "attempts"),
     [("train", 1, None), ("test", 1, 3), pytest.param("test", 2, 3, marks=pytest.mark.slow)],
 )
-def test_an_explained_episode_is_that_of_the_evaluation(
-    opened: OpenedGraph, scorer: CrossFitted, kind: str, part: str, depth: int, attempts: int | None
-) -> None:
+def test_an_explained_episode_is_that_of_the_evaluation(opened, scorer, kind, part, depth, attempts):
     world = world_of(opened, part, depth=depth, max_attempts=attempts)
     policy = policy_of(opened, scorer, kind, world)
     engine = BatchEngine(world, len(world.tasks))
@@ -113,9 +99,7 @@ def test_an_explained_episode_is_that_of_the_evaluation(
     assert outcomes == {"goal", "out_of_attempts"} or kind not in ("recipes", "in sample")
 
 
-def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
-    opened: OpenedGraph, scorer: CrossFitted, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, scorer, monkeypatch):
     monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
     world = world_of(opened)
     evaluator = Evaluator(world, draws=1, limit=20)
@@ -131,27 +115,25 @@ def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
 # --- against the formula ---------------------------------------------------------------------------------------------
 
 
-def product(weights: torch.Tensor, values: list[float], bias: torch.Tensor | None = None) -> list[float]:
+def product(weights, values, bias=None):
     """W x + b in loops."""
     rows = weights.double().tolist()
     extra = bias.double().tolist() if bias is not None else [0.0] * len(rows)
     return [sum(w * x for w, x in zip(row, values, strict=True)) + more for row, more in zip(rows, extra, strict=True)]
 
 
-def softmax(values: list[float]) -> list[float]:
+def softmax(values):
     exponents = [math.exp(value - max(values)) for value in values]
     return [value / sum(exponents) for value in exponents]
 
 
-def head(module: torch.nn.Sequential, state: list[float]) -> list[float]:
+def head(module, state):
     first, _, second = module
     hidden = [max(value, 0.0) for value in product(first.weight, state, first.bias)]
     return product(second.weight, hidden, second.bias)
 
 
-def by_loops(
-    policy: Policy, goal: int, held: int | None, table: list[int], values: dict[str, list[float]]
-) -> tuple[list[float], float, list[float]]:
+def by_loops(policy, goal, held, table, values):
     """Logits, value and λ of a state from the paper's formulas, given the values of the sources."""
     vectors = policy.vectors.vectors.double().tolist()
     nothing = [0.0] * policy.vectors.dim
@@ -182,9 +164,7 @@ def by_loops(
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "mlp"])
 @pytest.mark.parametrize("is_held", [False, True])
-def test_a_table_of_ones_own_is_explained_as_the_formula_says(
-    opened: OpenedGraph, scorer: CrossFitted, kind: str, is_held: bool
-) -> None:
+def test_a_table_of_ones_own_is_explained_as_the_formula_says(opened, scorer, kind, is_held):
     world = world_of(opened)
     policy = policy_of(opened, scorer, kind, world)
     explainer, graph = Explainer(policy, world), opened.graph
@@ -213,7 +193,7 @@ def test_a_table_of_ones_own_is_explained_as_the_formula_says(
         assert len(found.episode.steps) == 2 - is_held
 
 
-def test_what_is_made_is_on_the_table_for_the_next_attempt(scorer: CrossFitted) -> None:
+def test_what_is_made_is_on_the_table_for_the_next_attempt(scorer):
     """A pair with two results, one of them there already, and then one that makes the goal with its own result."""
     rows = [["a", "b", "c"], ["a", "b", "d"], ["d", "d", "goal"], ["c", "e", "f"]]
     graph = RecipeGraph.from_recipes(rows, ["a", "b", "e"])
@@ -237,7 +217,7 @@ def test_what_is_made_is_on_the_table_for_the_next_attempt(scorer: CrossFitted) 
 
 
 @pytest.mark.parametrize("ambiguity", ["all", "last"])
-def test_a_pair_makes_what_the_rules_of_the_world_say(scorer: CrossFitted, ambiguity: str) -> None:
+def test_a_pair_makes_what_the_rules_of_the_world_say(scorer, ambiguity):
     graph = RecipeGraph.from_recipes([["a", "a", "b"], ["a", "a", "c"]], ["a"])
     opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "made up")
     world = World(opened, WordCraftConfig.of({"num_distractors": 0, "ambiguity": ambiguity}))
@@ -247,9 +227,7 @@ def test_a_pair_makes_what_the_rules_of_the_world_say(scorer: CrossFitted, ambig
     assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
 
 
-def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(
-    opened: OpenedGraph, scorer: CrossFitted
-) -> None:
+def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(opened, scorer):
     world = world_of(opened, max_attempts=40)
     policy = policy_of(opened, scorer, "no scorer", world)
     whole, cut = (Explainer(policy, world, most_picks=most) for most in (None, 5))
@@ -263,13 +241,13 @@ def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(
 # --- who answers -----------------------------------------------------------------------------------------------------
 
 
-def ways_by_loops(graph: RecipeGraph, goal: str, table: tuple[str, ...]) -> set[tuple[str, str, str]]:
+def ways_by_loops(graph, goal, table):
     pairs = {tuple(sorted(pair)) for pair in combinations_with_replacement(table, 2)}
     return {tuple(recipe) for recipe in graph.recipe_labels() if recipe[2] == goal and tuple(recipe[:2]) in pairs}
 
 
 @pytest.mark.parametrize("part", ["train", "test", "all"])
-def test_no_model_that_has_seen_its_recipes_answers_a_task(opened: OpenedGraph, scorer: CrossFitted, part: str) -> None:
+def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, part):
     world = world_of(opened, part)
     explainer = Explainer(policy_of(opened, scorer, "recipes", world), world)
     rows, models = opened.graph.recipe_labels(), set()
@@ -290,7 +268,7 @@ def test_no_model_that_has_seen_its_recipes_answers_a_task(opened: OpenedGraph, 
     assert "without_a_fold" in models or part == "test"
 
 
-def assert_ways(opened: OpenedGraph, scorer: CrossFitted, found: ExplainedTable) -> None:
+def assert_ways(opened, scorer, found):
     """The ways are the recipes on the table, and what is remembered is what the model that answers was trained on."""
     ways = {(one.ingredient_a, one.ingredient_b, one.result): one for way in found.ways for one in way}
     assert ways.keys() == ways_by_loops(opened.graph, found.episode.goal, found.table)
@@ -303,9 +281,7 @@ def assert_ways(opened: OpenedGraph, scorer: CrossFitted, found: ExplainedTable)
     assert {*found.memory} == {one for one in ways.values() if one.is_remembered}
 
 
-def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(
-    opened: OpenedGraph, scorer: CrossFitted
-) -> None:
+def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(opened, scorer):
     world, graph = world_of(opened), opened.graph
     policy = policy_of(opened, scorer, "recipes", world)
     explainer, rng = Explainer(policy, world), np.random.default_rng(5)
@@ -328,7 +304,7 @@ def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_go
     assert {("without_a_fold", False), ("train_recipes", False)} <= set(found_models)
 
 
-def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened: OpenedGraph, scorer: CrossFitted) -> None:
+def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened, scorer):
     world, graph = world_of(opened, "train"), opened.graph
     explainer = Explainer(policy_of(opened, scorer, "recipes", world), world)
     by_goal: dict[int, dict[int, list[int]]] = {}
@@ -351,11 +327,9 @@ def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened: Opened
 
 
 @pytest.mark.parametrize(("kg", "model"), [("full", "all_recipes"), ("partial", "train_recipes")])
-def test_a_scorer_without_folds_remembers_what_it_was_trained_on(
-    opened: OpenedGraph, scorer: CrossFitted, kg: str, model: str
-) -> None:
+def test_a_scorer_without_folds_remembers_what_it_was_trained_on(opened, scorer, kg, model):
     world = world_of(opened, "all")
-    explainer = Explainer(policy_of(opened, scorer, "links", world), world, kg=kg)  # type: ignore[arg-type]
+    explainer = Explainer(policy_of(opened, scorer, "links", world), world, kg=kg)
     for task in range(0, len(world.tasks), 5):
         found = explainer.task(task)
         assert (found.model, found.fold) == (model, None)
@@ -364,13 +338,11 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(
 
 
 @pytest.mark.parametrize("in_sample", [False, True])
-def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(
-    opened: OpenedGraph, tmp_path: Path, in_sample: bool
-) -> None:
+def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened, tmp_path, in_sample):
     dosed = RecipeScorerConfig(folds=3, share=0.6, noise=0.2)
     guide = load_scorer(train_recipes(RecipesConfig("kitchen", dosed), tmp_path / "model").folder)
     world = world_of(opened, "train")
-    settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)  # type: ignore[arg-type]
+    settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)
     policy, _ = make_policy(settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks)
     explainer, told = Explainer(policy, world), set()
     for task in range(0, len(world.tasks), 4):
@@ -378,7 +350,7 @@ def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(
         assert isinstance(guide, CrossFitted)
         assert (found.model == "train_recipes") == in_sample
         model = guide.whole if found.fold is None else guide.left_out(found.fold)
-        taught = {tuple(recipe) for recipe in model.recipes.tolist()}  # type: ignore[attr-defined]
+        taught = {tuple(recipe) for recipe in model.recipes.tolist()}
         if found.model == "no_knowledge":
             taught = set()
         for one in (recipe for way in found.ways for recipe in way):
@@ -389,7 +361,7 @@ def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(
 
 
 @pytest.mark.parametrize("kind", ["no scorer", "mlp"])
-def test_without_a_scorer_no_model_answers(opened: OpenedGraph, scorer: CrossFitted, kind: str) -> None:
+def test_without_a_scorer_no_model_answers(opened, scorer, kind):
     world = world_of(opened, "train")
     found = Explainer(policy_of(opened, scorer, kind, world), world).task(3)
     assert (found.model, bool(found.memory)) == ("no_scorer", False)
@@ -397,20 +369,14 @@ def test_without_a_scorer_no_model_answers(opened: OpenedGraph, scorer: CrossFit
 
 
 @pytest.mark.parametrize("kind", ["by-goal", "none", "by-slot"])
-def test_tables_are_explained_whatever_the_split(scorer: CrossFitted, kind: str) -> None:
+def test_tables_are_explained_whatever_the_split(scorer, kind):
     graph = open_graph("kitchen").graph
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind)), "kitchen")
     world = world_of(opened, "train")
     guide = FrequencyScorer(graph, opened.split.partial)
     if kind != "none":
         guide = cross_fit(opened.split, lambda recipes: FrequencyScorer(graph, recipe_triples(recipes)), folds=3)
-    policy = make_policy(
-        PolicyConfig(**SMALL),
-        graph,
-        world.num_slots,
-        scorer=guide,
-        tasks=world.tasks,  # type: ignore[arg-type]
-    )[0]
+    policy = make_policy(PolicyConfig(**SMALL), graph, world.num_slots, scorer=guide, tasks=world.tasks)[0]
     explainer = Explainer(policy, world)
     for task in range(0, len(world.tasks), 9):
         found = explainer.task(task)
@@ -421,13 +387,13 @@ def test_tables_are_explained_whatever_the_split(scorer: CrossFitted, kind: str)
 # --- several at once -------------------------------------------------------------------------------------------------
 
 
-def test_threads_that_ask_at_once_get_what_they_would_get_alone(opened: OpenedGraph, scorer: CrossFitted) -> None:
+def test_threads_that_ask_at_once_get_what_they_would_get_alone(opened, scorer):
     train = world_of(opened, "train")
     policy = policy_of(opened, scorer, "recipes", train)
     explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]
     questions = [(number % 2, number // 2 * 3, number % 5) for number in range(40)]
 
-    def ask(question: tuple[int, int, int]) -> tuple[ExplainedTable, ExplainedTable]:
+    def ask(question):
         which, task, draw = question
         found = explainers[which].task(task, draw)
         return found, explainers[which].table(found.episode.goal, found.table)
@@ -437,9 +403,7 @@ def test_threads_that_ask_at_once_get_what_they_would_get_alone(opened: OpenedGr
         assert list(pool.map(ask, questions * 2)) == alone * 2
 
 
-def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(
-    opened: OpenedGraph, scorer: CrossFitted
-) -> None:
+def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(opened, scorer):
     """Between the question whether the kept scores fit and their use, another thread may replace them."""
     (w,) = make_sources(["w"], scorer, ScoreView(), tasks=world_of(opened, "train").tasks)
     goal, nothing = torch.tensor([3]), torch.tensor([opened.graph.num_entities])
@@ -447,7 +411,7 @@ def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(
     expected = [w(goal, nothing, table, task) for table in tables]
 
     class Meddler(tuple):  # stands for the scores that are kept, and for the thread
-        def __getitem__(self, index: object) -> object:
+        def __getitem__(self, index):
             if index == 0:
                 w._last = other
             return super().__getitem__(index)
@@ -460,7 +424,7 @@ def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(
     assert not torch.equal(*expected)
 
 
-def test_explaining_leaves_the_policy_as_it_is(opened: OpenedGraph, scorer: CrossFitted) -> None:
+def test_explaining_leaves_the_policy_as_it_is(opened, scorer):
     world = world_of(opened, "train")
     policy = policy_of(opened, scorer, "recipes", world)
     before = {name: tensor.clone() for name, tensor in policy.state_dict().items()}
@@ -479,7 +443,7 @@ def test_explaining_leaves_the_policy_as_it_is(opened: OpenedGraph, scorer: Cros
 # --- what is wrong ---------------------------------------------------------------------------------------------------
 
 
-def test_what_cannot_be_asked_is_an_error_that_says_so(opened: OpenedGraph, scorer: CrossFitted) -> None:
+def test_what_cannot_be_asked_is_an_error_that_says_so(opened, scorer):
     world = world_of(opened)
     explainer = Explainer(policy_of(opened, scorer, "no scorer", world), world)
     labels = opened.graph.entities

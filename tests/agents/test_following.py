@@ -3,8 +3,8 @@
 import json
 import os
 import shutil
+import signal
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from going_on import go_on
@@ -12,12 +12,10 @@ from going_on import go_on
 from wordcraft_kg.agents import following
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
@@ -31,29 +29,19 @@ CONFIG = AgentConfig(
 )
 
 
-@pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
-    return open_graph("kitchen")
-
-
 @pytest.fixture
-def interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def interrupted(tmp_path, made_once):
     """A run that was stopped amid its training."""
-    update = Impala.update
 
-    def stop(self: Impala) -> None:
-        update(self)
-        if self.update_number == 15:
-            raise KeyboardInterrupt
+    def stop(done, total, figures):
+        if done == 240:
+            signal.raise_signal(signal.SIGINT)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(Impala, "update", stop)
-        with pytest.raises(KeyboardInterrupt):
-            train_agent(CONFIG, tmp_path / "run")
-    return tmp_path / "run"
+    made = made_once("kitchen-agent-interrupted", lambda out: train_agent(CONFIG, out, progress=stop))
+    return shutil.copytree(made, tmp_path / "run")
 
 
-def test_a_run_that_does_not_change_is_read_once(interrupted: Path, opened: OpenedGraph) -> None:
+def test_a_run_that_does_not_change_is_read_once(interrupted, opened):
     run = FollowedRun(interrupted, opened)
     world = World(opened, CONFIG.tasks.environment("test"))
     assert run.records() is run.records()
@@ -63,7 +51,7 @@ def test_a_run_that_does_not_change_is_read_once(interrupted: Path, opened: Open
     assert run.episodes() == {}
 
 
-def test_what_a_training_writes_is_seen(interrupted: Path, opened: OpenedGraph) -> None:
+def test_what_a_training_writes_is_seen(interrupted, opened):
     run, world = FollowedRun(interrupted, opened), World(opened, CONFIG.tasks.environment("test"))
     records, agent, explainer = run.records(), run.agent(), run.explainer(world)
     assert (records.run.status, agent.checkpoint) == ("interrupted", records.checkpoint)
@@ -84,7 +72,7 @@ def test_what_a_training_writes_is_seen(interrupted: Path, opened: OpenedGraph) 
     assert before.value != after.value
 
 
-def test_a_new_checkpoint_is_a_new_agent(interrupted: Path, opened: OpenedGraph) -> None:
+def test_a_new_checkpoint_is_a_new_agent(interrupted, opened):
     run = FollowedRun(interrupted, opened)
     last = run.agent()
     newest = max(int(path.stem.partition("-")[2]) for path in (interrupted / "checkpoints").glob("*.json"))
@@ -94,9 +82,7 @@ def test_a_new_checkpoint_is_a_new_agent(interrupted: Path, opened: OpenedGraph)
     assert run.agent().checkpoint != last.checkpoint
 
 
-def test_explainers_of_few_worlds_are_kept(
-    interrupted: Path, opened: OpenedGraph, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_explainers_of_few_worlds_are_kept(interrupted, opened, monkeypatch):
     monkeypatch.setattr(following, "EXPLAINERS", 2)
     run = FollowedRun(interrupted, opened)
     worlds = [World(opened, CONFIG.tasks.environment("test", amount)) for amount in range(3)]
@@ -107,9 +93,7 @@ def test_explainers_of_few_worlds_are_kept(
     assert run.explainer(worlds[1]) is not second
 
 
-def test_what_cannot_be_read_is_an_error_each_time_until_it_can(
-    interrupted: Path, opened: OpenedGraph, tmp_path: Path
-) -> None:
+def test_what_cannot_be_read_is_an_error_each_time_until_it_can(interrupted, opened, tmp_path):
     run = FollowedRun(tmp_path / "later", opened)
     for _ in range(2):
         with pytest.raises(ArtefactError, match="does not exist"):
@@ -126,15 +110,13 @@ def test_what_cannot_be_read_is_an_error_each_time_until_it_can(
         run.records()
 
 
-def test_a_run_of_another_split_is_refused(interrupted: Path) -> None:
+def test_a_run_of_another_split_is_refused(interrupted):
     with pytest.raises(GraphMismatchError):
         FollowedRun(interrupted, open_graph("kitchen", SplitConfig(seed=5))).agent()
 
 
 @pytest.mark.parametrize("gone", [False, True])
-def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(
-    opened: OpenedGraph, tmp_path: Path, gone: bool
-) -> None:
+def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_path, gone):
     dosed = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, folds=0, share=0.5, noise=0.4))
     model = train_links(dosed, tmp_path / "model").folder
     config = replace(CONFIG, scorer=str(model), trainer=ImpalaConfig(steps=80, batch_size=8))

@@ -35,11 +35,6 @@ SMALL = {
 
 
 @pytest.fixture(scope="module")
-def opened():
-    return open_graph("kitchen")
-
-
-@pytest.fixture(scope="module")
 def scorer(opened):
     return FrequencyScorer(opened.graph, opened.split.partial)
 

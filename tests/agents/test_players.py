@@ -30,11 +30,6 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.tables import TableScorer
 
 
-@pytest.fixture(scope="module")
-def opened():
-    return open_graph("kitchen")
-
-
 def success(table, player, distractors=1):
     (row,) = (row for row in table if (row.player, row.distractors) == (player, distractors))
     return row.success

@@ -24,11 +24,7 @@ OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evalua
 
 
 def write_results(
-    folder: Path,
-    policy: Policy,
-    world: World,
-    summary: AgentSummary,
-    results: Mapping[TaskPart, Evaluation],
+    folder: Path, policy: Policy, world: World, summary: AgentSummary, results: Mapping[TaskPart, Evaluation]
 ) -> None:
     """Write weights, evaluation and episodes."""
     write_parameters(folder, policy)

@@ -2,6 +2,7 @@
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -17,7 +18,7 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph, open_graph
+from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.triples import recipe_triples
@@ -30,7 +31,6 @@ from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 SMALL = {"features": "learned", "embedding_size": 6, "key_size": 4, "value_size": 5, "self_edges": "keep"}
 KINDS = ("no scorer", "mlp", "links", "cross-fitted links", "recipes", "scorer alone", "in sample")
@@ -43,30 +43,63 @@ def scorer(recipes_folder):
     return found
 
 
-def world_of(opened, part="test", **settings):
-    return World(opened, WordCraftConfig.of({"part": part, "num_distractors": 4, **settings}))
+def random_policy(graph, num_slots, scorer=None, tasks=None, **settings):
+    config = PolicyConfig(**SMALL, **settings)
+    policy, _ = make_policy(config, graph, num_slots, scorer=scorer, tasks=tasks, seed=4)
+    with torch.no_grad():
+        for parameter in policy.parameters():
+            parameter.mul_(2)
+    return policy.eval()
 
 
-def policy_of(opened, scorer, kind, world):
-    """A policy of random weights, large enough that its picks differ from state to state."""
-    scorers: dict[str, tuple[TripleScorer | None, dict[str, object]]] = {
+@pytest.fixture(scope="module")
+def made(opened, scorer):
+    """Make a world and a policy of random weights, large enough that its picks differ from state to state."""
+    links = FrequencyScorer(opened.graph, opened.split.partial)
+    kinds = {
         "no scorer": (None, {}),
         "mlp": (None, {"policy": "mlp", "hidden_size": 7}),
-        "links": (FrequencyScorer(opened.graph, opened.split.partial), {"use": "u,v"}),
+        "links": (links, {"use": "u,v"}),
         "cross-fitted links": (scorer, {"use": "u,v"}),
         "recipes": (scorer, {"use": "u,v,w"}),
         "scorer alone": (scorer, {"use": "v,w", "kg_only": True, "mixing": "softmax"}),
         "in sample": (scorer, {"use": "w", "in_sample": True}),
     }
-    guide, settings = scorers[kind]
-    train = world.variant(part="train")
-    policy, _ = make_policy(
-        PolicyConfig(**{**SMALL, **settings}), opened.graph, world.num_slots, scorer=guide, tasks=train.tasks, seed=4
-    )
-    with torch.no_grad():
-        for parameter in policy.parameters():
-            parameter.mul_(2)
-    return policy.eval()
+
+    @cache
+    def world_of(part, **settings):
+        return World(opened, WordCraftConfig.of({"part": part, "num_distractors": 4, **settings}))
+
+    @cache
+    def policy_of(kind, num_slots):
+        guide, settings = kinds[kind]
+        tasks = world_of("train").tasks
+        return random_policy(opened.graph, num_slots, scorer=guide, tasks=tasks, **settings)
+
+    def made(kind, part="test", **settings):
+        world = world_of(part, **settings)
+        return world, policy_of(kind, world.num_slots)
+
+    return made
+
+
+@pytest.fixture(scope="module")
+def explaining(made):
+    """Make a world and an explainer."""
+
+    def explaining(kind, part="test", **settings):
+        world, policy = made(kind, part, **settings)
+        return world, Explainer(policy, world)
+
+    return explaining
+
+
+def made_up(rows, base, **settings):
+    """A world of a few recipes, and an explainer."""
+    graph = RecipeGraph.from_recipes(rows, base)
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "made up")
+    world = World(opened, WordCraftConfig(num_distractors=0, **settings))
+    return Explainer(random_policy(graph, world.num_slots), world)
 
 
 # --- against the evaluation ------------------------------------------------------------------------------------------
@@ -77,9 +110,8 @@ def policy_of(opened, scorer, kind, world):
     ("part", "depth", "attempts"),
     [("train", 1, None), ("test", 1, 3), pytest.param("test", 2, 3, marks=pytest.mark.slow)],
 )
-def test_an_explained_episode_is_that_of_the_evaluation(opened, scorer, kind, part, depth, attempts):
-    world = world_of(opened, part, depth=depth, max_attempts=attempts)
-    policy = policy_of(opened, scorer, kind, world)
+def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part, depth, attempts):
+    world, policy = made(kind, part, depth=depth, max_attempts=attempts)
     engine = BatchEngine(world, len(world.tasks))
     result = Evaluator(world, draws=2)(PolicyPlayer(policy))
     explainer = Explainer(policy, world)
@@ -99,12 +131,11 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, scorer, kind, pa
     assert outcomes == {"goal", "out_of_attempts"} or kind not in ("recipes", "in sample")
 
 
-def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, scorer, monkeypatch):
+def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, explaining, monkeypatch):
     monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
-    world = world_of(opened)
+    world, explainer = explaining("no scorer")
     evaluator = Evaluator(world, draws=1, limit=20)
     posed = evaluator.engine.pose(evaluator.tasks, seed=EVALUATION_SEED)
-    explainer = Explainer(policy_of(opened, scorer, "no scorer", world), world)
     assert evaluator.tasks[1] > 1
     for row, task in enumerate(evaluator.tasks.tolist()):
         table = [entity for entity in posed.table[row].tolist() if entity != world.nothing]
@@ -164,9 +195,8 @@ def by_loops(policy, goal, held, table, values):
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "mlp"])
 @pytest.mark.parametrize("is_held", [False, True])
-def test_a_table_of_ones_own_is_explained_as_the_formula_says(opened, scorer, kind, is_held):
-    world = world_of(opened)
-    policy = policy_of(opened, scorer, kind, world)
+def test_a_table_of_ones_own_is_explained_as_the_formula_says(opened, made, kind, is_held):
+    world, policy = made(kind)
     explainer, graph = Explainer(policy, world), opened.graph
     rng = np.random.default_rng(3)
     for _ in range(6):
@@ -193,14 +223,10 @@ def test_a_table_of_ones_own_is_explained_as_the_formula_says(opened, scorer, ki
         assert len(found.episode.steps) == 2 - is_held
 
 
-def test_what_is_made_is_on_the_table_for_the_next_attempt(scorer):
+def test_what_is_made_is_on_the_table_for_the_next_attempt():
     """A pair with two results, one of them there already, and then one that makes the goal with its own result."""
     rows = [["a", "b", "c"], ["a", "b", "d"], ["d", "d", "goal"], ["c", "e", "f"]]
-    graph = RecipeGraph.from_recipes(rows, ["a", "b", "e"])
-    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "made up")
-    world = World(opened, WordCraftConfig(part="train", depth=2, num_distractors=0, max_attempts=3))
-    policy = policy_of(opened, scorer, "no scorer", world)
-    explainer = Explainer(policy, world)
+    explainer = made_up(rows, ["a", "b", "e"], depth=2, max_attempts=3)
     # The policy picks something; the picks are followed by hand.
     for table in (["a", "b", "c", "e"], ["a", "b"], ["d", "a"], ["b", "e", "d", "goal"]):
         there, held, is_made = list(table), None, False
@@ -217,19 +243,15 @@ def test_what_is_made_is_on_the_table_for_the_next_attempt(scorer):
 
 
 @pytest.mark.parametrize("ambiguity", ["all", "last"])
-def test_a_pair_makes_what_the_rules_of_the_world_say(scorer, ambiguity):
-    graph = RecipeGraph.from_recipes([["a", "a", "b"], ["a", "a", "c"]], ["a"])
-    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "made up")
-    world = World(opened, WordCraftConfig.of({"num_distractors": 0, "ambiguity": ambiguity}))
-    found = Explainer(policy_of(opened, scorer, "no scorer", world), world).table("b", ["a"])
+def test_a_pair_makes_what_the_rules_of_the_world_say(ambiguity):
+    found = made_up([["a", "a", "b"], ["a", "a", "c"]], ["a"], ambiguity=ambiguity).table("b", ["a"])
     assert [step.picked for step in found.episode.steps] == ["a", "a"]
     assert found.episode.steps[-1].made == (("b", "c") if ambiguity == "all" else ("c",))
     assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
 
 
-def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(opened, scorer):
-    world = world_of(opened, max_attempts=40)
-    policy = policy_of(opened, scorer, "no scorer", world)
+def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(made):
+    world, policy = made("no scorer", max_attempts=40)
     whole, cut = (Explainer(policy, world, most_picks=most) for most in (None, 5))
     long = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) == 80)
     assert cut.episode(long).steps == whole.episode(long).steps[:5]
@@ -247,9 +269,8 @@ def ways_by_loops(graph, goal, table):
 
 
 @pytest.mark.parametrize("part", ["train", "test", "all"])
-def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, part):
-    world = world_of(opened, part)
-    explainer = Explainer(policy_of(opened, scorer, "recipes", world), world)
+def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, explaining, part):
+    world, explainer = explaining("recipes", part)
     rows, models = opened.graph.recipe_labels(), set()
     fold_of = dict(zip(rows, scorer.of_recipe.tolist(), strict=True))
     for number in range(0, len(world.tasks), 7):
@@ -262,17 +283,17 @@ def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, part)
         else:
             assert (found.model, found.fold) == ("no_knowledge", None)
         models.add(found.model)
-        assert_ways(opened, scorer, found)
+        assert_ways(opened.graph, scorer, found)
         table = explainer.table(found.episode.goal, found.table, like=number)
         assert table.episode == found.episode
     assert "without_a_fold" in models or part == "test"
 
 
-def assert_ways(opened, scorer, found):
+def assert_ways(graph, scorer, found):
     """The ways are the recipes on the table, and what is remembered is what the model that answers was trained on."""
     ways = {(one.ingredient_a, one.ingredient_b, one.result): one for way in found.ways for one in way}
-    assert ways.keys() == ways_by_loops(opened.graph, found.episode.goal, found.table)
-    for row, recipe in enumerate(opened.graph.recipe_labels()):
+    assert ways.keys() == ways_by_loops(graph, found.episode.goal, found.table)
+    for row, recipe in enumerate(graph.recipe_labels()):
         if recipe in ways:
             fold, told = int(scorer.of_recipe[row]), ways[recipe]
             assert (told.part == "train") == (fold >= 0)
@@ -281,16 +302,16 @@ def assert_ways(opened, scorer, found):
     assert {*found.memory} == {one for one in ways.values() if one.is_remembered}
 
 
-def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(opened, scorer):
-    world, graph = world_of(opened), opened.graph
-    policy = policy_of(opened, scorer, "recipes", world)
-    explainer, rng = Explainer(policy, world), np.random.default_rng(5)
+def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(
+    opened, scorer, explaining
+):
+    (_, explainer), graph, rng = explaining("recipes"), opened.graph, np.random.default_rng(5)
     recipes, found_models = graph.recipes.tolist(), []
     for a, b, goal in recipes[::5]:
         others = [entity for entity in rng.permutation(graph.num_entities).tolist() if entity not in (a, b, goal)][:4]
         table = [*dict.fromkeys((a, b)), *others]
         found = explainer.table(goal, table)
-        assert_ways(opened, scorer, found)
+        assert_ways(opened.graph, scorer, found)
         on_table = ways_by_loops(graph, graph.entities[goal], graph.labels(table))
         rows = [row for row, recipe in enumerate(graph.recipe_labels()) if recipe in on_table]
         folds = {int(scorer.of_recipe[row]) for row in rows} - {-1}
@@ -304,9 +325,8 @@ def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_go
     assert {("without_a_fold", False), ("train_recipes", False)} <= set(found_models)
 
 
-def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened, scorer):
-    world, graph = world_of(opened, "train"), opened.graph
-    explainer = Explainer(policy_of(opened, scorer, "recipes", world), world)
+def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened, scorer, explaining):
+    (world, explainer), graph = explaining("recipes", "train"), opened.graph
     by_goal: dict[int, dict[int, list[int]]] = {}
     for row, (_, _, goal) in enumerate(graph.recipes.tolist()):
         if scorer.of_recipe[row] >= 0:
@@ -327,9 +347,9 @@ def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened, scorer
 
 
 @pytest.mark.parametrize(("kg", "model"), [("full", "all_recipes"), ("partial", "train_recipes")])
-def test_a_scorer_without_folds_remembers_what_it_was_trained_on(opened, scorer, kg, model):
-    world = world_of(opened, "all")
-    explainer = Explainer(policy_of(opened, scorer, "links", world), world, kg=kg)
+def test_a_scorer_without_folds_remembers_what_it_was_trained_on(made, kg, model):
+    world, policy = made("links", "all")
+    explainer = Explainer(policy, world, kg=kg)
     for task in range(0, len(world.tasks), 5):
         found = explainer.task(task)
         assert (found.model, found.fold) == (model, None)
@@ -338,10 +358,11 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(opened, scorer,
 
 
 @pytest.mark.parametrize("in_sample", [False, True])
-def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened, tmp_path, in_sample):
+def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened, explaining, made_once, in_sample):
     dosed = RecipeScorerConfig(folds=3, share=0.6, noise=0.2)
-    guide = load_scorer(train_recipes(RecipesConfig("kitchen", dosed), tmp_path / "model").folder)
-    world = world_of(opened, "train")
+    config = RecipesConfig("kitchen", dosed)
+    guide = load_scorer(made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out)))
+    world, _ = explaining("no scorer", "train")
     settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)
     policy, _ = make_policy(settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks)
     explainer, told = Explainer(policy, world), set()
@@ -361,18 +382,17 @@ def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened,
 
 
 @pytest.mark.parametrize("kind", ["no scorer", "mlp"])
-def test_without_a_scorer_no_model_answers(opened, scorer, kind):
-    world = world_of(opened, "train")
-    found = Explainer(policy_of(opened, scorer, kind, world), world).task(3)
+def test_without_a_scorer_no_model_answers(explaining, kind):
+    found = explaining(kind, "train")[1].task(3)
     assert (found.model, bool(found.memory)) == ("no_scorer", False)
     assert found.episode.steps[0].lambdas == {}
 
 
 @pytest.mark.parametrize("kind", ["by-goal", "none", "by-slot"])
-def test_tables_are_explained_whatever_the_split(scorer, kind):
-    graph = open_graph("kitchen").graph
+def test_tables_are_explained_whatever_the_split(opened, kind):
+    graph = opened.graph
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind)), "kitchen")
-    world = world_of(opened, "train")
+    world = World(opened, WordCraftConfig(num_distractors=4))
     guide = FrequencyScorer(graph, opened.split.partial)
     if kind != "none":
         guide = cross_fit(opened.split, lambda recipes: FrequencyScorer(graph, recipe_triples(recipes)), folds=3)
@@ -387,9 +407,8 @@ def test_tables_are_explained_whatever_the_split(scorer, kind):
 # --- several at once -------------------------------------------------------------------------------------------------
 
 
-def test_threads_that_ask_at_once_get_what_they_would_get_alone(opened, scorer):
-    train = world_of(opened, "train")
-    policy = policy_of(opened, scorer, "recipes", train)
+def test_threads_that_ask_at_once_get_what_they_would_get_alone(made):
+    train, policy = made("recipes", "train")
     explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]
     questions = [(number % 2, number // 2 * 3, number % 5) for number in range(40)]
 
@@ -403,9 +422,9 @@ def test_threads_that_ask_at_once_get_what_they_would_get_alone(opened, scorer):
         assert list(pool.map(ask, questions * 2)) == alone * 2
 
 
-def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(opened, scorer):
+def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(opened, scorer, made):
     """Between the question whether the kept scores fit and their use, another thread may replace them."""
-    (w,) = make_sources(["w"], scorer, ScoreView(), tasks=world_of(opened, "train").tasks)
+    (w,) = make_sources(["w"], scorer, ScoreView(), tasks=made("no scorer", "train")[0].tasks)
     goal, nothing = torch.tensor([3]), torch.tensor([opened.graph.num_entities])
     tables, task = [torch.tensor([[1, 2, 5, 9]]), torch.tensor([[4, 6, 7, 8]])], torch.tensor([0])
     expected = [w(goal, nothing, table, task) for table in tables]
@@ -424,9 +443,8 @@ def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(o
     assert not torch.equal(*expected)
 
 
-def test_explaining_leaves_the_policy_as_it_is(opened, scorer):
-    world = world_of(opened, "train")
-    policy = policy_of(opened, scorer, "recipes", world)
+def test_explaining_leaves_the_policy_as_it_is(made):
+    world, policy = made("recipes", "train")
     before = {name: tensor.clone() for name, tensor in policy.state_dict().items()}
     bound = [source.bound_to for source in policy.sources.values()]
     shared = {tensor.data_ptr() for tensor in policy.sources["w"].buffers() if tensor.numel()}
@@ -443,29 +461,34 @@ def test_explaining_leaves_the_policy_as_it_is(opened, scorer):
 # --- what is wrong ---------------------------------------------------------------------------------------------------
 
 
-def test_what_cannot_be_asked_is_an_error_that_says_so(opened, scorer):
-    world = world_of(opened)
-    explainer = Explainer(policy_of(opened, scorer, "no scorer", world), world)
-    labels = opened.graph.entities
-    with pytest.raises(UnknownEntityError, match=r"no entity 'flouur' in kitchen\. Did you mean 'flour'"):
-        explainer.table("bread", ["flouur", "water"])
-    with pytest.raises(UnknownEntityError, match="no entity 'breaad'"):
-        explainer.table("breaad", ["flour"])
-    with refuses("table"):
-        explainer.table("bread", [])
-    with refuses("table"):
-        explainer.table("bread", labels[: MOST_ON_TABLE + 1])
-    with refuses("table"):
-        explainer.table("bread", ["flour", "water", "flour"])
-    with refuses("held"):
-        explainer.table("bread", ["flour", "water"], "fire")
-    with refuses("task"):
-        explainer.task(63)
-    with refuses("draw"):
-        explainer.task(0, -1)
-    with refuses("like"):
-        explainer.table("bread", ["flour"], like=63)
-    mlp = Explainer(policy_of(opened, scorer, "mlp", world), world)
+@pytest.mark.parametrize(
+    ("setting", "table", "options"),
+    [
+        ("table", [], {}),
+        ("table", 65, {}),
+        ("table", ["flour", "water", "flour"], {}),
+        ("held", ["flour", "water"], {"held": "fire"}),
+        ("like", ["flour"], {"like": 63}),
+    ],
+)
+def test_a_table_that_cannot_be_played_is_refused(opened, explaining, setting, table, options):
+    assert MOST_ON_TABLE == 64
+    with refuses(setting):
+        explaining("no scorer")[1].table("bread", opened.graph.entities[:table] if table == 65 else table, **options)
+
+
+def test_unknown_labels_and_tasks_are_refused(opened, explaining):
+    explainer = explaining("no scorer")[1]
+    for goal, table, problem in (
+        ("bread", ["flouur", "water"], r"no entity 'flouur' in kitchen\. Did you mean 'flour'"),
+        ("breaad", ["flour"], "no entity 'breaad'"),
+    ):
+        with pytest.raises(UnknownEntityError, match=problem):
+            explainer.table(goal, table)
+    for setting, task, draw in (("task", 63, 0), ("draw", 0, -1)):
+        with refuses(setting):
+            explainer.task(task, draw)
+    mlp = explaining("mlp")[1]
     assert len(mlp.table("bread", ["flour", "water"]).episode.steps) == 2
     with pytest.raises(ConfigError, match="this mlp was made for"):
-        mlp.table("bread", labels[:20])
+        mlp.table("bread", opened.graph.entities[:20])

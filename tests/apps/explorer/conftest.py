@@ -1,21 +1,32 @@
 """Small graphs with models and runs, made once; read only."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.apps.explorer.shown import HOSTILE, Rows, explored_graph
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.training import train_links
+from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 from wordcraft_kg.models.scorers.kernel import KernelScorer
+from wordcraft_kg.models.scorers.scorer import Scorer
+
+SHORT = ImpalaConfig(steps=1_024, batch_size=16, log_every=128, eval_every=512)
+LEARNED = PolicyConfig(features="learned", embedding_size=8, key_size=8, value_size=8, hidden_size=8)
 
 
 @pytest.fixture(scope="session")
@@ -29,9 +40,6 @@ def kitchen_folder(made_once) -> Path:
 @pytest.fixture(scope="session")
 def links_folder(kitchen_folder: Path, made_once) -> Path:
     """A small ComplEx of the kitchen's partial graph, with folds."""
-    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-    from wordcraft_kg.models.links.training import train_links
-
     config = LinksConfig(str(kitchen_folder), ComplExConfig(dim=8, epochs=5, folds=2))
     return made_once("explored/kitchen-complex", lambda out: train_links(config, out))
 
@@ -39,13 +47,8 @@ def links_folder(kitchen_folder: Path, made_once) -> Path:
 @pytest.fixture(scope="session")
 def run_folder(kitchen_folder: Path, recipes_folder: Path, made_once) -> Path:
     """An agent that was trained for a moment, with the recipe scorer of the kitchen."""
-    from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
-    from wordcraft_kg.agents.training import train_agent
-    from wordcraft_kg.models.policies.config import PolicyConfig
-
-    config = AgentConfig(
-        str(kitchen_folder), str(recipes_folder), policy=PolicyConfig(use="u,v,w"), trainer=ImpalaConfig(steps=4_000)
-    )
+    policy, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=4_000)
+    config = AgentConfig(str(kitchen_folder), str(recipes_folder), policy=policy, trainer=trainer)
     return made_once("explored/guided", lambda out: train_agent(config, out))
 
 
@@ -53,6 +56,18 @@ def run_folder(kitchen_folder: Path, recipes_folder: Path, made_once) -> Path:
 def explored(kitchen_folder: Path, links_folder: Path, recipes_folder: Path, run_folder: Path) -> Explored:
     """The kitchen with two models and an agent."""
     return Explored.open(kitchen_folder, [links_folder, recipes_folder], [run_folder])
+
+
+@pytest.fixture(scope="session")
+def agents(kitchen_folder: Path, run_folder: Path, made_once) -> Explored:
+    """The kitchen with an agent that mixes the scores of a cross-fitted scorer, one without, and an mlp."""
+    plain = AgentConfig(str(kitchen_folder), None, TaskConfig(distractors=8), LEARNED, SHORT)
+    mlp = replace(plain, policy=replace(LEARNED, policy="mlp"), tasks=TaskConfig(distractors=2))
+    folders = [
+        made_once(f"explored/{name}", lambda out, config=config: train_agent(config, out))
+        for name, config in (("plain", plain), ("mlp", mlp))
+    ]
+    return Explored.open(kitchen_folder, [], [run_folder, *folders])
 
 
 @pytest.fixture(scope="session")
@@ -65,14 +80,10 @@ def hostile() -> Explored:
 @pytest.fixture(scope="session")
 def static_site(explored: Explored, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The kitchen's site as files."""
-    from wordcraft_kg.apps.explorer.export import export_site
 
     out = tmp_path_factory.mktemp("static") / "site"
     export_site(explored, out)
     return out
-
-
-# --- models that need no training ------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="session")
@@ -85,26 +96,30 @@ def parted_kitchen(tmp_path_factory: pytest.TempPathFactory) -> OpenedGraph:
     return open_graph(folder)
 
 
+def _saved(opened: OpenedGraph, out: Path, scorer: Scorer, kg: str = "partial") -> LinkPredictor:
+    return _opened(save_scorer(out, scorer, opened, kg=kg))
+
+
 @pytest.fixture(scope="session")
 def kernel(parted_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> LinkPredictor:
     """The recipe kernel, with folds and so with probabilities."""
     graph = parted_kitchen.graph
     scorer = cross_fit(parted_kitchen.split, lambda recipes: KernelScorer(graph, recipes), folds=3)
-    return _opened(save_scorer(tmp_path_factory.mktemp("models") / "kernel", scorer, parted_kitchen, kg="partial"))
+    return _saved(parted_kitchen, tmp_path_factory.mktemp("models") / "kernel", scorer)
 
 
 @pytest.fixture(scope="session")
 def neighbours(parted_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> LinkPredictor:
     """The neighbour rule, without folds."""
     scorer = NeighbourScorer(parted_kitchen.graph, parted_kitchen.split.partial)
-    return _opened(save_scorer(tmp_path_factory.mktemp("models") / "neighbours", scorer, parted_kitchen, kg="partial"))
+    return _saved(parted_kitchen, tmp_path_factory.mktemp("models") / "neighbours", scorer)
 
 
 @pytest.fixture(scope="session")
 def all_seeing(parted_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> LinkPredictor:
     """A model of the full graph."""
     scorer = NeighbourScorer(parted_kitchen.graph, parted_kitchen.graph.triples)
-    return _opened(save_scorer(tmp_path_factory.mktemp("models") / "full", scorer, parted_kitchen, kg="full"))
+    return _saved(parted_kitchen, tmp_path_factory.mktemp("models") / "full", scorer, "full")
 
 
 @pytest.fixture(scope="session")

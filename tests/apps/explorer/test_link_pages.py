@@ -1,17 +1,14 @@
-"""The pages of entities, links, pairs, ranks and two models: states, links, forms, labels and errors."""
+"""The pages of entities, links, pairs, ranks and two models: texts, memory and evidence."""
 
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
-from urllib.parse import unquote
 
 import numpy as np
 import pytest
 
-from tests.apps.explorer.shown import HOSTILE, Form, Shown, explored_by, explored_graph, look, page_of, view_of
+from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_of
 from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import State
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
 from wordcraft_kg.apps.explorer.pages.compare import Compare
 from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes
@@ -19,93 +16,11 @@ from wordcraft_kg.apps.explorer.pages.link import Link
 from wordcraft_kg.apps.explorer.pages.pair import Pair
 from wordcraft_kg.apps.explorer.pages.predictions import Predictions
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
-from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
-from wordcraft_kg.base.records import checked_values
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.evaluation.links import view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
 
-STATES: tuple[State, ...] = (
-    Entity("bread"),
-    Entity("water", model="kitchen-recipes", learned=True),
-    Recipes("water"),
-    Recipes("bread", use="makes", part="train"),
-    Predictions(),
-    Predictions(known="all", relation="componentOf", side="head", sort="worst", page=2),
-    Predictions(model="kitchen-recipes", known="learned", entity="water", sort="label"),
-    Link(),
-    Link("flour", "combinesWith", "water", "kitchen-recipes"),
-    Link("flour", "componentOf", "bread"),
-    Compare(),
-    Compare(one="kitchen-recipes", other="kitchen-complex", known="all", better="one", entity="water"),
-    Pair(),
-    Pair("flour", "water", "kitchen-recipes"),
-)
-
-
-def filters_of(page: Shown) -> list[Form]:
-    return [form for form in page.forms if form.attributes.get("class") == "filters"]
-
-
-@pytest.mark.parametrize("state", STATES, ids=repr)
-def test_each_state_is_shown_and_all_its_links_lead_somewhere(explored: Explored, state: State):
-    page = look(explored, state)
-    checked_values(view_of(explored, state))
-    own = [link for link in page.links if link.startswith("/")]
-    assert len(own) > 10
-    for address, (where, target) in zip(own, page.own, strict=True):
-        assert PAGES[where].address(target) == address
-    assert len(page.page.encode()) < 300 * 1024
-
-
-@pytest.mark.parametrize("state", STATES, ids=repr)
-def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored: Explored, state: State):
-    (form,) = filters_of(look(explored, state))
-    where, _, subject = (form.attributes["action"] or "").removeprefix("/").partition("/")
-    assert "?" not in where + subject, "a form replaces the query of its action"
-    sent = PAGES[where].read(unquote(subject), form.fields)
-    assert type(sent) is type(state)
-    found = view_of(explored, sent)
-    if getattr(state, "page", 1) == 1:
-        assert found == view_of(explored, state)
-
-
-@pytest.mark.parametrize("state", STATES, ids=repr)
-def test_no_page_has_what_the_policy_forbids_or_a_control_without_a_label(explored: Explored, state: State):
-    page = look(explored, state)
-    ids = [values["id"] for _, values in page.tags if values.get("id")]
-    assert len(ids) == len(set(ids))
-    labelled = {values.get("for") for tag, values in page.tags if tag == "label"}
-    for tag, values in page.tags:
-        assert not [attribute for attribute in values if attribute == "style" or attribute.startswith("on")]
-        if tag in ("select", "input") and values.get("type") != "hidden":
-            assert values["id"] in labelled
-    levels = [int(tag[1]) for tag, _ in page.tags if tag in ("h1", "h2", "h3")]
-    assert levels[0] == 1
-    assert all(after - before <= 1 for before, after in pairwise(levels))
-
-
-@pytest.mark.parametrize("label", HOSTILE)
-def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor: LinkPredictor, label: str):
-    explored, other = explored_by(hostile_predictor), HOSTILE[0]
-    for state in (
-        Entity(label),
-        Recipes(label),
-        Predictions(entity=label, known="all"),
-        Link(label, "combinesWith", other),
-        Link(label, "componentOf", other),
-        Pair(label, other),
-    ):
-        page = look(explored, state)
-        assert " ".join(label.split()) in page.text or isinstance(state, Predictions)
-        tags = [tag for tag, _ in page.tags]
-        assert tags.count("script") == 1
-        assert "img" not in tags
-        entities = {target.entity for where, target in page.own if where == "entity"}
-        assert entities <= set(explored.opened.graph.entities)
-        for form in filters_of(page):
-            if isinstance(state, Entity | Recipes):
-                _, _, subject = (form.attributes["action"] or "").removeprefix("/").partition("/")
-                assert (unquote(subject) or dict(form.fields)["entity"]) == label
+MANY = [(f"part {i % 7}", f"other {i % 5}", f"thing {i}") for i in range(35)]
 
 
 def test_the_headline_of_predictions_is_that_of_the_report(explored: Explored):
@@ -124,14 +39,12 @@ def test_ranks_of_what_was_learned_are_marked_as_memory(explored: Explored):
 
 
 def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes: Callable[..., LinkPredictor]):
-    rows = [(f"part {i % 7}", f"other {i % 5}", f"thing {i}") for i in range(35)]
-    explored = explored_by(of_recipes(rows, kg="full", kind="by-recipe-plain"))
+    explored = explored_by(of_recipes(MANY, kg="full", kind="by-recipe-plain"))
     page = look(explored, Predictions())
     assert "nothing in the book is unseen to it" in page.text
     assert PAGES["predictions"].address(Predictions(known="learned")) in page.links
     assert "was trained on all recipes" in look(explored, Entity("part 1")).text
-    test = explored.opened.split.recipes("test")[0]
-    a, b, result = explored.opened.graph.labels(test)
+    a, b, result = explored.opened.graph.labels(explored.opened.split.recipes("test")[0])
     assert "has learned this link: its score is memory" in look(explored, Link(a, "combinesWith", b)).text
     pair = look(explored, Pair(a, b))
     assert "what is in the book is memory to it" in pair.text
@@ -150,10 +63,8 @@ def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(
     explored: Explored, of_recipes: Callable[..., LinkPredictor]
 ):
     assert "%" in look(explored, Entity("bread")).text
-    view = view_of(explored, Entity("bread"))
-    assert view.has_probabilities
-    rows = [(f"part {i % 7}", f"other {i % 5}", f"thing {i}") for i in range(35)]
-    plain = explored_by(of_recipes(rows, kind="by-recipe-plain"))
+    assert view_of(explored, Entity("bread")).has_probabilities
+    plain = explored_by(of_recipes(MANY, kind="by-recipe-plain"))
     assert not view_of(plain, Entity("part 1")).has_probabilities
     test = plain.opened.split.held_out("test")[0]
     head, tail = plain.opened.graph.labels(test[[0, 2]])
@@ -178,29 +89,6 @@ def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder: Path
         assert not page_of(state).is_there(explored)
 
 
-@pytest.mark.parametrize(
-    ("state", "message"),
-    [
-        (Entity("braed"), "Did you mean 'bread'"),
-        (Recipes("braed"), "Did you mean 'bread'"),
-        (Recipes(), "names no entity"),
-        (Recipes("bread", page=9), "`page` 9"),
-        (Predictions(entity="braed"), "Did you mean 'bread'"),
-        (Predictions(page=0), "`page` 0"),
-        (Predictions(model="nothing"), "no model 'nothing'"),
-        (Link("bread"), "one of them is missing"),
-        (Link("bread", "combinesWith", "braed"), "Did you mean 'bread'"),
-        (Compare(other="nothing"), "no model 'nothing'"),
-        (Pair(b="bread"), "one of them is missing"),
-        (Pair("braed", "bread"), "Did you mean 'bread'"),
-    ],
-)
-def test_what_cannot_be_shown_is_an_error_that_says_why(explored: Explored, state: State, message: str):
-    with pytest.raises(WordCraftKGError, match=message) as error:
-        view_of(explored, state)
-    assert isinstance(error.value, UnknownEntityError if "no " in str(error.value)[:4] else ConfigError)
-
-
 def test_a_model_compared_with_itself_does_not_differ(explored: Explored):
     view = view_of(explored, Compare(one="kitchen-recipes", other="kitchen-recipes"))
     assert view.headline is not None
@@ -219,20 +107,13 @@ def test_too_few_unseen_triples_leave_no_headline(of_recipes: Callable[..., Link
 
 
 def test_many_recipes_of_an_entity_are_on_pages_of_their_own():
-    rows = [("hub", f"part {i:04}", f"thing {i:04}") for i in range(600)]
-    explored = explored_graph(rows)
+    explored = explored_graph([("hub", f"part {i:04}", f"thing {i:04}") for i in range(600)])
     page = look(explored, Entity("hub"))
     assert "12 of 600 shown" in page.text
     assert len(page.page.encode()) < 100 * 1024
     assert PAGES["recipes"].address(Recipes("hub")) in page.links
-    last = look(explored, Recipes("hub", page=6))
-    assert "501 to 600 of 600 recipes" in last.text
-    states = set(PAGES["recipes"].states(explored))
-    assert states == {Recipes("hub", page=page) for page in range(1, 7)}
-
-
-def test_a_static_page_has_no_form(explored: Explored):
-    assert not [state for state in STATES if filters_of(look(explored, state, is_static=True))]
+    assert "501 to 600 of 600 recipes" in look(explored, Recipes("hub", page=6)).text
+    assert set(PAGES["recipes"].states(explored)) == {Recipes("hub", page=page) for page in range(1, 7)}
 
 
 def test_ranks_are_made_once_however_many_ask(
@@ -257,19 +138,17 @@ def test_a_graph_without_recipes_has_no_pair_in_the_menu():
 
 
 def test_what_speaks_for_a_prediction_is_named_beside_it(explored: Explored):
-    view = view_of(explored, Entity("bread", model="kitchen-recipes"))
-    text = look(explored, Entity("bread", model="kitchen-recipes")).text
-    named = 0
-    for slot in view.slots:
-        for row in slot.best:
-            assert row.reason is not None
-            for witness in row.reason.witnesses:
-                head, tail = slot.head or row.entity, slot.tail or row.entity
-                like = (head, witness.head) if witness.tail == tail else (tail, witness.tail)
-                recipe = witness.recipes[0]
-                shown = f"{like[0]} is like {like[1]}: {recipe.ingredient_a} + {recipe.ingredient_b} → {recipe.result}"
-                assert shown in text
-                named += 1
+    state = Entity("bread", model="kitchen-recipes")
+    text, named = look(explored, state).text, 0
+    for slot, row in [(one, row) for one in view_of(explored, state).slots for row in one.best]:
+        assert row.reason is not None
+        for witness in row.reason.witnesses:
+            head, tail = slot.head or row.entity, slot.tail or row.entity
+            like = (head, witness.head) if witness.tail == tail else (tail, witness.tail)
+            recipe = witness.recipes[0]
+            shown = f"{like[0]} is like {like[1]}: {recipe.ingredient_a} + {recipe.ingredient_b} → {recipe.result}"
+            assert shown in text
+            named += 1
     assert named > 10
 
 

@@ -1,11 +1,12 @@
-import itertools
+"""The map: places, groups, links and colours."""
 
 import numpy as np
 import pytest
 
+from tests.apps.explorer.shown import look, view_of
+from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import map as maps
-from wordcraft_kg.apps.explorer.pages.map import HEIGHT, WIDTH, EntityMap, map_of, view_map
-from wordcraft_kg.base.errors import UnknownEntityError
+from wordcraft_kg.apps.explorer.pages.map import HEIGHT, WIDTH, EntityMap, Map, map_of, view_map
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
@@ -60,20 +61,16 @@ def test_the_links_of_a_chosen_entity_are_those_of_its_recipes(kitchen, kitchen_
                 made_of |= {a, b}
         assert view.chosen is not None
         assert view.spots[view.chosen.entity].entity == entity
-        for expected, found in zip(
-            (combines, makes, made_of), (view.chosen.combines, view.chosen.makes, view.chosen.made_of), strict=True
-        ):
-            assert found.total == len(expected)
-            assert {view.spots[number].entity for number in found.placed} == expected
-            assert set(found.listed) == expected
-            uses = [kitchen.use_counts[kitchen.id_of(label)] for label in found.listed]
+        kinds = (view.chosen.combines, view.chosen.makes, view.chosen.made_of)
+        for expected, kind in zip((combines, makes, made_of), kinds, strict=True):
+            assert {view.spots[number].entity for number in kind.placed} == set(kind.listed) == expected
+            assert kind.total == len(expected)
+            uses = [kitchen.use_counts[kitchen.id_of(label)] for label in kind.listed]
             assert uses == sorted(uses, reverse=True)
 
 
-def test_without_a_chosen_entity_there_are_no_links_and_an_unknown_one_is_an_error(kitchen_map):
+def test_without_a_chosen_entity_there_are_no_links(kitchen_map):
     assert view_map(kitchen_map).chosen is None
-    with pytest.raises(UnknownEntityError, match="no entity 'flower pot'"):
-        view_map(kitchen_map, "flower pot")
 
 
 def test_groups_have_the_sizes_of_their_spots_and_are_named_after_the_most_used(kitchen_map):
@@ -85,29 +82,24 @@ def test_groups_have_the_sizes_of_their_spots_and_are_named_after_the_most_used(
         assert min(spot.x for spot in members) <= group.x <= max(spot.x for spot in members)
 
 
-def test_above_the_limit_the_most_used_are_placed_and_a_chosen_one_is_a_guest_with_what_it_is_linked_to(
-    kitchen, monkeypatch
-):
+def test_above_the_limit_the_most_used_are_placed_and_a_chosen_one_is_a_guest(kitchen, monkeypatch):
     monkeypatch.setattr(maps, "PLACED", 20)
     monkeypatch.setattr(maps, "GUESTS", 4)
     found = map_of(kitchen)
-    assert len(found.view.spots) == 20
-    assert found.view.entities == kitchen.num_entities
-    least = sorted(kitchen.use_counts.tolist(), reverse=True)[19]
-    assert all(spot.uses >= least for spot in found.view.spots)
-    has_guests = 0
+    spots, has_guests = found.view.spots, 0
+    assert (len(spots), found.view.entities) == (20, kitchen.num_entities)
+    assert min(spot.uses for spot in spots) == sorted(kitchen.use_counts.tolist(), reverse=True)[19]
     for entity in kitchen.entities:
         view = view_map(found, entity)
         guests = [spot for spot in view.spots[20:] if spot.group == -1]
         assert len(guests) == len(view.spots) - 20 <= 4
         assert entity in {spot.entity for spot in view.spots}
-        assert view.spots[:20] == found.view.spots
+        assert view.spots[:20] == spots
         assert len({spot.entity for spot in view.spots}) == len(view.spots)
-        chosen = view.chosen
-        assert chosen is not None
-        for kind, number in itertools.product((chosen.combines, chosen.makes, chosen.made_of), range(4)):
+        assert view.chosen is not None
+        for kind in (view.chosen.combines, view.chosen.makes, view.chosen.made_of):
             assert len(kind.listed) == kind.total
-            assert all(place < len(view.spots) for place in kind.placed[number:])
+            assert all(place < len(view.spots) for place in kind.placed)
         checked_values(view)
         has_guests += len(guests) > 1
     assert has_guests > 40
@@ -137,3 +129,19 @@ def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
     assert (len(chosen.combines.placed), len(chosen.combines.listed)) == (3, 2)
     assert chosen.combines.total > 3
     assert tuple(found.view.spots[number].entity for number in chosen.combines.placed)[:2] == chosen.combines.listed
+
+
+def test_the_map_keeps_its_colours_when_another_entity_is_chosen(explored):
+    page = look(explored, Map(entity="bread", colour="layer"))
+    kept = [state for _, state in page.own if isinstance(state, Map) and state != Map()]  # but for the menu's link
+    assert len(kept) > 80
+    assert all(state.colour == "layer" for state in kept)
+    assert "shade-0" in str(page.tags)
+
+
+def test_each_colour_of_layers_is_in_the_legend_with_the_number_of_its_entities(explored):
+    view = view_of(explored, Map(colour="layer"))
+    legend = PAGES["map"].draw(view, Map(colour="layer"), lambda *_: "")["legend"]
+    assert sum(number for _, _, number in legend) == 80
+    assert legend[0] == ("shade-0", "base", len(explored.opened.graph.base))
+    assert len(legend) == len({style for style, _, _ in legend}) == 5

@@ -1,12 +1,19 @@
+"""Paths: the cheapest derivation, its layers, and goals that cannot be made."""
+
 import msgspec
 import pytest
+from refusals import refuses
 
-from tests.apps.explorer.shown import explored_graph, view_of
+from tests.apps.explorer.shown import Rows, client_of, explored_graph, look, view_of
+from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import path as paths
+from wordcraft_kg.apps.explorer.pages.entity import Entity
 from wordcraft_kg.apps.explorer.pages.path import Path, PathView
-from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
+from wordcraft_kg.apps.explorer.rendering import Site
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import Planner, SplitConfig, make_split
+from wordcraft_kg.graphs.splits import PARTS
 
 
 def path_to(goal: str, *rows: tuple[str, str, str], base: list[str] | None = None, page: int = 1) -> PathView:
@@ -21,9 +28,7 @@ def chain(length: int) -> list[tuple[str, str, str]]:
 def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_recipes(kitchen):
     planner, split = Planner(kitchen), make_split(kitchen, SplitConfig())
     explored = explored_graph(kitchen, split=split)
-    part_of = {
-        recipe: part for part in ("train", "valid", "test") for recipe in kitchen.recipe_labels(split.recipes(part))
-    }
+    part_of = {recipe: part for part in PARTS for recipe in kitchen.recipe_labels(split.recipes(part))}
     seen = set()
     for entity in kitchen.entities:
         view = view_of(explored, Path(entity))
@@ -59,29 +64,37 @@ def test_what_is_needed_late_is_crafted_late():
     assert {step.recipe.result: step.layer for step in view.listed} == {"b": 1, "c": 2, "y": 2, "e": 3}
 
 
-def test_a_base_entity_needs_no_craft_even_if_a_recipe_makes_it():
-    view = path_to("a", ("b", "b", "a"), base=["a", "b"])
-    assert (view.outcome, view.steps, view.layers, view.drawn) == ("base", 0, 0, ())
+@pytest.mark.parametrize(
+    ("goal", "rows", "outcome", "blocked", "sources", "text"),
+    [
+        ("a", [("b", "b", "a")], "base", [], (), "a is a base entity"),
+        ("c", [("a", "b", "c")], "made", [], (), "1 craft in 1 layer"),
+        ("d", [("gone", "b", "d")], "impossible", [("gone",)], ("gone",), "d cannot be made from the base (a, b)"),
+        (
+            "d",
+            [("gone", "b", "d")],
+            "impossible",
+            [("gone",)],
+            ("gone",),
+            "no recipe makes and is not in the base: gone.",
+        ),
+        ("gone", [("gone", "b", "d")], "impossible", [], ("gone",), "No recipe makes it."),
+        ("x", [("x", "b", "y"), ("y", "b", "x")], "impossible", [("y",)], (), "need each other's results"),
+    ],
+)
+def test_a_path_says_whether_it_can_be_gone_and_why_not(goal: str, rows: Rows, outcome: str, blocked, sources, text):
+    explored = explored_graph([*rows, ("a", "b", "other")], ["a", "b"])
+    view = view_of(explored, Path(goal))
+    assert (view.outcome, [row.missing for row in view.blocked], view.sources) == (outcome, blocked, sources)
+    assert (view.steps, view.layers, len(view.drawn)) == ((1, 1, 1) if outcome == "made" else (0, 0, 0))
+    assert text in look(explored, Path(goal)).text
 
 
 def test_of_what_cannot_be_made_the_view_says_what_its_recipes_lack_and_where_that_ends():
     rows = [("lost", "a", "one"), ("one", "one", "goal"), ("a", "two", "goal"), ("gone", "lost", "two")]
     view = path_to("goal", *rows, base=["a"])
-    assert view.outcome == "impossible"
     assert [(row.recipe.ingredient_a, row.missing) for row in view.blocked] == [("a", ("two",)), ("one", ("one",))]
-    assert view.sources == ("gone", "lost")
-    assert (view.num_sources, view.recipes, view.steps) == (2, 2, 0)
-
-
-def test_recipes_that_need_each_others_results_end_nowhere():
-    view = path_to("x", ("x", "a", "y"), ("y", "a", "x"), base=["a"])
-    assert (view.outcome, view.sources) == ("impossible", ())
-    assert [row.missing for row in view.blocked] == [("y",)]
-
-
-def test_what_no_recipe_makes_is_its_own_source():
-    view = path_to("b", ("a", "b", "c"), base=["a"])
-    assert (view.outcome, view.blocked, view.sources) == ("impossible", (), ("b",))
+    assert (view.sources, view.num_sources, view.recipes) == (("gone", "lost"), 2, 2)
 
 
 def test_a_long_path_is_listed_page_by_page_and_its_last_layers_are_drawn(monkeypatch):
@@ -91,7 +104,7 @@ def test_a_long_path_is_listed_page_by_page_and_its_last_layers_are_drawn(monkey
     assert [step.number for step in view.listed] == [9]
     assert (view.paging.pages, view.steps) == (3, 9)
     assert [step.layer for step in view.drawn] == [7, 8, 9]
-    with pytest.raises(ConfigError, match="there are 3 pages"):
+    with refuses("page"):
         path_to("00009", *chain(9), page=4)
 
 
@@ -103,6 +116,27 @@ def test_a_cost_of_thousands_of_digits_is_a_power_of_ten():
     msgspec.json.encode(view)
 
 
-def test_a_goal_that_is_not_there_is_an_error():
-    with pytest.raises(UnknownEntityError, match="no entity 'z'"):
-        path_to("z", ("a", "b", "c"))
+def test_a_path_without_a_goal_leads_to_an_entity_of_the_last_layer(explored):
+    view = view_of(explored, Path())
+    assert view == view_of(explored, Path(entity=view.entity))
+    assert view.layers > 5
+
+
+def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
+    explored = explored_graph(chain(15_000))
+    for state, text in ((Entity("15000"), "15,000 crafts"), (Path("15000"), "about 2.8 × 10^4515")):
+        assert text in look(explored, state).text
+        checked_values(view_of(explored, state))
+    assert "about 2.8 × 10^4515" in repr(Planner(explored.opened.graph).derivation("15000"))
+
+
+def test_a_graph_without_entities_has_no_map_or_path_in_the_menu_and_is_no_error_of_the_program():
+    explored = explored_graph([])
+    site = Site(explored, lambda page, state: page.address(state), str)
+    assert {page.name for page, _ in site.menu}.isdisjoint({"map", "path"})
+    with pytest.raises(ConfigError, match="no entities"):
+        view_of(explored, Path())
+    client = client_of(explored)
+    answers = {name: client.get(f"/{name}") for name in PAGES}
+    assert not [name for name, answer in answers.items() if answer.status_code >= 500]
+    assert "The graph has no entities" in answers["path"].text

@@ -13,13 +13,13 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.base.errors import OutputExistsError
 
+LOADING = ("link", "script", "img")
+
 
 def loaded(page: Shown) -> list[str]:
     """The files that a page loads."""
-    found = [
-        values.get("href") or values.get("src") or "" for tag, values in page.tags if tag in ("link", "script", "img")
-    ]
-    return [source for source in found if source and not source.startswith("data:")]
+    sources = [attributes.get("href") or attributes.get("src") or "" for tag, attributes in page.tags if tag in LOADING]
+    return [source for source in sources if source and not source.startswith("data:")]
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +41,10 @@ def test_every_link_of_every_file_leads_to_a_file(static_site: Path, pages: dict
         for link in page.links + loaded(page):
             target, _, anchor = link.partition("#")
             assert "?" not in target, (path, link)
-            there = (path.parent / unquote(target)).resolve() if target else path
-            assert there.is_file(), (path, link)
-            assert there.is_relative_to(static_site.resolve())
-            if anchor:
-                assert f'id="{anchor}"' in pages[there].page, (path, link)
+            file = (path.parent / unquote(target)).resolve() if target else path
+            assert file.is_file(), (path, link)
+            assert file.is_relative_to(static_site.resolve())
+            assert not anchor or f'id="{anchor}"' in pages[file].page, (path, link)
 
 
 def test_the_first_page_leads_to_every_entity(static_site: Path, pages: dict[Path, Shown], explored: Explored):
@@ -53,11 +52,12 @@ def test_the_first_page_leads_to_every_entity(static_site: Path, pages: dict[Pat
     while todo:
         path = todo.pop()
         seen.add(path)
-        links = [link.partition("#")[0] for link in pages[path].links]
-        more = {(path.parent / unquote(link)).resolve() for link in links if link}
-        todo += more - seen
-        seen |= more
-    assert len([path for path in seen if path.parent.name == "entity"]) == explored.opened.graph.num_entities
+        links = {
+            (path.parent / unquote(link.partition("#")[0])).resolve() for link in pages[path].links if link[0] != "#"
+        }
+        todo += links - seen
+        seen |= links
+    assert sum(path.parent.name == "entity" for path in seen) == explored.opened.graph.num_entities
 
 
 def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages: dict[Path, Shown]):
@@ -71,10 +71,8 @@ def test_the_record_says_what_was_written(static_site: Path, explored: Explored)
     record = json.loads((static_site / "site.json").read_text())
     sizes = [page.stat().st_size for page in static_site.rglob("*.html")]
     assert (record["pages"], record["bytes"], record["largest"]) == (len(sizes), sum(sizes), max(sizes))
-    assert record["graph_hash"] == explored.opened.graph.hash
-    assert record["skipped"] == {}
-    assert set(record["models"]) == set(explored.models)
-    assert set(record["runs"]) == set(explored.runs)
+    assert (record["graph_hash"], record["skipped"]) == (explored.opened.graph.hash, {})
+    assert (set(record["models"]), set(record["runs"])) == (set(explored.models), set(explored.runs))
 
 
 def test_the_search_file_has_every_entity_the_most_used_first(static_site: Path, explored: Explored):
@@ -103,16 +101,16 @@ def test_the_same_site_has_the_same_bytes(hostile: Explored, hostile_site: Path,
 
 
 def test_a_site_is_replaced_only_on_request(tmp_path: Path):
-    small = explored_graph([("a", "b", "c")])
+    small, other = explored_graph([("a", "b", "c")]), tmp_path / "other"
     export_site(small, tmp_path / "site")
     with pytest.raises(OutputExistsError):
         export_site(small, tmp_path / "site")
     export_site(small, tmp_path / "site", force=True)
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "notes.txt").write_text("mine")
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
     with pytest.raises(OutputExistsError):
-        export_site(small, tmp_path / "other", force=True)
-    assert (tmp_path / "other" / "notes.txt").read_text() == "mine"
+        export_site(small, other, force=True)
+    assert (other / "notes.txt").read_text() == "mine"
 
 
 def test_no_file_says_where_folders_are_on_this_machine(

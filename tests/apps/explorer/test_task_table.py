@@ -1,20 +1,23 @@
-"""The table of tasks: every task is in it, with how often an agent solved it, and only what is shown gets labels."""
+"""The table of tasks: all tasks, with how often an agent solved each; only shown tasks get labels."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import refuses
 
+from wordcraft_kg.agents.agent_folder import read_agent_run
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_entity
 from wordcraft_kg.agents.records import PlayedTask, read_episodes
+from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.pages.tasks import TASKS_A_PAGE, ListedTask, TaskResults, view_task_table
 from wordcraft_kg.base.errors import ArtefactError, UnknownEntityError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
 
@@ -24,29 +27,30 @@ def opened() -> OpenedGraph:
     return open_graph("kitchen")
 
 
+@pytest.fixture(scope="module", params=[1, 2])
+def played(request: pytest.FixtureRequest, opened: OpenedGraph) -> tuple[TaskSet, list[PlayedTask]]:
+    return played_at_random(opened, request.param)
+
+
 def played_at_random(opened: OpenedGraph, depth: int) -> tuple[TaskSet, list[PlayedTask]]:
     """Episodes of chance, as a run records them; of every third task none."""
     world = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=0))
-    result = Evaluator(world, draws=4)(random_entity)
-    lines = []
-    for number in range(0, len(world.tasks)):
-        if number % 3:
-            task, won = world.tasks[number], result.success[number].tolist()
-            endings = tuple("goal" if one else "no_recipe" for one in won)
-            lines.append(PlayedTask("train", task.goal, task.start, float(np.mean(won)), endings, (2,) * 4))
+    success, lines = Evaluator(world, draws=4)(random_entity).success, []
+    for number in (number for number in range(len(world.tasks)) if number % 3):
+        task, won = world.tasks[number], success[number].tolist()
+        endings = tuple("goal" if one else "no_recipe" for one in won)
+        lines.append(PlayedTask("train", task.goal, task.start, float(np.mean(won)), endings, (2,) * 4))
     return world.tasks, lines
 
 
-@pytest.mark.parametrize("depth", [1, 2])
-def test_all_tasks_are_listed_once_with_how_often_they_were_solved(opened: OpenedGraph, depth: int) -> None:
-    tasks, lines = played_at_random(opened, depth)
+def test_all_tasks_are_listed_once_with_how_often_they_were_solved(played: tuple[TaskSet, list[PlayedTask]]):
+    tasks, lines = played
     results = TaskResults.of(tasks, reversed(lines))
     by_task = {(line.goal, line.start): line.endings for line in lines}
     pages = view_task_table(tasks, results).paging.pages
     rows = [row for page in range(1, pages + 1) for row in view_task_table(tasks, results, page=page).rows]
     assert [row.number for row in rows] == list(range(len(tasks)))
-    for row in rows:
-        task = tasks[row.number]
+    for row, task in zip(rows, tasks, strict=True):
         endings = by_task.get((task.goal, task.start))
         won = (None, None) if endings is None else (endings.count("goal"), 4)
         assert row == ListedTask(row.number, task.goal, task.start, task.plans, *won)
@@ -59,13 +63,13 @@ def test_all_tasks_are_listed_once_with_how_often_they_were_solved(opened: Opene
     ):
         expected = [row for row in rows if holds(row)]
         chosen = view_task_table(tasks, results, won=kind)
-        assert chosen.counts == found.counts
-        assert (chosen.counts[kind], chosen.paging.total) == (len(expected), len(expected))
+        assert (chosen.counts, chosen.paging.total) == (found.counts, len(expected))
+        assert chosen.counts[kind] == len(expected)
         assert list(chosen.rows) == expected[:TASKS_A_PAGE]
-        assert expected or (depth, kind) == (2, "always")  # which chance hardly does
+        assert expected or (tasks.depth, kind) == (2, "always")  # which chance hardly does
 
 
-def test_a_goal_has_its_own_tasks(opened: OpenedGraph) -> None:
+def test_a_goal_has_its_own_tasks(opened: OpenedGraph):
     tasks, lines = played_at_random(opened, 1)
     results = TaskResults.of(tasks, lines)
     goal = tasks[40].goal
@@ -75,28 +79,24 @@ def test_a_goal_has_its_own_tasks(opened: OpenedGraph) -> None:
     assert sum(found.counts.values()) == sum(number % 3 > 0 for number in expected)
     with pytest.raises(UnknownEntityError, match="Did you mean"):
         view_task_table(tasks, goal=goal + "x")
-    with refuses("page"):
-        view_task_table(tasks, page=99)
 
 
-def test_without_results_nothing_is_said_of_them(opened: OpenedGraph) -> None:
+def test_without_results_there_are_no_counts(opened: OpenedGraph):
     tasks = make_tasks(opened.graph, 1, opened.split, "test")
     found = view_task_table(tasks)
-    assert found.counts == {}
-    assert {row.won for row in found.rows} == {None}
+    assert (found.counts, {row.won for row in found.rows}) == ({}, {None})
     assert view_task_table(tasks, won="never").rows == ()
-    other = TaskResults.of(tasks, played_at_random(opened, 1)[1])  # they are of another part
-    assert not other.draws.any()
+    assert not TaskResults.of(tasks, played_at_random(opened, 1)[1]).draws.any()  # they are of another part
 
 
-def test_drawn_tasks_are_said_to_be_drawn(opened: OpenedGraph) -> None:
+def test_drawn_tasks_are_said_to_be_drawn(opened: OpenedGraph):
     tasks = make_tasks(opened.graph, 3, opened.split, "train", limit=70)
     found = view_task_table(tasks)
     assert (found.tasks, found.is_complete, found.paging.pages) == (70, False, 2)
     assert view_task_table(make_tasks(opened.graph, 2)).is_complete
 
 
-def test_only_what_is_shown_gets_labels(opened: OpenedGraph, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_what_is_shown_gets_labels(opened: OpenedGraph, monkeypatch: pytest.MonkeyPatch):
     """A large book has hundreds of thousands of tasks."""
     tasks, lines = played_at_random(opened, 2)
     results, asked = TaskResults.of(tasks, lines), []
@@ -107,29 +107,18 @@ def test_only_what_is_shown_gets_labels(opened: OpenedGraph, monkeypatch: pytest
     assert len(tasks) > 5 * TASKS_A_PAGE
 
 
-def test_episodes_of_another_graph_are_an_error(opened: OpenedGraph) -> None:
-    tasks, lines = played_at_random(opened, 1)
+def test_episodes_of_another_graph_are_an_error(opened: OpenedGraph):
+    _, lines = played_at_random(opened, 1)
     graph = RecipeGraph.from_recipes([["a", "b", "c"], ["c", "b", "d"]])
+    tasks = make_tasks(graph, 1, make_split(graph, SplitConfig("none")), "train")
     with pytest.raises(ArtefactError, match="of another graph: no entity"):
-        TaskResults.of(make_tasks(graph, 1, open_split(graph), "train"), lines)
-    assert tasks.part == "train"
+        TaskResults.of(tasks, lines)
 
 
-def open_split(graph: RecipeGraph):  # type: ignore[no-untyped-def]
-    from wordcraft_kg.graphs.splits import SplitConfig, make_split
-
-    return make_split(graph, SplitConfig("none"))
-
-
-def test_the_results_of_a_run_are_those_of_its_evaluation(opened: OpenedGraph, tmp_path: Path) -> None:
-    from wordcraft_kg.agents.agent_folder import read_agent_run
-    from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-    from wordcraft_kg.agents.training import train_agent
-
+def test_the_results_of_a_run_are_those_of_its_evaluation(opened: OpenedGraph, tmp_path: Path):
     trainer = ImpalaConfig(steps=64, batch_size=16, eval_every=0)
-    folder = train_agent(
-        AgentConfig("kitchen", None, TaskConfig(distractors=1), trainer=trainer), tmp_path / "run"
-    ).folder
+    config = AgentConfig("kitchen", None, TaskConfig(distractors=1), trainer=trainer)
+    folder = train_agent(config, tmp_path / "run").folder
     summary = read_agent_run(folder).evaluation
     assert summary is not None
     for part in ("train", "test"):

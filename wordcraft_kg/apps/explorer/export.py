@@ -28,16 +28,7 @@ LONGEST_NAME = 60
 
 
 class ExportedSite(Record):
-    """A static site (``site.json``).
-
-    Attributes:
-        pages: number of pages.
-        largest: bytes of the largest page.
-        bytes: bytes of all pages.
-        models: hashes of the models' weights by name.
-        runs: hashes of the records of the runs by name.
-        skipped: pages that could not be made, with the reason.
-    """
+    """A static site (``site.json``): numbers of pages and bytes, hashes of weights and run records, skipped pages."""
 
     graph: str
     graph_hash: Hash

@@ -44,12 +44,7 @@ class PlacedRecipe(Record):
 
 
 class ScoredLink(Record):
-    """A model's score of a link, on the model's own scale.
-
-    Attributes:
-        known: the part whose recipes give the link.
-        probability: of a link outside the training data; None for other links and without a calibration.
-    """
+    """A model's score of a link, and the part whose recipes give it; the probability is None for learned links."""
 
     score: float
     status: Status
@@ -67,13 +62,9 @@ class PredictedEntity(ScoredLink):
 
 
 class PredictedSlot(Record):
-    """The best entities in an open slot, whose label is None, and the true ones.
+    """The best entities in an open slot, whose label is None, and the best ranked entities of true, unlearned links.
 
-    Attributes:
-        with_learned: whether ``best`` includes links of the training data.
-        truth: the best ranked entities of true links outside the training data.
-        true_unlearned: number of all such entities.
-        true_learned: number of true links in the training data.
+    ``true_unlearned`` and ``true_learned`` count all true links outside and inside the training data.
     """
 
     head: str | None
@@ -101,16 +92,7 @@ class JudgedLink(ScoredLink):
 
 @dataclass(frozen=True)
 class Slot:
-    """The scores of all entities in an open slot.
-
-    Attributes:
-        entity: id of the given entity.
-        relation: id.
-        side: the open side.
-        scores: shape (E,).
-        part: shape (E,): number of the part that gives the link, :data:`NEW` for none.
-        learned: shape (E,): whether the link is in the training data.
-    """
+    """The scores of all entities in an open slot, shape (E,); parts have numbers, :data:`NEW` for no recipe."""
 
     entity: int
     relation: int

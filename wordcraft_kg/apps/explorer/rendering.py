@@ -16,13 +16,9 @@ from wordcraft_kg.reports.pages import Outline, make_environment
 
 
 class Site:
-    """The rendering of a site's pages.
+    """The rendering of a site's pages; without a server (``is_static``) there are no forms.
 
-    Attributes:
-        explored: the subject.
-        address: returns the address of a page; empty if the site does not have the page.
-        file: returns the address of a file of the site, such as the style sheet.
-        is_static: whether the site has no server, and so no forms.
+    ``address`` returns the address of a page, empty if the site does not have it; ``file`` that of a file of the site.
     """
 
     def __init__(self, explored: Explored, address: Addresses, file: Callable[[str], str], *, is_static: bool = False):

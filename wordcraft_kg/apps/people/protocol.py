@@ -58,7 +58,6 @@ class Answer(Record):
         number: number of the task in its part, from 1.
         table: entities on the table, slot by slot.
         made: results of the picks.
-        success: whether the goal is among the results.
         seconds: time from showing the task to the second pick.
     """
 

@@ -17,10 +17,7 @@ from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 class BesideRate(Record):
     """An agent's results at people's tables, once for each answer.
 
-    Attributes:
-        successes: answers at whose table the agent makes the goal.
-        tables: number of different tables.
-        interval: 95 % bootstrap interval of the rate over tables; Wilson's for equal results; None for one table.
+    The 95 % interval is a bootstrap over tables; Wilson's for equal results; None for one table.
     """
 
     successes: Count
@@ -34,7 +31,6 @@ class AnswerRate(Record):
 
     Attributes:
         interval: 95 % Wilson interval for independent answers of these people.
-        people: number of people who answered.
         people_interval: 95 % bootstrap interval over people; Wilson's for equal results; None for one person.
         agents: agents at the same tables, by name.
     """

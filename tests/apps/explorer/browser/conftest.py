@@ -1,7 +1,6 @@
 """A browser, the site in it, and a page that may not complain about anything."""
 
 import contextlib
-import itertools
 import shutil
 import threading
 import time
@@ -10,11 +9,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+import uvicorn
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.apps.explorer.server import make_app
+from wordcraft_kg.apps.web.serving import address_of, listen
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+ABORTED = "net::ERR_ABORTED"
+"""The failure of a request that was given up for the next page."""
 PATIENCE = 30_000
 """Milliseconds; nothing takes a tenth of that, unless the machine has much else to do."""
 
@@ -38,10 +42,6 @@ def chromium() -> Iterator[Any]:
 @contextlib.contextmanager
 def served(app: Any) -> Iterator[str]:
     """Serve an application on a free port of this machine, and yield its address."""
-    import uvicorn
-
-    from wordcraft_kg.apps.web.serving import address_of, listen
-
     listening = listen("127.0.0.1", 0)
     server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off", ws="none"))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
@@ -59,8 +59,6 @@ def served(app: Any) -> Iterator[str]:
 @pytest.fixture(scope="session")
 def site(explored: Explored) -> Iterator[str]:
     """The kitchen's site."""
-    from wordcraft_kg.apps.explorer.server import make_app
-
     with served(make_app(explored)) as address:
         yield address
 
@@ -68,19 +66,13 @@ def site(explored: Explored) -> Iterator[str]:
 @pytest.fixture(scope="session")
 def hostile_site(hostile: Explored) -> Iterator[str]:
     """The site of the graph with hostile labels."""
-    from wordcraft_kg.apps.explorer.server import make_app
-
     with served(make_app(hostile)) as address:
         yield address
 
 
 @dataclass
 class Opened:
-    """Opens pages, and remembers what the browser complained about.
-
-    Attributes:
-        complaints: console errors, failed requests, refused answers and dialogs.
-    """
+    """Opens pages, and remembers console errors, failed requests, refused answers and dialogs."""
 
     browser: Any
     complaints: list[str] = field(default_factory=list)
@@ -95,15 +87,10 @@ class Opened:
         complain = self.complaints.append
         page.on("console", lambda message: message.type in ("error", "warning") and complain(message.text))
         page.on("pageerror", lambda error: complain(f"error: {error}"))
-        page.on("requestfailed", lambda request: _is_failure(request) and complain(f"failed: {request.url}"))
+        page.on("requestfailed", lambda request: request.failure != ABORTED and complain(f"failed: {request.url}"))
         page.on("response", lambda response: response.status >= 400 and complain(f"{response.status}: {response.url}"))
         page.on("dialog", lambda dialog: (complain(f"dialog: {dialog.message}"), dialog.dismiss()))
         return page
-
-
-def _is_failure(request: Any) -> bool:
-    """Return whether a request failed by itself: one that is given up for the next page did not."""
-    return request.failure != "net::ERR_ABORTED"
 
 
 @pytest.fixture
@@ -118,11 +105,22 @@ def open_page(chromium: Any) -> Iterator[Callable[..., Any]]:
 
 def addresses(explored: Explored) -> list[str]:
     """Return an address or two of each page: the first one of a static site, and that of an entity."""
-    found = []
+    states: list[tuple[Any, Any]] = []
     for page in PAGES.values():
         if page.is_there(explored):
-            states = [*itertools.islice(page.states(explored), 1)] or [page.state()]
+            states.append((page, next(iter(page.states(explored)), page.state())))
             if "entity" in page.state.__struct_fields__:
-                states.append(page.state(entity="bread"))
-            found += [page.address(state) for state in states]
-    return list(dict.fromkeys(found))
+                states.append((page, page.state(entity="bread")))
+    return list(dict.fromkeys(page.address(state) for page, state in states))
+
+
+@pytest.fixture
+def visits(site: str, explored: Explored) -> Callable[[Any], Iterator[str]]:
+    """Open an address or two of each page, one after the other."""
+
+    def visits(page: Any) -> Iterator[str]:
+        for address in addresses(explored):
+            page.goto(site + address)
+            yield address
+
+    return visits

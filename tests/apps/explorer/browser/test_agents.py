@@ -13,10 +13,15 @@ from tests.apps.explorer.browser.test_pages import PHONE, TOO_WIDE
 from tests.apps.explorer.shown import HOSTILE
 from tests.apps.explorer.test_agent_pages import explored_of
 from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.server import make_app
 from wordcraft_kg.graphs import SplitConfig
 from wordcraft_kg.graphs.recipes import RecipeBook
 
 OpenPage = Callable[..., Any]
+
+
+def values_of(lines: Any) -> list[str]:
+    return [lines.nth(i).input_value() for i in range(lines.count())]
 
 
 @pytest.mark.parametrize("has_script", [True, False])
@@ -26,16 +31,15 @@ def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_s
     before = page.locator("main").inner_text()
     page.get_by_text("Change the table and ask again").click()
     lines = page.locator("input[name=table]")
-    there = [lines.nth(i).input_value() for i in range(lines.count())]
-    kept = [label for label in there[1:] if label]
-    added = next(label for label in ("honey", "fire", "salt", "water") if label not in there)
+    shown = values_of(lines)
+    kept = [label for label in shown[1:] if label]
+    added = next(label for label in ("honey", "fire", "salt", "water") if label not in shown)
     lines.first.fill("")
     lines.last.fill(f" {added} ")
     page.get_by_role("button", name="Ask").click()
     page.wait_for_url("**/episode?*table=*")
     assert "at a table of your own" in page.locator("h1").inner_text()
-    lines = page.locator("input[name=table]")
-    assert [lines.nth(i).input_value() for i in range(lines.count())] == [*kept, added, "", "", ""]
+    assert values_of(page.locator("input[name=table]")) == [*kept, added, "", "", ""]
     rows = page.locator("table").first.locator("tbody th").all_inner_texts()
     assert {row.removeprefix("▶ ").split("part of")[0].strip() for row in rows} == {*kept, added}
     # What is held is the first pick, and takes effect at once where there is a script.
@@ -47,15 +51,12 @@ def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_s
     assert page.locator("h3").all_inner_texts() == ["Pick 1"]
     page.get_by_role("link", name="Back to the task’s own table").click()
     assert page.locator("main").inner_text() == before
-    page.go_back()
-    page.go_back()
-    page.go_back()
+    for _ in range(3):
+        page.go_back()
     assert page.locator("main").inner_text() == before
 
 
 def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_page: OpenPage, tmp_path: Path):
-    from wordcraft_kg.apps.explorer.server import make_app
-
     rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
     explored = explored_of(RecipeBook.of("hostile", rows), SplitConfig("none"), tmp_path, distractors=4)
     with served(make_app(explored)) as site:
@@ -104,8 +105,6 @@ def test_tasks_are_filtered_and_lead_to_their_episodes(open_page: OpenPage, site
 def test_a_training_is_followed_and_agents_are_compared(
     open_page: OpenPage, kitchen_folder: Path, run_folder: Path, tmp_path: Path
 ):
-    from wordcraft_kg.apps.explorer.server import make_app
-
     live = tmp_path / "live"
     shutil.copytree(run_folder, live, ignore=shutil.ignore_patterns("evaluation.json", "report"))
     record = json.loads((live / "run.json").read_text())
@@ -128,6 +127,6 @@ def test_a_training_is_followed_and_agents_are_compared(
         page.get_by_role("checkbox", name="live").click()
         page.wait_for_url("**other=live*")
         rows = page.locator("table").first.locator("tbody tr")
-        assert [rows.nth(i).locator("th").inner_text() for i in range(rows.count())] == ["guided", "live"]
-        picks = [rows.nth(i).locator("td").first.inner_text() for i in range(rows.count())]
+        names, picks = (rows.locator(cell).all_inner_texts() for cell in ("th", "td:first-of-type"))
+        assert names == ["guided", "live"]
         assert picks[0] == picks[1]  # it is a copy

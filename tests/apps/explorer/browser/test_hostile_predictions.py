@@ -11,6 +11,7 @@ from tests.apps.explorer.browser.test_pages import PHONE, TOO_WIDE
 from tests.apps.explorer.shown import HOSTILE
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.apps.explorer.server import make_app
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.graphs.recipes import RecipeBook
@@ -23,8 +24,6 @@ LONG, MARKUP = max(HOSTILE, key=len), HOSTILE[1]
 @pytest.fixture(scope="module")
 def predicted_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The site of a graph of hostile labels with two models."""
-    from wordcraft_kg.apps.explorer.server import make_app
-
     out = tmp_path_factory.mktemp("hostile")
     rows = [(one, other, made) for one in HOSTILE for other in HOSTILE if one < other for made in (LONG, *HOSTILE[:2])]
     graph = RecipeGraph.from_recipes(rows, name="hostile")
@@ -37,9 +36,9 @@ def predicted_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
-def test_long_labels_and_markup_break_no_page_of_predictions(open_page: Callable[..., Any], predicted_site: str):
-    page = open_page(viewport=PHONE)
-    for name, choices in (
+@pytest.mark.parametrize(
+    ("name", "choices"),
+    [
         ("entity", {"entity": LONG}),
         ("entity", {"entity": MARKUP, "learned": True}),
         ("recipes", {"entity": LONG}),
@@ -47,13 +46,16 @@ def test_long_labels_and_markup_break_no_page_of_predictions(open_page: Callable
         ("link", {"head": LONG, "tail": MARKUP}),
         ("compare", {"known": "all"}),
         ("pair", {"a": LONG, "b": MARKUP}),
-    ):
-        found = PAGES[name]
-        page.goto(predicted_site + found.address(found.state(**choices)))
-        assert page.evaluate(TOO_WIDE) == [], name
-        assert page.locator("main img, main script").count() == 0, name
-        for label in (choices.get("entity"), choices.get("head"), choices.get("a")):
-            assert label is None or label in page.locator("h1").inner_text()
+    ],
+    ids=range(7),
+)
+def test_long_labels_and_markup_break_no_page_of_predictions(open_page, predicted_site: str, name: str, choices):
+    page, shown = open_page(viewport=PHONE), PAGES[name]
+    page.goto(predicted_site + shown.address(shown.state(**choices)))
+    assert page.evaluate(TOO_WIDE) == []
+    assert page.locator("main img, main script").count() == 0
+    for label in (choices.get("entity"), choices.get("head"), choices.get("a")):
+        assert label is None or label in page.locator("h1").inner_text()
 
 
 def test_a_form_that_is_sent_keeps_a_hostile_entity(open_page: Callable[..., Any], predicted_site: str):

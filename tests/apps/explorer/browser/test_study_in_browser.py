@@ -43,6 +43,14 @@ def open_page(study: Served, open_page: OpenPage) -> OpenPage:
     return open_page
 
 
+@pytest.fixture
+def page(open_page: OpenPage, study: Served) -> Any:
+    """A page with the first task."""
+    page = open_page()
+    begin(page, study)
+    return page
+
+
 def begin(page: Any, study: Served) -> None:
     """Agree, and go to the first task."""
     page.goto(study.address)
@@ -56,22 +64,23 @@ def thing(page: Any, slot: int) -> Any:
     return page.locator(".table button").nth(slot)
 
 
-def test_a_session_by_mouse(open_page: OpenPage, study: Served):
-    page = open_page()
-    begin(page, study)
+def after(place: int) -> str:
+    """The page after an answer."""
+    return "**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end")
+
+
+def test_a_session_by_mouse(page: Any, study: Served):
     for place in range(4):
         thing(page, place).click()
         page.wait_for_url("**held=*")
         assert "in hand" in thing(page, place).inner_text()
         thing(page, 5).click()
-        page.wait_for_url("**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end"))
+        page.wait_for_url(after(place))
         if place < 2:
             page.get_by_role("link", name="Begin the test" if place else "Next task").click()
             page.wait_for_url("**/task")
     assert page.get_by_role("heading", level=1).inner_text() == "Thank you for taking part"
-    assert [line.picks for line in study.lines()] == [
-        (line.table[place], line.table[5]) for place, line in enumerate(study.lines())
-    ]
+    assert all(line.picks == (line.table[place], line.table[5]) for place, line in enumerate(study.lines()))
 
 
 def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
@@ -94,7 +103,7 @@ def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
         page.keyboard.press(keys[0])
         page.wait_for_url(f"**held={keys[0].replace('0', '10')}")
         page.keyboard.press(keys[1])
-        page.wait_for_url("**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end"))
+        page.wait_for_url(after(place))
         if place < 2:
             page.keyboard.press("Enter")
             page.wait_for_url("**/task")
@@ -113,14 +122,10 @@ def test_a_session_without_javascript(open_page: OpenPage, study: Served):
         if place < 2:
             page.locator("a.next").click()
     assert page.url.endswith("/end")
-    assert [line.picks for line in study.lines()] == [
-        (line.table[place], line.table[place]) for place, line in enumerate(study.lines())
-    ]
+    assert [line.picks for line in study.lines()] == [(line.table[i],) * 2 for i, line in enumerate(study.lines())]
 
 
-def test_a_double_click_is_one_pick(open_page: OpenPage, study: Served):
-    page = open_page()
-    begin(page, study)
+def test_a_double_click_is_one_pick(page: Any, study: Served):
     thing(page, 3).dblclick()
     page.wait_for_url("**held=4")
     page.wait_for_timeout(500)
@@ -131,9 +136,7 @@ def test_a_double_click_is_one_pick(open_page: OpenPage, study: Served):
     assert len(study.lines()) == 1
 
 
-def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key_is(open_page: OpenPage, study: Served):
-    page = open_page()
-    begin(page, study)
+def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key_is(page: Any):
     thing(page, 3).click()
     page.wait_for_url("**held=4")
     page.evaluate(
@@ -146,9 +149,7 @@ def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key
     page.wait_for_url("**/feedback/1")
 
 
-def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pick(open_page: OpenPage, study: Served):
-    page = open_page()
-    begin(page, study)
+def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pick(page: Any):
     page.evaluate(
         "for (const key of ['1', '2', '3']) document.body.dispatchEvent(new KeyboardEvent('keydown', "
         "{ key, bubbles: true }))"
@@ -156,13 +157,16 @@ def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pic
     page.wait_for_url("**held=1")
 
 
-def test_the_back_button_and_reloads_change_no_answer(open_page: OpenPage, study: Served):
-    page = open_page()
-    begin(page, study)
-    task = page.url
+def pick(page: Any) -> None:
+    """Answer with the first two things."""
     thing(page, 0).click()
     page.wait_for_url("**held=1")
     thing(page, 1).click()
+
+
+def test_the_back_button_and_reloads_change_no_answer(page: Any, study: Served):
+    task = page.url
+    pick(page)
     page.wait_for_url("**/feedback/1")
     (kept,) = study.lines()
     page.reload()
@@ -172,9 +176,7 @@ def test_the_back_button_and_reloads_change_no_answer(open_page: OpenPage, study
     page.goto(task)
     assert study.lines() == [kept]
     page.reload()
-    thing(page, 0).click()
-    page.wait_for_url("**held=1")
-    thing(page, 1).click()
+    pick(page)
     page.wait_for_url("**/feedback/2")
     assert [line.number for line in study.lines()] == [1, 2]
     assert study.lines()[1].loads >= 2
@@ -207,11 +209,9 @@ def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page: OpenPage
         assert not [(one["id"], [node["html"][:150] for node in one["nodes"]]) for one in found], page.url
         assert page.evaluate("document.documentElement.scrollWidth") <= 360, page.url
 
-    page.goto(study.address)
-    check()
-    page.goto(f"{study.address}/declined")
-    check()
-    page.goto(study.address)
+    for path in ("/declined", "/"):
+        page.goto(f"{study.address}{path}")
+        check()
     page.get_by_role("button", name="Yes, I agree").click()
     check()
     page.get_by_role("link", name="Begin").click()
@@ -221,7 +221,7 @@ def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page: OpenPage
         page.wait_for_url("**held=*")
         check()
         thing(page, 5).click()
-        page.wait_for_url("**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end"))
+        page.wait_for_url(after(place))
         if place < 2:
             check()
             page.locator("a.next").click()

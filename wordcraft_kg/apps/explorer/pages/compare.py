@@ -54,15 +54,10 @@ class ComparedQuery(Record):
 
 
 class ComparedRanks(Record):
-    """The ranks of the same queries by two models.
+    """The ranks of the same queries by two models; metrics and numbers cover all chosen queries, whichever are listed.
 
-    Attributes:
-        metrics_one: figures of the first model for all chosen queries, independent of ``better``.
-        metrics_other: figures of the second model.
-        learned: number of chosen queries for triples of either model's training data.
-        better_one: number of chosen queries that the first model ranks better.
-        better_other: number of chosen queries that the second model ranks better.
-        queries: queries of a page, the largest difference of the reciprocal rank first.
+    ``learned`` counts queries for training data of either model; queries with the largest difference of the reciprocal
+    rank come first.
     """
 
     one: str

@@ -72,13 +72,12 @@ class AlikeEntity(Record):
 
 
 class EntityProfile(Record):
-    """An entity.
+    """An entity, with predictions of its partners, ingredients and products.
 
     Attributes:
         layer: first round in which it can be made; None if it cannot.
         crafts: number of steps of its cheapest derivation; None if it cannot be made.
         model: name of the model; empty without one.
-        slots: predictions of partners, ingredients and products.
         nearest: the most similar entities for the model.
         by_words: the most similar entities by word vectors; None without a vector.
     """

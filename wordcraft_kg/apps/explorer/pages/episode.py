@@ -25,7 +25,7 @@ MOST_ROWS = 160
 
 
 class Episode(State):
-    """Agents at a table of a task, or at that table with changes.
+    """Agents at a table of a task, or at that table with another goal, table or hand, by labels.
 
     Attributes:
         run: the agent; by default the first one.
@@ -34,9 +34,6 @@ class Episode(State):
         task: number of the task among those of its depth and part.
         draw: draw of distractors.
         distractors: number of distractors; below 0 for as many as in training.
-        goal: another goal, by label.
-        table: another table, by labels; empty texts are ignored.
-        held: held entity, by label.
     """
 
     run: str = ""
@@ -62,13 +59,7 @@ class Episode(State):
 
 
 class AgentAtTable(Record):
-    """An agent's picks at a table, or the problem that prevents them.
-
-    Attributes:
-        checkpoint: the weights in use; empty with a problem.
-        folds: number of folds of the scorer; 0 without folds.
-        found: the picks; None with a problem.
-    """
+    """An agent's picks, the weights in use and the number of the scorer's folds; or the problem that prevents picks."""
 
     run: str
     checkpoint: str
@@ -78,15 +69,13 @@ class AgentAtTable(Record):
 
 
 class EpisodeView(Record):
-    """Agents at a table.
+    """Agents at a table; the first is compared with the others.
 
     Attributes:
         tasks: number of tasks of its depth and part.
         endings: endings of the first agent's episodes of the task in its evaluation, by draw; empty if it has not
             played the task with so many distractors.
-        is_edited: whether goal, table or hand differ from the task's.
         held: the entity that is held at first.
-        agents: the agents; the first is compared with the others.
     """
 
     part: TaskPart

@@ -19,15 +19,7 @@ class Home(State):
 
 
 class ModelLine(Record):
-    """A model.
-
-    Attributes:
-        command: command that made it.
-        kg: training data.
-        dose: share of the train recipes, in words; empty for all of them unchanged.
-        folds: number of folds; 0 without cross-fitting.
-        scores_recipes: whether it scores recipes, not only links.
-    """
+    """A model: its command, training data, dose of the train recipes in words (empty for all), and number of folds."""
 
     name: str
     command: str
@@ -40,11 +32,8 @@ class ModelLine(Record):
 class Overview(Record):
     """A graph with its models and runs.
 
-    Attributes:
-        reachable: number of entities that can be made from the base, which is included.
-        layers: number of rounds in which they are made.
-        most_used: entities in most recipes.
-        furthest: reachable entities that need most rounds.
+    ``reachable`` entities can be made from the base or belong to it; the ``furthest`` of them need most of the
+    ``layers``, which are rounds of crafting.
     """
 
     graph: str

@@ -29,15 +29,7 @@ class Link(State):
 
 
 class LinkProfile(ScoredLink):
-    """A link by a model.
-
-    Attributes:
-        as_tail: rank of the tail among all entities.
-        as_head: rank of the head.
-        recipes: recipes that give the link, at most :data:`RECIPES`.
-        tails: the best tails for its head, without learned ones.
-        heads: the best heads for its tail.
-    """
+    """A link by a model, with the ranks of both ends, recipes that give it, and the best candidates for either end."""
 
     head: str
     relation: Relation

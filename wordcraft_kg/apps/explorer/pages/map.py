@@ -88,13 +88,9 @@ class Links(Record):
 
 
 class MapView(Record):
-    """A map.
+    """A map: the most used entities in descending order, then guests; groups in descending order of size.
 
     Attributes:
-        entities: number of entities of the graph.
-        spots: the most used entities in descending order, then guests.
-        groups: in descending order of size.
-        layers: number of crafting layers.
         combines: sorted pairs of spots that combine, without guests and loops; empty above :data:`ALL_LINKS`.
         components: sorted pairs of ingredient and product; likewise.
         chosen: links of the chosen entity; None without one.
@@ -114,11 +110,7 @@ class MapView(Record):
 class EntityMap:
     """The places of the most used entities of a graph, see :func:`map_of`.
 
-    Attributes:
-        ids: shape (P,), the placed entities, the most used first.
-        places: shape (P, 2), whole numbers.
-        view: the map without a chosen entity.
-        layer: shape (E,), crafting layers of all entities.
+    ``ids`` has shape (P,), ``places`` (P, 2) and ``layer`` (E,): the crafting layers of all entities.
     """
 
     graph: RecipeGraph

@@ -21,13 +21,9 @@ class Pair(State):
 
 
 class PairProfile(Record):
-    """A pair.
+    """A pair with its recipes, a model's score of ``a combinesWith b``, and the predicted results, best first.
 
-    Attributes:
-        makes: recipes of the pair.
-        model: name of the model; empty without one.
-        link: the model's score of ``a combinesWith b``; None without a model.
-        results: the model's predicted results, best first; None if it scores only links, and without a model.
+    Link and results are None without a model, the results also if the model scores only links.
     """
 
     a: str

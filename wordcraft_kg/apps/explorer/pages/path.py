@@ -34,13 +34,7 @@ class Path(State):
 
 
 class PathStep(Record):
-    """A craft of a path.
-
-    Attributes:
-        number: place in the order of execution, from 1.
-        part: the part of the recipe.
-        layer: after the layers of the ingredients, and as late as the uses allow; the goal is last.
-    """
+    """A craft, numbered in the order of execution; its layer is as late as its uses allow, the goal is in the last."""
 
     number: Count
     recipe: Recipe
@@ -60,16 +54,11 @@ class PathView(Record):
 
     Attributes:
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
-        steps: number of crafts.
-        layers: number of layers of crafts.
         cost: number of crafts if nothing is made only once, in words, since it may have thousands of digits.
         parts: number of crafts by part of the recipe, for parts with any.
-        listed: the steps of a page.
         drawn: the last steps, at most :data:`DRAWN`, in the order of execution.
-        recipes: number of recipes of the goal.
-        blocked: some recipes of an impossible goal.
+        blocked: some recipes of an impossible goal, of ``recipes``.
         sources: some missing entities without a recipe; empty if recipes need each other's results.
-        num_sources: number of all such entities.
     """
 
     entity: str

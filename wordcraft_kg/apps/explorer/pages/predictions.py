@@ -29,13 +29,9 @@ Knowledge = Literal["unseen", "learned", "all"]
 
 
 class RankFilter(State):
-    """Ranking queries; an empty text filters nothing.
+    """Ranking queries, by open side, part and training status of the triple, and entity; empty texts filter nothing.
 
-    Attributes:
-        side: the open side.
-        part: the part whose recipes give the triple, the first of several.
-        known: whether the triple is in the model's training data; of two models, both or neither.
-        entity: label of head or tail.
+    ``known`` tells whether the triple is in the model's training data; of two models, both or neither.
     """
 
     relation: Relation | Literal[""] = ""
@@ -64,14 +60,9 @@ class Predictions(Queries):
 
 
 class RankedQuery(Record):
-    """A query for one entity of a true triple.
+    """A query for one entity of a true triple, with its filtered, realistic rank and the best candidate.
 
-    Attributes:
-        known: the part whose recipes give the triple.
-        learned: whether the triple is in the model's training data.
-        rank: filtered, with realistic ties.
-        candidates: number of competing entities.
-        top: the best candidate.
+    ``known`` is the part whose recipes give the triple, ``learned`` tells whether it is in the model's training data.
     """
 
     head: str
@@ -101,14 +92,7 @@ class RankSample(Record):
 
 
 class LinkRanks(Record):
-    """Some of a model's ranks.
-
-    Attributes:
-        metrics: figures of all chosen queries, not only of the listed ones.
-        learned: number of chosen queries for triples of the training data.
-        sample: the ranked triples.
-        queries: the queries of a page.
-    """
+    """Some of a model's ranks; metrics and ``learned``, the number of learned triples, cover all chosen queries."""
 
     model: str
     has_seen_the_test_recipes: bool
@@ -125,10 +109,8 @@ class LinkRanks(Record):
 class RankedTriples:
     """The ranks of the triples of a graph by a model.
 
-    Attributes:
-        ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`, with the further
-            columns ``part`` (number) and ``learned``.
-        sample: the ranked triples.
+    The table has a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`, and the further
+    columns ``part`` (number) and ``learned``.
     """
 
     name: str

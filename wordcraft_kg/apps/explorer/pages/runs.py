@@ -49,17 +49,13 @@ class PartSuccess(Record):
 
 
 class RunRow(Record):
-    """A run of an agent.
+    """A run of an agent, with its last mixing weights of the first and the second pick, by source.
 
     Attributes:
         status: None if it has not begun or is unreadable.
         problem: why it is unreadable.
-        scorer: name of the scorer's folder; empty without a scorer.
         kg: the scorer's training data.
-        use: sources of scores.
-        steps: environment steps so far.
-        planned: steps of the whole training.
-        lambdas: last mixing weights of the first and the second pick, by source.
+        steps: environment steps so far, of ``planned``.
     """
 
     name: str
@@ -94,7 +90,7 @@ class RunList(Record):
 
 
 class RunView(Record):
-    """A run.
+    """A run with its settings that differ from the defaults, its figures and its curves.
 
     Attributes:
         checkpoint: the last weights; empty if there are none yet.
@@ -102,10 +98,6 @@ class RunView(Record):
         seconds: duration so far; None before the first line.
         steps_per_second: speed between the last two lines, or of the whole training; None if unknown.
         outcomes: share of each ending, by part; empty before the evaluation.
-        settings: settings that differ from the defaults.
-        curves: success during training, by part.
-        lambdas: mixing weights during training.
-        training: figures of the training.
     """
 
     row: RunRow

@@ -59,11 +59,9 @@ class TaskTable(Record):
     """Some tasks of a depth and part.
 
     Attributes:
-        tasks: number of all tasks.
         is_complete: False for a random sample.
         mixed: number of tasks outside all parts.
         counts: number of the goal's tasks by result; empty without results.
-        rows: the tasks of a page.
     """
 
     part: TaskPart

@@ -6,14 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
-from wordcraft_kg.cli.describe import split_rows
+from wordcraft_kg.cli.console import Flag, Output, lines_of, names, split_labels
 from wordcraft_kg.cli.options import Base, Book, Force, SingleIngredient
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.graphs import BuiltGraph
     from wordcraft_kg.graphs.audit import Reachability
     from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
@@ -78,7 +75,9 @@ def build_graph(
     if found.reachability.unreachable:
         _warn(graph, found.reachability, inferred=base is None and base_file is None and recipes.base is None)
     view = view_build(found, folder)
-    output.result(view, _text(view, found.ambiguity.pairs_with_several_results))
+    full = " --kg full" if split == "none" else ""
+    following = f"wrote {folder}/   next: wordcraft-kg train-recipes {folder}{full}"
+    output.result(view, [*lines_of(view), following])
 
 
 def _warn(graph: "RecipeGraph", found: "Reachability", *, inferred: bool) -> None:
@@ -107,22 +106,3 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
     if not labels:
         raise ConfigError("`base`: the list is empty; name at least one entity, or leave the option out to infer them.")
     return labels
-
-
-def _text(view: "BuiltGraph", with_several_results: int) -> list[str]:
-    triples = view.triples
-    relations = f"{triples.combines_with:,} combinesWith + {triples.component_of:,} componentOf"
-    left_out = f", {view.dropped_self_results:,} left out (the result is one of its own ingredients)"
-    merged = f", {counted(view.merged_duplicates, 'duplicate')} merged" if view.merged_duplicates else ""
-    rows = [
-        ("recipes", f"{view.recipes:,} kept{left_out}{merged}"),
-        ("pairs", f"{view.pairs:,}, {with_several_results:,} with several results"),
-        ("entities", f"{view.entities:,}"),
-        ("base", f"{len(view.base)}: {names(view.base, len(view.base))}"),
-        ("reachable", f"{view.reachable:,} of {view.entities:,}, in {counted(view.rounds, 'round')}"),
-        ("triples", f"{triples.total:,} = {relations}"),
-        *split_rows(view.split),
-        ("hash", view.hash[:12]),
-    ]
-    full = " --kg full" if view.split.kind == "none" else ""
-    return [*aligned(rows), f"wrote {view.out}/   next: wordcraft-kg train-recipes {view.out}{full}"]

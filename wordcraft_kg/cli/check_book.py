@@ -5,12 +5,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Flag, Output, aligned, names, split_labels
+from wordcraft_kg.cli.console import Flag, Output, lines_of, split_labels
 from wordcraft_kg.cli.options import Base, Book, SingleIngredient
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import CheckedBook
-    from wordcraft_kg.graphs.book_check import BookFigures
 
 EXAMPLES = (
     "wordcraft-kg check-book recipes.csv",
@@ -48,36 +47,17 @@ def check_book(
 
 
 def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
-    found: Counter[tuple[str, str]] = Counter()
+    counts: Counter[str] = Counter()
     for finding in view.findings:
-        found[finding.severity, finding.kind] += 1
-        if limit is None or found[finding.severity, finding.kind] <= limit:
-            shown = ", ".join(map(str, finding.lines))
-            where = f"line{'s' * (len(finding.lines) > 1)} {shown}: " if finding.lines else ""
-            yield f"{finding.severity} [{finding.kind}] {where}{finding.message}"
-    for (severity, kind), number in found.items():
+        kind = f"{finding.severity} [{finding.kind}]"
+        counts[kind] += 1
+        if limit is None or counts[kind] <= limit:
+            lines = ", ".join(map(str, finding.lines))
+            where = f"line{'s' * (len(finding.lines) > 1)} {lines}: " if lines else ""
+            yield f"{kind} {where}{finding.message}"
+    for kind, number in counts.items():
         if limit is not None and number > limit:
-            yield f"{severity} [{kind}] and {number - limit:,} more; --all shows them"
-    if not isinstance(view.figures, dict):
-        yield from aligned(_rows(view.figures))
+            yield f"{kind} and {number - limit:,} more; --all shows them"
+    yield from lines_of(view.figures)
     problems = sum(finding.severity == "problem" for finding in view.findings)
     yield f"{counted(problems, 'problem')}, {len(view.findings) - problems:,} to look at"
-
-
-def _rows(found: "BookFigures") -> Iterator[tuple[str, str]]:
-    yield "entities", f"{found.entities:,}, {found.reachable:,} can be made, in {counted(found.max_layer, 'layer')}"
-    yield "base", names(found.base, len(found.base))
-    yield "recipes", f"{found.recipes:,} of {counted(found.pairs, 'pair')}, {found.self_pairs:,} with itself"
-    mean, share = found.mean_recipes_per_craftable, found.share_with_two_recipes
-    yield "per craftable", f"{mean:.2f} recipes, {share:.1%} have two or more"
-    several, more = found.pairs_with_two_or_three_results, found.pairs_with_more_results
-    makers = counted(several, "pair makes", "pairs make")
-    yield "several results", f"{makers} two or three things, {more:,} more than that"
-    yield "terminal", f"{counted(found.terminal, 'entity', 'entities')} that no recipe uses"
-    yield "most used", f"{found.most_used}, in {found.most_used_share:.1%} of the recipes"
-    yield "words", f"{found.words:,}, {found.words_with_vector:.1%} with a word vector"
-    if found.near_synonym_share is not None:
-        share, cosine = found.near_synonym_share, found.near_synonym_cosine
-        yield "near-synonyms", f"{share:.1%} of test recipes repeat a train recipe with one (cosine {cosine} or more)"
-    if found.against is not None:
-        yield "shared", f"{counted(found.shared_recipes or 0, 'recipe')} ({found.shared:.1%}) also in {found.against}"

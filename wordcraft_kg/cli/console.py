@@ -147,6 +147,36 @@ def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str
     return ["  ".join(map(format, row, widths)).rstrip() for row in zip(*columns, strict=True)]
 
 
+def lines_of(values: Any) -> list[str]:
+    """Return the lines of a result: a line for each field by its name in the JSON, and fields of fields indented."""
+    from wordcraft_kg.base.records import as_values
+
+    return aligned(_rows(as_values(values), ""))
+
+
+def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
+    for name, value in values.items():
+        label = indent + name.replace("_", " ")
+        if isinstance(value, dict):
+            yield label, ""
+            yield from _rows(value, f"{indent}  ")
+        elif isinstance(value, list):
+            if value:
+                yield label, names([_cell(one) for one in value], len(value))
+        elif value is not None:
+            yield label, _cell(value)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, dict):
+        return ": ".join(map(_cell, value.values()))
+    if isinstance(value, list):
+        return " ".join(map(_cell, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:,}" if isinstance(value, int) else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
 def names(labels: Sequence[str], total: int, most: int = 10) -> str:
     """Join the first labels with commas, and add how many more of ``total`` there are."""
     listed = ", ".join(labels[:most])

@@ -1,13 +1,10 @@
-"""Running the studies of ``reproduce``: the engine's options, a board of the running tasks, and the outcome."""
+"""Running the studies of ``reproduce``: the engine's options, progress, and the outcome."""
 
 import shlex
 import sys
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -19,8 +16,6 @@ from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.studies.study import Study
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from wordcraft_kg.studies.engine import State, Watch
     from wordcraft_kg.studies.plan import Plan
     from wordcraft_kg.studies.tasks import Workers
@@ -94,8 +89,9 @@ def run_studies(studies: dict[str, Study], options: EngineOptions, output: Outpu
             found[plan.name], lines = _planned(plan, options)
         else:
             command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
-            with _board(plan, output) as watch, sigterm_as_interrupt():
-                state = run_plan(plan, options.out, options.make_workers(plan), command=command, watch=watch)
+            with sigterm_as_interrupt():
+                workers = options.make_workers(plan)
+                state = run_plan(plan, options.out, workers, command=command, watch=_watch(plan, output))
             found[plan.name], lines = _reported(plan, state, options)
             failed |= bool(state.failed) or found[plan.name]["report"] is None
         text += lines
@@ -148,42 +144,11 @@ def _first(lines: list[str], rest: str) -> list[str]:
     return [*lines[:LISTED], *more]
 
 
-@contextmanager
-def _board(plan: "Plan", output: Output) -> "Iterator[Watch | None]":
-    """Show how far a study is: a table of the running tasks on a terminal, or else a line now and then."""
-    from rich.console import Console
-    from rich.live import Live
+def _watch(plan: "Plan", output: Output) -> "Watch":
+    progress = output.progress(plan.name, unit="task")
 
-    console = Console(stderr=True)
-    if output.quiet:
-        yield None
-    elif console.is_interactive:
-        began = time.monotonic()
-        with Live(console=console, refresh_per_second=2, transient=True) as live:
-            yield lambda plan, state: live.update(_table(plan, state, began))
-    else:
-        progress = output.progress(plan.name, unit="task")
+    def watch(plan: "Plan", state: "State") -> None:
+        failed = len(state.failed)
+        progress(state.kept + state.done + failed, state.total, {"running": len(state.running), "failed": failed})
 
-        def say(plan: "Plan", state: "State") -> None:
-            failed = len(state.failed)
-            progress(state.kept + state.done + failed, state.total, {"running": len(state.running), "failed": failed})
-
-        yield say
-
-
-def _table(plan: "Plan", state: "State", began: float) -> "Table":
-    from rich.table import Table
-    from rich.text import Text
-
-    now, ended = time.monotonic(), state.done + len(state.failed)
-    notes = [f"{plan.study.title}: {state.kept + ended:,} of {state.total:,} tasks, {len(state.failed):,} failed"]
-    if ended:
-        left = (now - began) / ended * (state.left + len(state.running))
-        notes.append(f"about {timedelta(seconds=round(left))} left")
-    table = Table.grid(padding=(0, 2), expand=True)
-    table.title, table.caption = ", ".join(notes), "Ctrl-C stops; the same command goes on"
-    table.title_justify = table.caption_justify = "left"
-    for address, since in state.running.items():
-        running = timedelta(seconds=round(now - since))
-        table.add_row(str(running), Text(plan.tasks[address].title, overflow="ellipsis"))
-    return table
+    return watch

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
+from wordcraft_kg.cli.console import Flag, Output, aligned, lines_of, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, OptionalBook, Seeds, Trackers
 from wordcraft_kg.cli.training import LINKS, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
@@ -84,10 +84,6 @@ def _import(options: ImportOptions, graph: str, out: Path | None, force: bool, o
     assert options.from_pykeen is not None
     if out is None:
         raise ConfigError("`out` is missing: name the model folder to write.")
-    found = import_pykeen(options.from_pykeen, graph, out, trust_pickle=options.trust_pickle, force=force)
-    seen = "none of them held out by the split: a model of the partial graph"
-    if found.held_out:
-        seen = f"{found.held_out:,} of them held out by the split: it counts as a model of the full graph"
-    rows = [("model", found.model), ("trained on", f"{found.triples:,} triples, {seen}")]
-    output.result(found, [*aligned(rows), f"wrote {out}/   next: wordcraft-kg evaluate-links {out}"])
+    view = import_pykeen(options.from_pykeen, graph, out, trust_pickle=options.trust_pickle, force=force)
+    output.result(view, [*lines_of(view), f"next: wordcraft-kg evaluate-links {out}"])
     return 0

@@ -1,10 +1,9 @@
 """The command line: one thin module per command; results on stdout, log and progress on stderr.
 
-A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`CORE`. An app, ours
-or another distribution's, adds commands by entry points of the group ``wordcraft_kg.commands``: the name of the
-command, with a dot between two words, and ``module:function``; its module has ``EXAMPLES`` and ``GROUP``, its place in
-the help. One of the commands with the same first word has ``SUBJECT``, the help of that word. Heavy imports go inside
-the function, so that help stays fast.
+A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`CORE`. An app adds
+commands by entry points of the group ``wordcraft_kg.commands``: the name of the command, with a dot between two words,
+and ``module:function``; its module has ``EXAMPLES`` and ``GROUP``, the group of the help. One of the commands with the
+same first word has ``SUBJECT``, the help of that word. Heavy imports go inside the function, so that help stays fast.
 """
 
 import gc
@@ -41,7 +40,7 @@ CORE = {
 }
 """Commands of the core, by group of the help."""
 APPS = {point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")}
-"""Commands of apps: where each is found."""
+"""Commands of apps: their entry points."""
 ALL = [name for names in CORE.values() for name in names] + sorted(APPS)
 PROGRAM = "wordcraft-kg"
 
@@ -93,7 +92,7 @@ def make_app() -> App:
 
 
 def _subject(app: App, words: list[str], group: Group) -> App:
-    """Return where a command is added: the application, or that of the commands with the same first word."""
+    """Return the application of the commands with the same first word; of no word, ``app``."""
     if not words:
         return app
     (word,) = words
@@ -109,7 +108,7 @@ def _examples(*modules: ModuleType) -> str:
 
 
 def commands_by_group() -> dict[str, list[str]]:
-    """Return the names of all commands by group of the help, those of apps after the core's."""
+    """Return the names of all commands by group of the help, the core's first."""
     groups = {title: list(names) for title, names in CORE.items()}
     for name in sorted(APPS):
         groups.setdefault(manual_of(name).module.GROUP, []).append(name)
@@ -117,7 +116,7 @@ def commands_by_group() -> dict[str, list[str]]:
 
 
 def manual_of(name: str) -> Manual:
-    """Return how a command is used."""
+    """Return the manual of a command."""
     if name in APPS:
         function = APPS[name].load()
         return Manual(f"{PROGRAM} {name}", function, sys.modules[function.__module__])
@@ -170,7 +169,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _check_decodable(tokens: Sequence[str]) -> None:
-    """Refuse the names of files that are not UTF-8: records and reports, which are, could not repeat them."""
+    """Refuse file names that are not UTF-8: records and reports are."""
     for token in tokens:
         try:
             token.encode()
@@ -193,7 +192,6 @@ def _config_path(tokens: Sequence[str]) -> str | None:
 
 
 def _read_toml(path: str, command: str | None) -> dict[str, Any]:
-    """Return the options of a command from its table of a file."""
     try:
         if not Path(path).is_file():
             raise ConfigError(f"--config {path}: no such file.")
@@ -208,16 +206,16 @@ def _read_toml(path: str, command: str | None) -> dict[str, Any]:
     if command is None:
         return {}
     if command not in tables:
-        there = ", ".join(tables).replace(" ", ".") or "nothing"
-        raise ConfigError(f"--config {path}: no table [{command.replace(' ', '.')}]; found {there}.")
+        names = ", ".join(tables).replace(" ", ".") or "nothing"
+        raise ConfigError(f"--config {path}: no table [{command.replace(' ', '.')}]; found {names}.")
     # A run's own config.toml gives paths relative to itself.
     from wordcraft_kg.runs.config_file import moved
 
-    def beside(value: str) -> str:
-        there = os.path.normpath(Path(path).parent / value)
-        return there if os.path.exists(there) and not os.path.exists(value) else value
+    def resolved(value: str) -> str:
+        target = os.path.normpath(Path(path).parent / value)
+        return target if os.path.exists(target) and not os.path.exists(value) else value
 
-    return reduce(lambda options, word: {word: options}, reversed(command.split()), moved(tables[command], beside))
+    return reduce(lambda options, word: {word: options}, reversed(command.split()), moved(tables[command], resolved))
 
 
 def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:

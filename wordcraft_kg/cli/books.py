@@ -23,6 +23,8 @@ EXAMPLES = (
     "wordcraft-kg books --cache",
 )
 
+PYKEEN = "PyKEEN's own folder"
+
 
 def books(
     *,
@@ -44,7 +46,9 @@ def books(
     if (fetch is not None) + (show_cache or clear_cache) > 1:
         raise ConfigError("`fetch` and the options of the cache cannot be combined; give one of them.")
     if fetch is not None:
-        _fetch(fetch, output)
+        path, book = fetch_book(fetch), FETCHABLE[fetch]
+        values = {"book": fetch, "path": str(path), "sha256": book.sha256, "url": book.url, "note": book.note}
+        output.result(values, [f"{fetch} is in {path} ({book.note})", f"next: wordcraft-kg build-graph {fetch}"])
     elif show_cache or clear_cache:
         _cache(clear_cache, output)
     else:
@@ -65,15 +69,6 @@ def _text(view: "BookList") -> Iterator[str]:
     yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({view.data_folder or 'not set'})"
 
 
-def _fetch(book: str, output: Output) -> None:
-    path = fetch_book(book)
-    known = FETCHABLE[book]
-    output.result(
-        {"book": book, "path": str(path), "sha256": known.sha256, "url": known.url, "note": known.note},
-        [f"{book} is in {path} ({known.note})", f"next: wordcraft-kg build-graph {book}"],
-    )
-
-
 def _cache(clear: bool, output: Output) -> None:
     from rich.filesize import decimal
 
@@ -81,18 +76,17 @@ def _cache(clear: bool, output: Output) -> None:
 
     if clear:
         clear_cache()
-    pykeen = Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data") / "pykeen"
-    folders = [
-        _kept("fetched recipe books", cache_folder("books")),
-        _kept("word vectors read from files", cache_folder("vectors")),
-        _kept("answers of language models", cache_folder("opinions")),
-        _kept("PyKEEN's own folder", pykeen, is_ours=False),
-    ]
+    places = {
+        "fetched recipe books": cache_folder("books"),
+        "word vectors read from files": cache_folder("vectors"),
+        "answers of language models": cache_folder("opinions"),
+        PYKEEN: Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data") / "pykeen",
+    }
+    folders: list[dict[str, Any]] = []
+    for holds, folder in places.items():
+        sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+        counts = {"files": len(sizes), "bytes": sum(sizes)}
+        folders.append({"holds": holds, "path": str(folder), **counts, "is_ours": holds != PYKEEN})
     rows = ((one["holds"], f"{counted(one['files'], 'file')}, {decimal(one['bytes'])}", one["path"]) for one in folders)
     text = [*aligned(rows), *(["cleared all but PyKEEN's"] if clear else [])]
     output.result({"folders": folders, "cleared": clear}, text)
-
-
-def _kept(holds: str, folder: Path, *, is_ours: bool = True) -> dict[str, Any]:
-    sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
-    return {"holds": holds, "path": str(folder), "files": len(sizes), "bytes": sum(sizes), "is_ours": is_ours}

@@ -83,8 +83,8 @@ def compare(
     agent = next((run for run, kind in zip(runs, kinds, strict=True) if kind == AGENT), None)
     predictor = next((run for run, kind in zip(runs, kinds, strict=True) if kind != AGENT), None)
     if agent and predictor:
-        found = f"'{agent}' is an agent and '{predictor}' is a link predictor"
-        raise ConfigError(f"{found}: they cannot be compared. Give agents only, or link predictors only.")
+        both = f"'{agent}' is an agent and '{predictor}' is a link predictor"
+        raise ConfigError(f"{both}: they cannot be compared. Give agents only, or link predictors only.")
     if agent:
         refuse_given(links, "link predictors, and these are agents")
         _compare_agents([folder for seeds in folders for folder in seeds], agents, graph, out, force, output)
@@ -131,17 +131,19 @@ def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
         yield f"for comparison: wordcraft-kg reference {graph} {options}"
 
 
-def _success(found: "AgentSuccess | None") -> Iterator[str]:
-    if found is None:
+def _success(success: "AgentSuccess | None") -> Iterator[str]:
+    if success is None:
         yield "-"
         return
-    low, high = found.seed_ci or found.task_ci
-    over = f"over {len(found.seeds)} seeds" if found.seed_ci else "over tasks, one seed"
-    yield f"{found.mean:.3f} [{low:.3f}, {high:.3f}] {over}"
-    if found.difference is not None and found.difference_ci is not None:
-        down, up = found.difference_ci
-        yield f"{found.difference:+.3f} [{down:+.3f}, {up:+.3f}] over tasks"
-        yield "" if found.p_better is None else f"P(better) {found.p_better:.2f}"
+    over = f"over {len(success.seeds)} seeds" if success.seed_ci else "over tasks, one seed"
+    yield f"{success.mean:.3f} {_interval(success.seed_ci or success.task_ci)} {over}"
+    if success.difference is not None and success.difference_ci is not None:
+        yield f"{success.difference:+.3f} {_interval(success.difference_ci, '+')} over tasks"
+        yield "" if success.p_better is None else f"P(better) {success.p_better:.2f}"
+
+
+def _interval(ends: tuple[float, float], sign: str = "") -> str:
+    return f"[{ends[0]:{sign}.3f}, {ends[1]:{sign}.3f}]"
 
 
 def _compare_links(
@@ -190,12 +192,11 @@ def _links_text(view: "LinkComparison") -> Iterator[str]:
 
 
 def _mrr(model: "ComparedModel") -> Iterator[str]:
-    low, high = model.mrr_ci or (0.0, 0.0)
-    yield f"MRR {model.mrr:.3f} [{low:.3f}, {high:.3f}]"
+    yield f"MRR {model.mrr:.3f} {_interval(model.mrr_ci or (0.0, 0.0))}"
     yield f"hits@10 {model.hits_at_10:.3f}"
     spread = f"{len(model.seeds)} seeds {min(model.mrr_of_seeds):.3f} to {max(model.mrr_of_seeds):.3f}"
     yield spread if len(model.seeds) > 1 else ""
     if model.difference is not None and model.difference_ci is not None:
-        down, up = model.difference_ci
-        verdict = "excludes 0" if down > 0 or up < 0 else "includes 0: no difference is shown"
-        yield f"difference {model.difference:+.3f} [{down:+.3f}, {up:+.3f}] {verdict}"
+        low, high = model.difference_ci
+        verdict = "excludes 0" if low > 0 or high < 0 else "includes 0: no difference is shown"
+        yield f"difference {model.difference:+.3f} {_interval(model.difference_ci, '+')} {verdict}"

@@ -1,4 +1,4 @@
-"""What commands share: common options, and results as text or JSON."""
+"""Options of every command, results as text or JSON, and small parsers."""
 
 import json
 import logging
@@ -50,7 +50,7 @@ class Output:
                 print(line)
 
     def progress(self, what: str, unit: str = "epoch") -> Progress:
-        """Return a progress reporter for the epochs, or other units, of a training."""
+        """Return a reporter of a training's progress in epochs or another unit."""
         Progress.close_current()  # a training that stopped early has not reported its end
         return Progress(what, unit=unit, hidden=self.quiet)
 
@@ -92,15 +92,7 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
 
 
 def refuse_given(options: Any, about: str) -> None:
-    """Refuse options that say nothing here.
-
-    Args:
-        options: a command's dataclass of options.
-        about: the things that they are about, for the error.
-
-    Raises:
-        ConfigError: naming the first option that has not its default.
-    """
+    """Raise a ConfigError that names the first option of a dataclass without its default, which is for ``about``."""
     for field in fields(options):
         if getattr(options, field.name) != getattr(type(options)(), field.name):
             raise ConfigError(f"`{field.name}` is for {about}; leave it out.")
@@ -124,10 +116,10 @@ MOST_SEEDS = 1_000
 
 
 def read_seeds(text: str) -> list[int]:
-    """Return the seeds that a list of numbers and ranges names, each once: 0-2,7 is 0, 1, 2 and 7.
+    """Return the seeds of a list of numbers and ranges, each once: 0-2,7 is 0, 1, 2 and 7.
 
     Raises:
-        ConfigError: if it is not such a list, or of more than :data:`MOST_SEEDS`.
+        ConfigError: for any other text, or more than :data:`MOST_SEEDS` seeds.
     """
     seeds: dict[int, None] = {}
     for part in text.split(","):

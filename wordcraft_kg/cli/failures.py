@@ -1,11 +1,11 @@
-"""Failures of commands: one style for a user's mistakes, and exit codes."""
+"""Failures of commands: messages, hints and exit codes."""
 
 import json
 import re
 import traceback
 from collections.abc import Callable, Container
 from dataclasses import dataclass
-from inspect import Parameter, signature
+from inspect import signature
 from types import ModuleType
 from typing import Any
 
@@ -36,26 +36,22 @@ class Manual:
 
     @property
     def places(self) -> dict[str, str]:
-        """Parameters that are given by their place, and how the usage shows them."""
-        return {one.name: _shown(one) for one in self._parameters if one.kind is not one.KEYWORD_ONLY}
+        """Positional parameters, and their form in the usage."""
+        shown = {}
+        for one in signature(self.function).parameters.values():
+            name = one.name.upper()
+            if one.kind is one.VAR_POSITIONAL:
+                shown[one.name] = f"{name}..."
+            elif one.kind is not one.KEYWORD_ONLY:
+                shown[one.name] = name if one.default is one.empty else f"[{name}]"
+        return shown
 
     @property
     def usage(self) -> str:
-        """The command with the arguments and options that it needs."""
-        options = (one for one in self._parameters if one.kind is one.KEYWORD_ONLY and one.default is one.empty)
-        needed = (f"--{one.name} {one.name.upper()}" for one in options)
+        """The command with its arguments and required options."""
+        options = (one for one in signature(self.function).parameters.values() if one.kind is one.KEYWORD_ONLY)
+        needed = (f"--{one.name} {one.name.upper()}" for one in options if one.default is one.empty)
         return " ".join([self.command, *self.places.values(), *needed, "[OPTIONS]"])
-
-    @property
-    def _parameters(self) -> list[Parameter]:
-        return list(signature(self.function).parameters.values())
-
-
-def _shown(parameter: Parameter) -> str:
-    name = parameter.name.upper()
-    if parameter.kind is parameter.VAR_POSITIONAL:
-        return f"{name}..."
-    return name if parameter.default is parameter.empty else f"[{name}]"
 
 
 @dataclass(frozen=True)
@@ -64,10 +60,10 @@ class Failure:
 
     Attributes:
         kind: name of the error's class.
-        message: what was found, what was expected and what to do; a Ctrl-C says what is left.
+        message: the found and expected values, and the remedy.
         code: exit code.
         hints: further lines for a terminal: usage and an example.
-        setting: Python name of the setting that was refused, if the failure is one setting's.
+        setting: Python name of the refused setting, if there is one.
     """
 
     kind: str
@@ -93,7 +89,7 @@ class Failure:
 
 
 def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
-    """Return the failure that a command's error means to its user; None for a defect of this package."""
+    """Return an error as a failure of its command; None for a defect of this package."""
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
         return Failure(kind, _said(error, manual), 2, _hints(error, manual))
@@ -109,7 +105,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, OSError):
         where = f"'{error.filename}': " if error.filename else ""
         return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")
-    # The second is what torch says about its tensors.
+    # The second is torch's error about its tensors.
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))):
         return Failure("MemoryError", "this machine does not have enough memory for this. Nothing was changed.")
     return None
@@ -122,7 +118,7 @@ def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:
 
 
 def _said(error: CycloptsError, manual: Manual | None) -> str:
-    """Return the parser's message, in our words where its own are those of a programmer."""
+    """Return the parser's message without its Python terms."""
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         return f"unexpected argument '{error.unused_tokens[0]}'."
     if type(error) is MissingArgumentError and error.argument is not None:
@@ -136,12 +132,7 @@ def _said(error: CycloptsError, manual: Manual | None) -> str:
 
 
 def with_options(message: str, places: Container[str] = ()) -> str:
-    """Return an error's message with its settings, which are in backticks, named as the command line names them.
-
-    Args:
-        message: text of the error.
-        places: names of the settings that the command takes by their place.
-    """
+    """Replace the settings of an error's message, in backticks, by options, or by the arguments ``places``."""
 
     def named(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])

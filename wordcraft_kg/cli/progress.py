@@ -15,13 +15,13 @@ MIN_BAR = 16
 
 
 class Progress:
-    """The progress of a training or a stage; of several that are nested, only the outermost is shown.
+    """The progress of a training or a stage; only the outermost of nested ones is shown.
 
     Attributes:
         what: name of the work.
         unit: unit of its steps, such as epoch.
         hidden: whether nothing is shown.
-        is_stage: whether the bar is removed at the end, and a short stage is not worth a line.
+        is_stage: whether the bar disappears at the end, and a short stage has no line.
     """
 
     INTERVAL = 5.0  # seconds between plain lines
@@ -29,7 +29,7 @@ class Progress:
     _said: ClassVar[float] = 0.0  # time of the last plain line
 
     def __init__(self, what: str, *, unit: str = "", hidden: bool = False, is_stage: bool = False):
-        """Begin with nothing shown."""
+        """Show nothing yet."""
         self.what, self.unit, self.hidden, self.is_stage = what, unit, hidden, is_stage
         self._bar: Any = None
 
@@ -37,9 +37,8 @@ class Progress:
         """Report that ``done`` of ``total`` are done, with the latest figures."""
         from rich.console import Console
 
-        if self.hidden or Progress._current not in (None, self):
-            return
-        if self.is_stage and done == total and Progress._current is None:  # given up by a command that has ended
+        given_up = self.is_stage and done == total and Progress._current is None  # by a command that has ended
+        if self.hidden or given_up or Progress._current not in (None, self):
             return
         Progress._current = self
         shown = [
@@ -56,9 +55,8 @@ class Progress:
             self.close()
 
     def _say(self, done: int, total: int, figures: list[str]) -> None:
-        now, is_last = time.monotonic(), done == total
-        is_due = now - Progress._said >= self.INTERVAL and not is_last
-        if not is_due and not (is_last and not self.is_stage):
+        now = time.monotonic()
+        if self.is_stage if done == total else now - Progress._said < self.INTERVAL:
             return
         Progress._said = now
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
@@ -70,29 +68,20 @@ class Progress:
         while figures and others + len("  ".join(figures)) > console.width:
             figures.pop()
         if self._bar is None:
-            self._bar = self._begin_bar(console, total)
+            self._bar = self._begin_bar(console)
+            # Nobody knows how far a single step has come: the bar shows only that something is being done.
+            self._bar.add_task(self.what, total=total if total > 1 else None, count="", figures="")
+            self._bar.start()
         shown = "  ".join(["left" if count else "", *figures])
         self._bar.update(self._bar.task_ids[0], completed=done, count=count, figures=shown)
 
-    def _begin_bar(self, console: "Console", total: int) -> Any:
+    def _begin_bar(self, console: "Console") -> Any:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-        bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=None),
-            TextColumn("{task.fields[count]}"),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[figures]}"),
-            console=console,
-            expand=True,
-            redirect_stdout=False,
-            refresh_per_second=4,
-            transient=self.is_stage,
-        )
-        # Nobody knows how far a single step has come: the bar shows only that something is being done.
-        bar.add_task(self.what, total=total if total > 1 else None, count="", figures="")
-        bar.start()
-        return bar
+        before = (TextColumn("{task.description}"), BarColumn(bar_width=None), TextColumn("{task.fields[count]}"))
+        columns = (*before, TimeRemainingColumn(), TextColumn("{task.fields[figures]}"))
+        options: dict[str, Any] = {"redirect_stdout": False, "refresh_per_second": 4, "transient": self.is_stage}
+        return Progress(*columns, console=console, expand=True, **options)
 
     def close(self) -> None:
         """Close the bar, even if it is not full."""

@@ -41,7 +41,7 @@ def reference(
 ) -> None:
     """Show figures to compare with: chance, graphs, the oracle, agents, people, language models, and your own.
 
-    What the package has no figures of is measured now, by scripted players.
+    Figures that the package does not have are measured now, by scripted players.
 
     Args:
         distractors: comma-separated numbers of distractors. Default: 1,2,8.
@@ -104,15 +104,11 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     yield from (f"[{number}] {note}" for number, note in enumerate(notes, 1))
     yield f"intervals: {'; '.join(_intervals(view.rows))}"
     if view.measured:
-        yield _measured(view, unit)
+        now = f"{', '.join(map(str, view.measured))} {unit}{'' if view.measured == (1,) else 's'}"
+        reason = f"has no figures for {now}" if view.pack else "does not have this graph and split"
+        yield f"measured now: scripted players with {now}, because the pack {reason}"
     if view.out:
         yield f"wrote {view.out}"
-
-
-def _measured(view: "ReferenceTable", unit: str) -> str:
-    now = f"{', '.join(map(str, view.measured))} {unit}{'' if view.measured == (1,) else 's'}"
-    there = f"has no figures for {now}" if view.pack else "does not have this graph and split"
-    return f"measured now: scripted players with {now}, because the pack {there}"
 
 
 def _note(row: "ReferenceRow") -> str:
@@ -128,9 +124,9 @@ def _played(play: "TaskPlay | OpenPlay") -> str:
 
 
 def _intervals(rows: "Sequence[ReferenceRow]") -> list[str]:
-    """Return what intervals there are, and of which players."""
-    kinds: dict[str, dict[str, None]] = {}
+    """Return the kinds of intervals, with the kinds of players if there are several."""
+    players: dict[str, dict[str, None]] = {}
     for row in rows:
         if row.interval:
-            kinds.setdefault(row.interval, {})[row.kind] = None
-    return [found + (f" ({', '.join(of)})" if len(kinds) > 1 else "") for found, of in kinds.items()]
+            players.setdefault(row.interval, {})[row.kind] = None
+    return [interval + (f" ({', '.join(kinds)})" if len(players) > 1 else "") for interval, kinds in players.items()]

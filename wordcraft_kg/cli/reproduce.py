@@ -47,8 +47,8 @@ class ShowOptions:
     """Options for results that are there.
 
     Attributes:
-        by: comma-separated settings whose values are compared over all runs of the folder, whatever study they are of;
-            other settings that differ, except the seed, divide the runs into groups.
+        by: comma-separated settings whose values are compared over all runs of the folder; other settings that
+            differ, except the seed, divide the runs into groups.
         metric: success, iqm, by-plan (success by the last pair of a plan), train (success on train tasks), mrr (of the
             scorer), or steps (until the reference's final success is reached).
         plot: write a page with all figures, tables (CSV, Markdown, LaTeX) and pictures (SVG; PNG and PDF with the extra
@@ -114,7 +114,7 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
 
 
 def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
-    """Print the built-in studies, with the hours that each still takes on this machine."""
+    """Print the built-in studies, with the hours left on this machine."""
     from wordcraft_kg.studies.engine import estimated_hours
     from wordcraft_kg.studies.plan import make_plan
     from wordcraft_kg.studies.study import adapted, built_in, cells_of, read_study
@@ -146,19 +146,19 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
 
 
 def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -> int:
-    """Print results of a results folder or of a file, and write their report on request."""
+    """Print results, and write their report on request."""
     from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.studies.report import write_study_report
     from wordcraft_kg.studies.tables import lines_of
     from wordcraft_kg.studies.view import view_study
 
     file = Path(study) if study is not None and Path(study).is_file() else None
-    found = _collect(study, file, root, split_labels(options.by) if options.by else None)
+    results = _collect(study, file, root, split_labels(options.by) if options.by else None)
     target = None
     if options.plot or options.report is not None:
-        target = options.report or (file.parent if file else root) / "reports" / found.name
+        target = options.report or (file.parent if file else root) / "reports" / results.name
         check_output(target, force=options.force)
-    view = view_study(found)
+    view = view_study(results)
     text = [*lines_of(view, options.metric)]
     if target is not None:
         page, *_ = write_study_report(view, target, force=options.force)
@@ -168,7 +168,6 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
 
 
 def _collect(study: str | None, file: Path | None, root: Path, by: list[str] | None) -> "StudyResults":
-    """Return the selected results, of a results folder or of a file."""
     from wordcraft_kg.base.records import read_record
     from wordcraft_kg.studies.collect import collect_runs, collect_study
     from wordcraft_kg.studies.results import StudyResults

@@ -1,9 +1,8 @@
 """``wordcraft-kg score``."""
 
 import csv
-import io
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,7 +27,7 @@ EXAMPLES = (
     "wordcraft-kg score models/everyday-recipes _ + water = dough",
 )
 EXPLAINED = 3
-"""Answers for which the recipes that speak for them are shown."""
+"""Answers with their supporting recipes."""
 
 
 def score(
@@ -89,7 +88,6 @@ def score(
 
 
 def _check_question(words: list[str], *, has_relation: bool, file: Path | None, out: Path | None) -> None:
-    """Check that either a question or a file of questions is given."""
     is_question = has_relation or any("+" in word for word in words)
     if bool(words) == (file is not None) or (file is None and not is_question):
         raise ConfigError(
@@ -102,7 +100,7 @@ def _check_question(words: list[str], *, has_relation: bool, file: Path | None, 
 def _score_query(
     model: "ScoringModel", query: "Query | RecipeQuery", top: int, new_only: bool
 ) -> "tuple[Record, Sequence[Any], list[str]]":
-    """Return the answer to a question, the scored triples or recipes in it, and their lines."""
+    """Return the answer to a query, its scored triples or recipes, and their lines."""
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
     from wordcraft_kg.evaluation.scores import view_open_slot, view_triple
     from wordcraft_kg.models.scorers.queries import RecipeQuery
@@ -119,42 +117,36 @@ def _score_query(
     view: Any
     if isinstance(query, RecipeQuery):
         view = view_recipe(RecipeScoring.of(model), query)
-        ranks = {
-            "result": view.rank_as_result,
-            view.ingredient_a: view.rank_as_ingredient_a,
-            view.ingredient_b: view.rank_as_ingredient_b,
-        }
+        slots = {"result": "result", view.ingredient_a: "ingredient_a", view.ingredient_b: "ingredient_b"}
     else:
         view = view_triple(model, query)
-        ranks = {"tail": view.rank_as_tail, "head": view.rank_as_head}
-    shown = ", ".join(f"{slot} {rank:,}" for slot, rank in ranks.items())
+        slots = {"tail": "tail", "head": "head"}
+    shown = ", ".join(f"{name} {getattr(view, f'rank_as_{slot}'):,}" for name, slot in slots.items())
     ranking = f"rank among all {len(model.scorer.entities):,} entities, unfiltered: {shown}"
     return view, [view], [*_lines([view]), ranking]
 
 
 def _score_file(
     model: "ScoringModel",
-    queries: "list[Query] | list[RecipeQuery]",
+    queries: Any,
     top: int,
     new_only: bool,
     out: Path | None,
     force: bool,
     output: Output,
 ) -> None:
-    """Score the queries of a file, which are of one kind, and show the scores or write them."""
+    """Score the queries of a file, all triples or all recipes, and show the scores or write them."""
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipeRow, score_recipe_queries
     from wordcraft_kg.evaluation.scores import ScoredRow, note_of_words, score_queries, view_file
     from wordcraft_kg.models.scorers.queries import RecipeQuery
 
     check_file(out, force=force)
-    recipes = [query for query in queries if isinstance(query, RecipeQuery)]
-    triples = [query for query in queries if not isinstance(query, RecipeQuery)]
-    kind: Any = ScoredRecipeRow if recipes else ScoredRow
-    found: list[Any] = []
-    if recipes:
-        found += score_recipe_queries(RecipeScoring.of(model), recipes, top, new_only=new_only)
+    kind: type[Any] = ScoredRow
+    if isinstance(queries[0], RecipeQuery):
+        kind = ScoredRecipeRow
+        found: list[Any] = list(score_recipe_queries(RecipeScoring.of(model), queries, top, new_only=new_only))
     else:
-        found += score_queries(model, triples, top, new_only=new_only)
+        found = list(score_queries(model, queries, top, new_only=new_only))
     text = [*([] if out else _lines(found)), *note_of_words(model), *_notes(model.kg, found)]
     if out is not None:
         delimiter = "\t" if out.suffix.lower() in (".tsv", ".tab") else ","
@@ -164,17 +156,17 @@ def _score_file(
 
 
 def _lines(found: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield a line for each scored triple or recipe, and for the first recipes those that speak for them."""
+    """Yield a line for each scored triple or recipe, and the support of the first recipes."""
     from wordcraft_kg.evaluation.recipe_scores import because
 
     rows = [
-        (f"{one.score:9.4f}", one.known or "", thing, _chance(one), "(memory)" if getattr(one, "memory", False) else "")
+        (f"{one.score:9.4f}", one.known or "", thing, _chance(one), "(memory)" * getattr(one, "memory", False))
         for one, thing in zip(found, things or map(_thing, found), strict=True)
     ]
     for number, (line, one) in enumerate(zip(aligned(rows), found, strict=True)):
         yield line
-        if number < EXPLAINED and (speaking := getattr(one, "because", ())):
-            yield f"{'':9}  because {because(speaking)}"
+        if number < EXPLAINED and (support := getattr(one, "because", ())):
+            yield f"{'':9}  because {because(support)}"
 
 
 def _thing(found: Any) -> str:
@@ -189,30 +181,20 @@ def _chance(found: Any) -> str:
 
 
 def _notes(kg: "Taught | None", found: Sequence[Any]) -> Iterator[str]:
-    """Yield what must be said about a model that has seen some of the triples or recipes."""
+    """Yield the notes on triples or recipes that the model has seen in training."""
     if any(getattr(one, "memory", False) for one in found):
         yield "(memory): the scorer was trained on this recipe, so its score is no prediction."
     if kg == "full" and {"valid", "test"} & {one.known for one in found}:
         yield "The model was trained on the full graph: it has seen test triples too."
 
 
-def _table(columns: Sequence[str], rows: Iterable[Any], delimiter: str) -> Iterator[str]:
-    """Yield the lines of a file of scores; where a value is None, its cell is empty."""
-    buffer = io.StringIO()
-    if delimiter == "\t":  # labels hold no tab
-        writer = csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_NONE, quotechar=None)
-    else:
-        writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow([_cell(getattr(row, column)) for column in columns])
-        yield buffer.getvalue()
-        buffer.seek(0)
-        buffer.truncate()
-    yield buffer.getvalue()
+def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
+    """Return the text of a file of scores; where a value is None, its cell is empty."""
+    import pandas as pd
 
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.9g}" if isinstance(value, float) else value
+    frame: Any = pd.DataFrame([[getattr(row, column) for column in columns] for row in rows], columns=list(columns))
+    if "memory" in frame:
+        frame["memory"] = frame["memory"].astype(str).str.lower()
+    quoting = csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL  # labels hold no tab
+    text: str = frame.to_csv(sep=delimiter, index=False, float_format="%.9g", lineterminator="\n", quoting=quoting)
+    return text

@@ -46,11 +46,7 @@ class EngineOptions:
     dry_run: Flag = False
 
     def make_workers(self, plan: "Plan") -> "Callable[[], Workers]":
-        """Return a function that starts the workers of a plan.
-
-        Raises:
-            ConfigError: for options of the other engine.
-        """
+        """Return a function that starts the workers; raise a ConfigError for options of the other engine."""
         from wordcraft_kg.studies.perform import perform
 
         work = partial(perform, keep_all=self.keep == "all")
@@ -69,38 +65,30 @@ class EngineOptions:
 
 
 def run_studies(studies: dict[str, Study], options: EngineOptions, output: Output) -> int:
-    """Run studies one after the other, write their reports, print the outcome and return the exit code.
-
-    Args:
-        studies: by name.
-        options: where and how.
-        output: where it is printed.
-    """
+    """Run studies by name, write their reports, print the outcome and return the exit code."""
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
     from wordcraft_kg.studies.engine import run_plan
     from wordcraft_kg.studies.plan import make_plan
 
-    plans = [make_plan(study, name) for name, study in studies.items()]
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     text: list[str] = []
     failed = False
-    for plan in plans:
+    for plan in [make_plan(study, name) for name, study in studies.items()]:
         if options.dry_run:
-            found[plan.name], lines = _planned(plan, options)
+            values[plan.name], lines = _planned(plan, options)
         else:
             command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
             with sigterm_as_interrupt():
                 workers = options.make_workers(plan)
                 state = run_plan(plan, options.out, workers, command=command, watch=_watch(plan, output))
-            found[plan.name], lines = _reported(plan, state, options)
-            failed |= bool(state.failed) or found[plan.name]["report"] is None
+            values[plan.name], lines = _reported(plan, state, options)
+            failed |= bool(state.failed) or values[plan.name]["report"] is None
         text += lines
-    output.result({"out": str(options.out), "studies": found}, text)
+    output.result({"out": str(options.out), "studies": values}, text)
     return 1 if failed else 0
 
 
 def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
-    """Return the tasks of a study, as values and as text."""
     from wordcraft_kg.studies.engine import estimated_hours
 
     hours, jobs = estimated_hours(plan, options.out), plan.jobs(options.jobs)
@@ -113,7 +101,6 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
 
 
 def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
-    """Write the report of a study; return its values and text."""
     from wordcraft_kg.base.artefacts import write_atomically
     from wordcraft_kg.studies.collect import collect_study
     from wordcraft_kg.studies.report import write_study_report

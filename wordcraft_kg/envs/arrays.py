@@ -1,8 +1,8 @@
-"""Arrays of the batched engine: NumPy's on the CPU, torch's on a device.
+"""Arrays for the batched engine: NumPy on the CPU, torch on a device.
 
-The engine is written once, with the operators, indexing and functions that both libraries share; this module holds the
-others. On the CPU the engine uses NumPy, because a step is some thirty calls on short arrays, each twice as fast as in
-torch; an agent sees the same memory through ``torch.from_numpy``. On a device it uses tensors that never leave it.
+The engine is written once, with operators, indexing and functions that both libraries share; this module holds the
+rest. On the CPU, NumPy is twice as fast as torch, because a step is some thirty calls on short arrays; an agent sees
+the same memory through ``torch.from_numpy``. On a device, tensors never leave the device.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError
 
 Array = NDArray[Any]
-"""A NumPy array, or on a device a torch tensor, used only in ways that NumPy's arrays share."""
+"""A NumPy array, or a torch tensor on a device, limited to NumPy's interface."""
 
 
 class Arrays:
@@ -21,8 +21,8 @@ class Arrays:
 
     Attributes:
         xp: the functions that both libraries share.
-        on_device: whether the arrays are on a device. Reading a value there waits for all pending work, so all rows are
-            computed, and masks select those that count.
+        on_device: whether arrays are on a device. Reading a value there waits for pending work, so all rows are
+            computed, and masks select the valid rows.
     """
 
     xp: Any = np
@@ -45,11 +45,11 @@ class Arrays:
         return np.full(shape, value, dtype=dtype)
 
     def empty(self, shape: tuple[int, ...]) -> Array:
-        """Return an int64 array to be filled."""
+        """Return an uninitialised int64 array."""
         return np.empty(shape, dtype=np.int64)
 
     def cast(self, values: Array, dtype: str) -> Array:
-        """Return values as another type."""
+        """Convert values to another type."""
         return values.astype(dtype)
 
     def sorted_rows(self, values: Array) -> Array:
@@ -63,21 +63,17 @@ class Arrays:
         return values.take(rows, axis=0)  # several times as fast as an index
 
     def rows(self, mask: Array) -> Array:
-        """Return the rows to compute: where the mask is True, or on a device all of them."""
+        """Return the rows to compute: where the mask is True, or all rows on a device."""
         return mask.nonzero()[0]
 
 
 class TorchArrays(Arrays):
-    """A device's arrays; with the device ``cpu``, tests run on the CPU what a device runs."""
+    """A device's arrays; the device ``cpu`` lets tests run the code for devices."""
 
     on_device = True
 
     def __init__(self, device: str):
-        """Use a device of torch.
-
-        Raises:
-            ConfigError: if it is not available.
-        """
+        """Use a torch device, or raise a :class:`ConfigError` if the device is missing."""
         import torch
 
         if device.startswith("cuda") and not torch.cuda.is_available():

@@ -1,7 +1,7 @@
-"""Many crafting environments at once, as arrays: the semantics of :mod:`wordcraft_kg.envs.wordcraft`, in bulk.
+"""Batched crafting environments: the semantics of :mod:`wordcraft_kg.envs.wordcraft`, in arrays.
 
-:mod:`~wordcraft_kg.envs.draws` draws the start of episodes, this module computes steps. Both are written once, for
-NumPy and torch alike: see :mod:`~wordcraft_kg.envs.arrays`.
+:mod:`~wordcraft_kg.envs.draws` draws the start of episodes, this module computes steps. Both run on NumPy and torch,
+see :mod:`~wordcraft_kg.envs.arrays`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,8 +21,7 @@ IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
 """Names of the outcome codes."""
 
-DENSE_LIMIT = 4_096
-"""Most entities for which pairs are looked up in a square table, of 4 bytes a cell; larger graphs use a search."""
+DENSE_LIMIT = 4_096  # entities up to which pairs are looked up in a square table, of 4 bytes a cell
 
 
 class Step(NamedTuple):
@@ -30,11 +29,11 @@ class Step(NamedTuple):
 
     Attributes:
         reward: float32.
-        over: whether the episode ended with this step.
+        over: whether the step ended the episode.
         outcome: int8; names in :data:`OUTCOMES`.
         by_plan: whether the last pair of a plan made the goal.
         illegal: whether an empty slot was picked.
-        task: index of the task that the step belongs to.
+        task: index of the episode's task.
     """
 
     reward: Array
@@ -46,19 +45,19 @@ class Step(NamedTuple):
 
 
 class State(NamedTuple):
-    """The state of N environments; no step writes into it. Shape (N,), int64, unless stated otherwise.
+    """The state of N environments, never modified by a step. Shape (N,), int64, unless stated otherwise.
 
     Attributes:
-        engine: the engine that it belongs to.
-        keys: what the draws of each environment are hashed from, besides the episode: its seed and number.
-        ahead: the next episodes, drawn ahead; a cache that no result depends on.
-        age: steps since they were drawn, counted on a device only.
+        engine: the engine.
+        keys: hashes of seed and environment, from which episodes are drawn.
+        ahead: the next episodes, drawn ahead; a cache without influence on results.
+        age: steps since the last draw, counted on a device only.
         goal: id.
         task: index into the world's tasks.
         selection: id of the entity in hand.
-        attempts_left: 0 where the episode is over and no other has begun.
-        wide: shape (N, num_slots + 1), ids: the table, and a spare column to write nothing to.
-        count: entities on the table.
+        attempts_left: 0 after the end of an episode.
+        wide: shape (N, num_slots + 1), ids: the table, and a spare column for writing nothing.
+        count: number of entities on the table.
         episode: number of the next episode.
     """
 
@@ -103,15 +102,11 @@ class State(NamedTuple):
         return self.engine.arrays.cast(numbers * self.count, "int64")
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """Return copies of the arrays as NumPy arrays by name, for :meth:`restored`."""
+        """Return NumPy copies of the arrays by name, for :meth:`restored`."""
         return {name: self.engine.arrays.numpy(getattr(self, name)) for name in _SAVED}
 
     def restored(self, saved: Mapping[str, NDArray[Any]]) -> "State":
-        """Return the :meth:`saved` state of an engine with the same world, environments and seed.
-
-        Raises:
-            ConfigError: if it is the state of another engine.
-        """
+        """Return the :meth:`saved` state for an equal engine and seed, or raise a :class:`ConfigError`."""
         for name in _SAVED:
             expected = tuple(getattr(self, name).shape)
             if name not in saved or tuple(saved[name].shape) != expected:
@@ -119,7 +114,7 @@ class State(NamedTuple):
         copies: dict[str, Any] = {
             name: self.engine.arrays.array(np.array(saved[name], dtype=np.int64)) for name in _SAVED
         }
-        # Episodes that were drawn ahead are drawn again: they depend on seed, environment and episode only.
+        # Episodes drawn ahead are drawn again: they depend only on seed, environment and episode.
         ahead = Ahead(self.ahead.draws, self.keys, copies["episode"])
         return self._replace(ahead=ahead, age=0, **copies)
 
@@ -129,10 +124,10 @@ _SAVED: tuple[str, ...] = State._fields[_GOAL:]
 
 
 class PairNumbers:
-    """The number of the pair of any two entities, from a square table if the graph is small enough, else by search."""
+    """Numbers of pairs by entity ids: from a square table for a small graph, otherwise by search."""
 
     def __init__(self, graph: RecipeGraph, arrays: Arrays):
-        """Number the pairs as the graph does; any other pair gets ``num_pairs``."""
+        """Use the graph's pair numbers, and ``num_pairs`` for pairs without a result."""
         self.xp, self.size, self.no_pair = arrays.xp, graph.num_entities + 1, graph.num_pairs
         a, b, _ = graph.recipes[graph.pair_starts[:-1]].T
         self.is_dense = graph.num_entities <= DENSE_LIMIT
@@ -144,7 +139,7 @@ class PairNumbers:
             self._keys = arrays.array(np.append(a * self.size + b, np.iinfo("int64").max))
 
     def __call__(self, one: Array, other: Array) -> Array:
-        """Return the numbers of pairs; ids of equal shapes."""
+        """Return pair numbers, for ids of equal shapes."""
         if self.is_dense:
             return self._table.take(one * self.size + other)
         keys = self.xp.minimum(one, other) * self.size + self.xp.maximum(one, other)
@@ -153,15 +148,15 @@ class PairNumbers:
 
 
 class BatchEngine:
-    """N environments in step, as pure functions of their state; when an episode ends, the next one begins.
+    """N environments in step, as pure functions of a state; when an episode ends, the next episode begins.
 
     Attributes:
         world: graph, tasks and settings.
         num_envs: N.
         num_slots: size of a table.
         nothing: id of nothing.
-        arrays: the library and device of all arrays that are taken and returned.
-        pairs: the number of the pair of two entities, ``num_pairs`` where they make nothing.
+        arrays: library and device of all arrays.
+        pairs: numbers of pairs, ``num_pairs`` for pairs without a result.
 
     Example:
         >>> engine = BatchEngine(World("kitchen", WordCraftConfig(num_distractors=2)), 4)
@@ -177,12 +172,12 @@ class BatchEngine:
         Args:
             world: graph, tasks and settings.
             num_envs: N, 1 or more.
-            device: ``cpu``, or a device of torch such as ``cuda``; ``torch:cpu`` runs on the CPU the code for devices.
-            first_env: number of the first environment, on which its draws depend: two engines for numbers 0 to 63 and
-                64 to 127 draw the same as one for all 128.
+            device: ``cpu``, or a torch device such as ``cuda``; ``torch:cpu`` runs the code for devices on the CPU.
+            first_env: number of the first environment, which determines draws: two engines for environments 0 to 63 and
+                64 to 127 draw the same episodes as one engine for 128.
 
         Raises:
-            ConfigError: for no environments, a negative number, or a device that is not available.
+            ConfigError: for a number out of range, or a missing device.
         """
         self.num_envs = whole("num_envs", num_envs, 1, MAX_SIZE)
         self.first_env = whole("first_env", first_env, 0)
@@ -201,11 +196,7 @@ class BatchEngine:
     # --- episodes ----------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int = 0) -> State:
-        """Begin the first episode of a seed in every environment.
-
-        Raises:
-            ConfigError: for a negative seed.
-        """
+        """Begin a seed's first episode in every environment; a negative seed raises a :class:`ConfigError`."""
         return self._begin(self._keys(seed), self.arrays.full((self.num_envs,), 0))
 
     def restart(self, state: State) -> State:
@@ -215,7 +206,7 @@ class BatchEngine:
     def pose(self, tasks: Array, episode: int = 0, *, seed: int = 0) -> State:
         """Begin given tasks (N,), for evaluation; :meth:`step` then continues with drawn tasks.
 
-        The distractors depend on seed, environment, ``episode`` and task only.
+        Distractors depend only on seed, environment, ``episode`` and task.
         """
         keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
         tasks = self.arrays.array(np.array(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
@@ -230,7 +221,7 @@ class BatchEngine:
         return State._make((self, keys, ahead, 1, *self._begun(*ahead.take(self._rows, episode)), episode + 1))
 
     def _begun(self, tables: Array, tasks: Array) -> Sequence[Array]:
-        """Return the arrays of a state at the start of episodes, from the goal to the count."""
+        """Return a state's arrays at the start of episodes, from the goal to the count."""
         full, size = self.arrays.full, (len(tables),)
         wide = full((len(tables), self.num_slots + 1), self.nothing)
         wide[:, : tables.shape[1]] = tables
@@ -241,7 +232,7 @@ class BatchEngine:
         return self._goals[tasks], tasks, full(size, self.nothing), full(size, self.config.attempts), wide, count
 
     def _begin_where(self, over: Array, before: State, now: State) -> State:
-        """Begin the next episode in environments where one is over; ``now`` is the state after ``before``."""
+        """Begin the next episode where an episode is over; ``now`` follows ``before``."""
         on_device = self.arrays.on_device
         rows = self._rows if on_device else over.nonzero()[0]
         if not len(rows):
@@ -251,7 +242,7 @@ class BatchEngine:
         earlier: Any = before[_GOAL:-1]
         episode, ahead, age = now.episode + over, now.ahead, now.age
         if on_device:
-            # Without reading from the device: every environment is written, with its old state or its next episode.
+            # Without reading from the device: every environment is written, with the old state or the next episode.
             masks = (over[:, None] if new.ndim > 1 else over for new in begun)
             begun = list(map(self.arrays.xp.where, masks, begun, current))
             age += 1
@@ -271,27 +262,24 @@ class BatchEngine:
         """Pick a slot in every environment; when an episode ends, the next one begins in the same step.
 
         Args:
-            state: the state before; it stays as it is.
+            state: the state before, unchanged.
             actions: shape (N,), integers; checked on the CPU only.
 
-        Returns:
-            the state after the step, and its outcome.
-
         Raises:
-            ActionError: for an action outside the action space, or illegal where ``illegal_action`` is ``raise``.
+            ActionError: outside the action space, or for an empty slot if ``illegal_action`` is ``raise``.
         """
         now, done = self._step(state, actions, is_replaced=True)
         return self._begin_where(done.over, state, now), done
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
-        """Like :meth:`step`, but an environment whose episode has ended stays as it is."""
+        """Like :meth:`step`, but environments stay unchanged after the end of the episode."""
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
         now, done = self._step(state, actions, is_replaced=False)
         return now._replace(attempts_left=self.arrays.xp.where(done.over, 0, now.attempts_left)), done
 
     def _step(self, state: State, actions: Array, *, is_replaced: bool) -> tuple[State, Step]:
-        """Step without new episodes; ``is_replaced`` tells that nobody will see tables of episodes that are over."""
+        """Step without new episodes; with ``is_replaced``, tables of finished episodes may be skipped."""
         nothing, cast = self.nothing, self.arrays.cast
         if not self.arrays.on_device:
             actions = self._checked(actions)
@@ -302,7 +290,7 @@ class BatchEngine:
         if self.config.illegal_action == "raise" and bool(illegal.any()):
             self._refuse(state, actions, illegal)
         second = state.selection != nothing
-        # With nothing in hand, or nothing picked, nothing is made: the table of pairs has a row for that.
+        # An empty hand or an empty slot makes nothing: the table of pairs has a row for nothing.
         pair = self.pairs(state.selection, picked)
         wide, count, made_goal, by_plan, shaped = self._land(state, pair, running, is_replaced)
         attempts_left = state.attempts_left - cast((second | empty) & running, "int64")
@@ -320,7 +308,7 @@ class BatchEngine:
     def _land(
         self, state: State, pair: Array, running: Array, is_replaced: bool
     ) -> tuple[Array, Array, Array, Array, Array | None]:
-        """Return tables with the results and their sizes, where the goal was made, where by a plan, shaped rewards."""
+        """Return tables with results, table sizes, masks for goals and for goals by plan, and shaped rewards."""
         arrays, rewards = self.arrays, self.config.rewards
         makes = (pair != self.pairs.no_pair) & running
         made_goal, by_plan = (arrays.full((self.num_envs,), 0, "bool") for _ in range(2))
@@ -378,7 +366,7 @@ class BatchEngine:
 
 
 def _results(world: World) -> NDArray[np.int64]:
-    """Return the results of each pair, padded, and a last row for "no pair": shape (num_pairs + 1, max_results)."""
+    """Return each pair's results, padded, and a last row for "no pair": shape (num_pairs + 1, max_results)."""
     graph = world.graph
     starts, sizes = graph.pair_starts[:-1], np.diff(graph.pair_starts)
     results = np.full((graph.num_pairs + 1, world.max_results), world.nothing)

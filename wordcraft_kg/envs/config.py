@@ -19,12 +19,12 @@ IllegalAction = Literal["waste", "raise"]
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """Rewards besides the +1 for making the goal; all are 0 or more, penalties too.
+    """Shaped rewards in addition to +1 for the goal, all 0 or more.
 
     Attributes:
         wrong_pair_penalty: subtracted if an attempt makes nothing.
         irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate.
-        intermediate_reward: added when an intermediate of the plans is first made.
+        intermediate_reward: added when an intermediate in a plan is first made.
     """
 
     wrong_pair_penalty: float = 0.0
@@ -37,7 +37,7 @@ class RewardConfig:
 
 
 REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
-"""Presets by name; ``official`` has the values of the paper's released code with its sub-goal rewards switched on."""
+"""Presets; ``official`` has the values in the paper's released code, with sub-goal rewards enabled."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +47,17 @@ class WordCraftConfig:
     Attributes:
         part: tasks of ``train``, ``valid``, ``test`` or ``all``.
         depth: fewest attempts that solve a task, 1 to 5.
-        num_distractors: entities on the table that no plan needs; the paper plays with 1, 2 and 8.
+        num_distractors: entities on the table that no plan needs; 1, 2 and 8 in the paper.
         max_attempts: attempts in an episode; None means ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
-        distractor_weighting: ``use`` draws an entity with weight 1 + the number of train recipes that use it,
-            ``uniform`` draws all alike; both without replacement.
+        distractor_weighting: weights for drawing without replacement: ``use`` is 1 + the number of train recipes with
+            the entity, ``uniform`` is equal.
         distractor_policy: ``any``, or ``no_shortcut``: no distractor opens another way to the goal.
-        task_weighting: ``task`` draws all tasks alike, ``goal`` draws a goal, then one of its tasks.
-        ambiguity: ``all`` results of a pair, or only the ``last`` by label (the paper's released code keeps one).
+        task_weighting: draw a ``task`` uniformly, or a ``goal`` and then a task.
+        ambiguity: ``all`` results of a pair, or only the ``last`` by label (as in the paper's released code).
         illegal_action: effect of picking an empty slot: ``waste`` the attempt, or ``raise`` an error.
-        num_tasks: number of tasks to draw at depth 3 and above, and at depth 2 in graphs with too many to list.
-        task_seed: seed of that draw.
+        num_tasks: number of tasks to draw at depth 3 and above, and at depth 2 in large graphs.
+        task_seed: seed of the draw.
 
     Example:
         >>> WordCraftConfig(depth=2, num_distractors=8).attempts
@@ -104,11 +104,7 @@ class WordCraftConfig:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> "WordCraftConfig":
-        """Return the configuration of keyword arguments.
-
-        Raises:
-            UnknownSettingError: for an unknown name, with the nearest known ones.
-        """
+        """Create a configuration from keyword arguments; an unknown name raises an :class:`UnknownSettingError`."""
         known = [entry.name for entry in fields(cls) if entry.init]
         for name in settings:
             if name not in known:
@@ -118,7 +114,7 @@ class WordCraftConfig:
         return cls(**settings)
 
     def variant(self, **changes: Any) -> "WordCraftConfig":
-        """Return these settings with some changed."""
+        """Return a copy with changed settings."""
         mine = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}
         return self.of(mine | changes)
 

@@ -1,7 +1,7 @@
-"""Drawing the start of many episodes at once: tasks, distractors, and their places on the table.
+"""Drawing the start of many episodes: tasks, distractors, and places on the table.
 
 Random numbers are hashes of (seed, environment, episode, draw). So an environment sees the same episodes in any
-process, with NumPy or torch, beside any number of others, and episodes can be drawn ahead.
+process, with NumPy or torch, in any batch, and episodes can be drawn ahead.
 """
 
 import numpy as np
@@ -11,15 +11,13 @@ from wordcraft_kg.envs.arrays import Array, Arrays
 from wordcraft_kg.envs.guards import Guards
 from wordcraft_kg.envs.world import World
 
-AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024
-"""Episodes drawn at a time for each environment: ``AHEAD``, or ``AHEAD_OF_MANY`` for more than ``MANY`` of them."""
-CHUNK = 8_192
-"""Tables drawn at a time on the CPU, so that their arrays stay in the processor's cache."""
+AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024  # episodes drawn at a time: AHEAD_OF_MANY for more than MANY environments
+CHUNK = 8_192  # tables drawn at a time on the CPU, so that the arrays stay in the processor's cache
 LAST_31_BITS = 0x7FFFFFFF
 # Keys that differ by multiples of these hash independently; both are odd, the first is 2**64 / golden ratio.
 _STRIDE = -7046029254386353131
 _EPISODE_STRIDE = -3335678366873096957
-# What the numbers of a key are for: number 0 for the task, numbers from 1 for candidates, from _PLACES for places.
+# Number 0 of a key draws the task, numbers from 1 draw candidates, numbers from _PLACES draw places.
 _PLACES = 1 << 20
 
 
@@ -34,12 +32,9 @@ def mixed(x: Array) -> Array:
 
 
 class Draws:
-    """Draws the episodes of a world. A *key* is the hash of (seed, environment, episode); R keys draw R tables.
+    """Draws a world's episodes. A *key* is the hash of (seed, environment, episode); R keys draw R tables.
 
-    Ids have 32 bits here, which halves the memory to move, and tables are columns.
-
-    Attributes:
-        width: most entities on a table at the start.
+    Ids have 32 bits, which halves memory traffic, and tables are columns; ``width`` is the largest initial table.
     """
 
     def __init__(self, world: World, arrays: Arrays):
@@ -55,16 +50,12 @@ class Draws:
         self._guards = Guards(world, arrays)
 
     def env_keys(self, seed: int, first: int, count: int) -> Array:
-        """Return the parts of keys for environments ``first``, ``first + 1``, ..., shape (count,).
-
-        Raises:
-            ConfigError: for a negative seed.
-        """
+        """Return parts of keys for environments ``first``, ``first + 1``, ..., shape (count,)."""
         words = np.random.SeedSequence(whole("seed", seed, 0)).generate_state(1, np.uint64).view(np.int64)
         return mixed(self.arrays.array(np.arange(first, first + count) * _STRIDE + words))
 
     def keys(self, env_keys: Array, episodes: Array) -> Array:
-        """Return the keys of episodes."""
+        """Return keys for episodes."""
         return mixed(env_keys + episodes * _EPISODE_STRIDE)
 
     def _numbers(self, keys: Array, first: int, count: int) -> Array:
@@ -101,7 +92,7 @@ class Draws:
 
     def _in_order(self, order: Array, ids: Array) -> Array:
         """Return the ids of each column by ascending ``order``, 31-bit numbers: shape (R, K) for (K, R)."""
-        # One number holds the order, in its last bits the row, so that none are equal, and the id that is asked for.
+        # One number packs the order, with the row in the last bits to break ties, and the id.
         last = (1 << (len(ids) - 1).bit_length()) - 1
         index = self.arrays.array(np.arange(len(ids)))[:, None]
         packed = (((order & ~last) + index) << 32) + ids
@@ -110,19 +101,19 @@ class Draws:
     # --- distractors -------------------------------------------------------------------------------------------------
 
     def _distractors(self, keys: Array, tasks: Array, starts: Array) -> Array:
-        """Draw distractors by weight without replacement: go through candidates and skip those that are not allowed.
+        """Draw distractors by weight without replacement, skipping refused candidates.
 
         Returns:
-            shape (num_distractors, R); the id of nothing where no allowed entity is left.
+            shape (num_distractors, R); the id of nothing if allowed entities run out.
         """
         config = self.world.config
         wanted = config.num_distractors
         taken = self.arrays.xp.concatenate([self._goals[tasks][None, :], starts, self._made[tasks].T])
         if self.arrays.on_device:
-            # One round of many candidates, because checking whether they were enough would wait for the device.
+            # One round with many candidates, because a check would wait for the device.
             drawn = self._pick(keys, tasks, taken, 8 * wanted + 16)
         else:
-            # Most tables take the first candidates as they come; the others are drawn with more care.
+            # Most tables take the first candidates; the rest are drawn with more care.
             drawn = self._candidates(keys, wanted)
             again = self._clashes(drawn, tasks, taken).nonzero()[0]
             amount = wanted + 4
@@ -140,7 +131,7 @@ class Draws:
         return self._lots[(self._numbers(keys, 1, amount) * len(self._lots)) >> 31]
 
     def _clashes(self, candidates: Array, tasks: Array, taken: Array) -> Array:
-        """Return which tables cannot take all their candidates as they come, shape (R,)."""
+        """Return which tables must refuse a candidate, shape (R,)."""
         clash = self._guards.at_risk(candidates, tasks)
         for i in range(len(candidates)):
             for entity in taken:
@@ -150,13 +141,13 @@ class Draws:
         return clash
 
     def _pick(self, keys: Array, tasks: Array, taken: Array, amount: int) -> Array:
-        """Take the first allowed distractors among ``amount`` candidates, in their order."""
+        """Take the first allowed distractors among ``amount`` candidates."""
         arrays, wanted = self.arrays, self.world.config.num_distractors
         candidates = self._candidates(keys, amount)
         allowed = arrays.full(tuple(candidates.shape), 1, "bool")
         for entity in taken:
             allowed &= candidates != entity[None, :]
-        # A repeated candidate is skipped, allowed or not the first time: it would not be allowed now either.
+        # A repeated candidate is skipped: if refused before, refused again.
         for i in range(1, amount):
             allowed[i] &= ~(candidates[:i] == candidates[i][None, :]).any(0)
         if self._guards:
@@ -168,7 +159,7 @@ class Draws:
         return self._in_order(order, arrays.xp.where(allowed, candidates, self.world.nothing))[:, :wanted].T
 
     def _avoid_shortcuts(self, keys: Array, tasks: Array, taken: Array, drawn: Array) -> None:
-        """Draw again, one table at a time, where distractors open a shortcut of several attempts."""
+        """Draw again, one table at a time, while distractors open a longer shortcut."""
         world = self.world
         for i in range(len(keys)):
             key, turn = keys[i : i + 1], 0
@@ -180,25 +171,25 @@ class Draws:
 
 
 class Ahead:
-    """A cache of the next episodes of N environments, ``size`` of them drawn at a time.
+    """A cache of the next episodes in N environments, ``size`` episodes at a time.
 
-    On the CPU episodes are drawn when one is asked for that is not there. On a device control flow may not depend on
-    that: they are drawn at once, and a caller asks for no others.
+    On the CPU, missing episodes are drawn on demand. On a device, control flow may not depend on data: episodes are
+    drawn at once, and a caller requests only cached episodes.
     """
 
     def __init__(self, draws: Draws, keys: Array, episodes: Array):
-        """Begin with the episodes of the given numbers, shape (N,)."""
+        """Begin with the given episode numbers, shape (N,)."""
         arrays, count = draws.arrays, len(keys)
         self.draws, self.keys, self.size = draws, keys, AHEAD if count <= MANY else AHEAD_OF_MANY
         self._tables = arrays.full((count, self.size, draws.width), 0, "int32")
         self._tasks = arrays.full((count, self.size), 0, "int32")
-        self._first = arrays.full((count,), -self.size)  # number of the first episode that is there
+        self._first = arrays.full((count,), -self.size)  # number of the first cached episode
         self._offsets = arrays.array(np.arange(self.size))[None, :]
         if arrays.on_device:
             self._draw(arrays.array(np.arange(count)), episodes)
 
     def _draw(self, rows: Array, episodes: Array) -> None:
-        """Draw episodes of some environments, from the given numbers on."""
+        """Draw episodes for some environments, from the given numbers."""
         draws, shape = self.draws, (len(rows), self.size)
         keys = draws.keys(self.keys[rows][:, None], episodes[:, None] + self._offsets).reshape(-1)
         tasks = draws.tasks(keys)
@@ -207,7 +198,7 @@ class Ahead:
         self._first[rows] = episodes
 
     def take(self, rows: Array, episodes: Array) -> tuple[Array, Array]:
-        """Return table (R, width) and task (R,) of an episode of each of some environments."""
+        """Return table (R, width) and task (R,) for one episode in each given environment."""
         arrays, index = self.draws.arrays, episodes - self._first[rows]
         if not arrays.on_device and len(spent := (index != index % self.size).nonzero()[0]):
             self._draw(rows[spent], episodes[spent])

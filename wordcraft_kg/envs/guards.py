@@ -1,4 +1,4 @@
-"""Recipes that no distractor may complete, checked for many tables at once."""
+"""Guarded recipes, which no distractor may complete, checked for many tables at once."""
 
 from typing import Any
 
@@ -7,30 +7,27 @@ import numpy as np
 from wordcraft_kg.envs.arrays import Array, Arrays
 from wordcraft_kg.envs.world import World
 
-BITS = 31
-"""Recipes of a goal in one table of marks: two bits each in 62."""
-FILTER_BITS = 15
-"""Recipes that the filter tells apart: two bits each in 30."""
-ROOM = 32
-"""Places in the filter for each ingredient; more find fewer tables at risk that are not, fewer fit a smaller cache."""
+BITS = 31  # recipes in one table of marks: two bits each in 62
+FILTER_BITS = 15  # recipes that the filter tells apart: two bits each in 30
+ROOM = 32  # places in the filter per ingredient: more give fewer false alarms, fewer fit a smaller cache
 
 
 class Guards:
-    """The guarded recipes of a world's goals, as marks of their ingredients.
+    """The guarded recipes of a world's goals, as marks on ingredients.
 
     The *marks* of an entity are an integer: bit k is set if the entity is the first ingredient of the goal's guarded
-    recipe k, bit k + 31 if it is the second; several entities are combined with a bitwise or. So one look-up per entity
-    checks up to 31 recipes at once; goals with more of them have further tables of marks. Only ingredients of guarded
-    recipes have marks, found by binary search, so memory grows with the recipes.
+    recipe k, bit k + 31 for the second ingredient; marks combine with a bitwise or. One look-up per entity checks up to
+    31 recipes; goals with more recipes have further tables. Only ingredients of guarded recipes have marks, found by
+    binary search, so memory grows with the recipes.
 
-    Most tables are far from completing anything. A *filter* finds those that may, in a table of marks so small that it
-    stays in the processor's cache: ingredients share its places, recipes its 15 bits, so it never misses one.
+    Most tables are far from completing a guarded recipe. A *filter* finds the tables at risk, in a table of marks small
+    enough for the processor's cache: ingredients share places and recipes share 15 bits, so no risk is missed.
 
-    Tables of R environments are checked side by side: ``tasks`` has shape (R,), ``candidates`` (K, R).
+    Tables of R environments are checked together: ``tasks`` has shape (R,), ``candidates`` (K, R).
     """
 
     def __init__(self, world: World, arrays: Arrays):
-        """Mark the ingredients of the guarded recipes, and what is near each task: its start and what that can make."""
+        """Mark the ingredients of guarded recipes, and the start of each task with possible products."""
         self.arrays = arrays
         recipes = world.graph.recipes[world.guarded_recipes]
         recipes = recipes[np.argsort(recipes[:, 2], kind="stable")]
@@ -71,7 +68,7 @@ class Guards:
         return bool(self._tables)
 
     def at_risk(self, candidates: Array, tasks: Array) -> Array:
-        """Return which tables may complete a guarded recipe if all their candidates were on them, shape (R,)."""
+        """Return which tables may complete a guarded recipe with all candidates, shape (R,)."""
         if not self:
             return self.arrays.full((candidates.shape[1],), 0, "bool")
         marks = self._filter[(self._rows[tasks] + candidates) & self._mask]
@@ -81,9 +78,9 @@ class Guards:
         return _completed(theirs, self._near_folded[tasks], FILTER_BITS) != 0
 
     def refuse(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
-        """Refuse candidates, in their order, that complete a recipe with the start or anything made from it.
+        """Refuse candidates, in order, that complete a recipe with the start or products of the start.
 
-        ``allowed`` (K, R), bool, tells which are taken unless refused here; it is changed in place and returned.
+        ``allowed`` (K, R), bool, is updated in place and returned.
         """
         keys = self._rows[tasks] + candidates
         found = _find(self.arrays.xp, self._keys, keys)
@@ -99,11 +96,11 @@ class Guards:
 
 
 def _find(xp: Any, keys: Array, wanted: Array) -> Array:
-    """Return where keys are among sorted ones; the index of the last, a sentinel, for those that are not."""
+    """Return indices in sorted keys; the last index, a sentinel, for missing keys."""
     found = xp.searchsorted(keys, wanted)
     return xp.where(keys[found] == wanted, found, len(keys) - 1)
 
 
 def _completed(marks: Array, present: Array, bits: int) -> Array:
-    """Return a bit for each recipe that entities of some marks complete, with each other or with what is present."""
+    """Return a bit for each recipe that the marks complete, alone or with the present marks."""
     return ((marks & ((marks | present) >> bits)) | ((marks >> bits) & present)) & ((1 << bits) - 1)

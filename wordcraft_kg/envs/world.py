@@ -1,4 +1,4 @@
-"""Tasks, outcomes of pairs, distractors and sizes, which the readable and the batched environment share."""
+"""Tasks, outcomes, distractors and sizes, shared by the readable and the batched environment."""
 
 from collections.abc import Callable, Hashable, Mapping
 from itertools import combinations_with_replacement
@@ -18,13 +18,13 @@ from wordcraft_kg.graphs.task_search import PlanSearch, make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
 
 GraphLike = str | Path | RecipeGraph | OpenedGraph
-"""A graph folder, a book's file or name, a graph (split by recipe with the default settings) or an opened graph."""
+"""A graph folder, a book's file or name, a graph (with the default split) or an opened graph."""
 SHORTCUT_TRIES = 1_000
 _T = TypeVar("_T")
 
 
 def open_world_graph(graph: GraphLike) -> OpenedGraph:
-    """Return the graph and split that an environment was given."""
+    """Return an environment's graph and split."""
     if isinstance(graph, OpenedGraph):
         return graph
     if isinstance(graph, RecipeGraph):
@@ -37,7 +37,7 @@ def open_world_graph(graph: GraphLike) -> OpenedGraph:
 
 
 def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
-    """Declare a property that depends on these settings only; it is made once for all variants that agree in them."""
+    """Declare a property that depends only on these settings, computed once for all variants with equal values."""
 
     def declare(make: Callable[["World"], _T]) -> Any:
         def get(world: "World") -> Any:
@@ -55,18 +55,18 @@ _TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
 
 
 class World:
-    """A graph, its split and the settings of an environment, with the tasks and look-up tables that follow; immutable.
+    """A graph, a split and environment settings, with the derived tasks and look-up tables; immutable.
 
-    Variants of a world share everything that their settings do not change.
+    Variants of a world share everything that the changed settings do not affect.
 
     Attributes:
-        graph: the recipe graph; all its recipes apply, whatever the part.
-        split: its split.
+        graph: the recipe graph; all recipes apply in every part.
+        split: the split.
         config: the settings.
         nothing: id of nothing, the number of entities.
         max_results: most results of a pair.
-        max_distractors: most distractors that every task's table has room for in this graph.
-        num_slots: size of the table, fixed: starting ingredients, distractors, room for all results of all attempts.
+        max_distractors: most distractors for which every task's table has room.
+        num_slots: table size: starting ingredients, distractors, and room for all results of all attempts.
 
     Example:
         >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
@@ -75,11 +75,11 @@ class World:
     """
 
     def __init__(self, graph: "GraphLike | World", config: WordCraftConfig):
-        """Open the graph, or share that of another world, and make its tasks.
+        """Open the graph, or share another world's graph, and make the tasks.
 
         Raises:
-            ConfigError: if the graph has too few entities for so many distractors.
-            TaskError: if it has no such task.
+            ConfigError: for too many distractors.
+            TaskError: if the graph has no such task.
         """
         opened = graph if isinstance(graph, World) else open_world_graph(graph)
         self.graph: RecipeGraph = opened.graph
@@ -101,11 +101,7 @@ class World:
 
     @classmethod
     def of(cls, graph: "GraphLike | World", settings: Mapping[str, Any]) -> "World":
-        """Return the world of an environment's arguments: the one given, or a new one.
-
-        Raises:
-            ConfigError: for settings next to a world, which has its own.
-        """
+        """Return an environment's world, given or new; settings in addition to a world raise a :class:`ConfigError`."""
         if not isinstance(graph, World):
             return cls(graph, WordCraftConfig.of(settings))
         if settings:
@@ -114,7 +110,7 @@ class World:
         return graph
 
     def variant(self, **changes: Any) -> "World":
-        """Return this world with some settings changed."""
+        """Return a world with changed settings."""
         return World(self, self.config.variant(**changes))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "World":
@@ -142,7 +138,7 @@ class World:
 
     @_derived_from("ambiguity")
     def outcomes(self) -> Mapping[tuple[int, int], tuple[int, ...]]:
-        """Results of each pair ``(a, b)`` with ``a <= b``, ascending."""
+        """Results by pair ``(a, b)`` with ``a <= b``, ascending."""
         outcomes = self.graph.outcomes
         if self.config.ambiguity == "last":
             return {pair: results[-1:] for pair, results in outcomes.items()}
@@ -150,7 +146,7 @@ class World:
 
     @_derived_from("distractor_weighting")
     def distractor_weights(self) -> Ids:
-        """Shape (E,), int64: weight of each entity as a distractor."""
+        """Distractor weights, shape (E,), int64."""
         weights = np.ones(self.nothing, dtype=np.int64)
         if self.config.distractor_weighting == "use":
             a, b, _ = self.split.recipes("train").T
@@ -160,10 +156,10 @@ class World:
 
     @_derived_from("distractor_policy", "part")
     def guarded_recipes(self) -> NDArray[np.bool_]:
-        """Shape (num_recipes,): recipes that no distractor may complete if they make the goal.
+        """Recipes for the goal that no distractor may complete, shape (num_recipes,).
 
-        In the train part the held-out ones, so that training never shows a test pair with its goal; with
-        ``no_shortcut`` all.
+        With ``no_shortcut`` all recipes; otherwise, in the train part, the held-out recipes, so that training never
+        shows a test pair with the goal.
         """
         if self.config.distractor_policy == "no_shortcut":
             return np.ones(self.graph.num_recipes, dtype=bool)
@@ -173,18 +169,15 @@ class World:
 
     @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
     def makeable(self) -> Ids:
-        """Entities that can be made from each task's start in all attempts but the last, shape (N, W), padded.
-
-        A distractor must not complete a guarded recipe with one of them; computed only where recipes are guarded.
-        """
+        """Products of each task's start before the last attempt, shape (N, W), padded; empty if nothing is guarded."""
         rows: list[list[int]] = []
         outcomes = self.outcomes
         for start in self.tasks.starts.tolist() if self.guarded_recipes.any() else [[]] * len(self.tasks):
-            there = {entity for entity in start if entity < self.nothing}
+            at_hand = {entity for entity in start if entity < self.nothing}
             made: set[int] = set()
             for _ in range(self.config.attempts - 1):
-                pairs = combinations_with_replacement(sorted(there | made), 2)
-                more = {result for pair in pairs for result in outcomes.get(pair, ())} - there - made
+                pairs = combinations_with_replacement(sorted(at_hand | made), 2)
+                more = {result for pair in pairs for result in outcomes.get(pair, ())} - at_hand - made
                 if not more:
                     break
                 made |= more
@@ -192,13 +185,13 @@ class World:
         return frozen(padded(rows, self.nothing))
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
-        """Return whether distractors open a further way to the goal within an episode's attempts."""
+        """Return whether distractors open another way to the goal within the attempts."""
         start = frozenset(entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing)
         goal, attempts, search = int(self.tasks.goals[task]), self.config.attempts, self.search
         return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:
-        """Raise a :class:`ConfigError` after too many tries to draw a table without shortcuts."""
+        """Raise a :class:`ConfigError` after too many draws with a shortcut."""
         if tries > SHORTCUT_TRIES:
             raise ConfigError(
                 f"`num_distractors` {self.config.num_distractors}: found no distractors without a shortcut to "

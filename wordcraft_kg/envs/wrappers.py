@@ -1,4 +1,4 @@
-"""Other observations than ids and masks: entity vectors, knowledge-graph scores, and words."""
+"""Wrappers for other observations: entity vectors, knowledge-graph scores, and words."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -20,27 +20,23 @@ ID_KEYS = ("goal", "selection", "table")
 
 class _Masked(gym.Wrapper[Any, Any, Any, Any]):
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return which slots hold an entity, for libraries that ask the outermost wrapper."""
+        """Return which slots hold an entity, for libraries that query the outermost wrapper."""
         return np.asarray(self.env.get_wrapper_attr("action_masks")(), dtype=bool)
 
 
 class _Ids(_Masked, gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]]):
-    """Changes the observations of a single environment of crafting tasks."""
+    """Changes observations of a single crafting environment."""
 
 
 class FeatureObservation(_Ids):
-    """Replaces ids by entity vectors, for libraries that need boxes of floats; nothing is a vector of zeros.
+    """Replaces ids by entity vectors, for libraries that need float boxes; nothing is a zero vector.
 
     ``goal`` and ``selection`` have shape (D,), ``table`` (num_slots, D), ``attempts_left`` is a float of shape (1,);
     other keys are unchanged.
     """
 
     def __init__(self, env: gym.Env[Any, Any], vectors: NDArray[np.floating[Any]]):
-        """Take vectors, shape (E, D), in the order of the graph's ids.
-
-        Raises:
-            ConfigError: if the number of vectors is not that of the entities.
-        """
+        """Wrap an environment with vectors, shape (E, D), by entity id; another shape raises a :class:`ConfigError`."""
         super().__init__(env)
         world = _world(env)
         vectors = np.asarray(vectors, dtype=np.float32)
@@ -58,29 +54,29 @@ class FeatureObservation(_Ids):
         self.observation_space = spaces.Dict({**known, **boxes})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Look the vectors up."""
-        found = {key: self.vectors[observation[key]] for key in ID_KEYS}
+        """Look up the vectors."""
+        vectors = {key: self.vectors[observation[key]] for key in ID_KEYS}
         left = np.array([observation["attempts_left"]], dtype=np.float32)
-        return {**observation, **found, "attempts_left": left}
+        return {**observation, **vectors, "attempts_left": left}
 
 
 class SlotSource(Protocol):
-    """A source of :mod:`wordcraft_kg.models.policies.sources`, or anything else that scores slots."""
+    """A scorer of slots, such as a source in :mod:`wordcraft_kg.models.policies.sources`."""
 
     @property
     def name(self) -> str:
-        """Key of its scores in the observations."""
+        """Key of the scores in observations."""
         ...
 
     graph_hash: str
 
     def __call__(self, goal: Any, selection: Any, table: Any, task: Any = None) -> Any:
-        """Score slots by tensors of ids: goal and selection (B,), table (B, A) -> (B, A)."""
+        """Score slots, for tensors of ids: goal and selection (B,), table (B, A) -> (B, A)."""
         ...
 
 
 class _Scores:
-    """The scores of sources, by name, for the observations of a world."""
+    """Scores from sources, by name, for a world's observations."""
 
     def __init__(self, world: World, sources: Sequence[SlotSource]):
         self.sources, self.world = sources, world
@@ -94,13 +90,13 @@ class _Scores:
         self._bind()
 
     def _bind(self) -> None:
-        """Give the tasks to sources that depend on them; they may have been asked about others in between."""
+        """Bind sources to the world's tasks, again and again, since a source may serve several worlds."""
         for source in self.sources if self.has_train_recipes else ():
             if getattr(source, "reads_task", False) and hasattr(source, "bind"):
                 source.bind(self.world.tasks)
 
     def of(self, observation: Mapping[str, Any], task: Any) -> dict[str, NDArray[np.float32]]:
-        """Return the scores of one state, with keys of shape (), or of many, with keys of shape (N,)."""
+        """Score one state, with keys of shape (), or N states, with keys of shape (N,)."""
         import torch
 
         self._bind()
@@ -114,22 +110,22 @@ class _Scores:
 
 
 class KGScoreObservation(_Ids):
-    """Adds the scores of sources by their names, each of shape (num_slots,): the values that a policy mixes.
+    """Adds scores from sources by name, each of shape (num_slots,): the values that a policy mixes.
 
-    ``u_i = L(e_i, combinesWith, e_held)`` scores a slot with the entity in hand, and is 0 while the hand is empty;
-    ``v_i = L(e_i, componentOf, e_goal)`` scores it with the goal. Both are 0 for empty slots.
+    ``u_i = L(e_i, combinesWith, e_held)`` scores a slot with the entity in hand, and is 0 for an empty hand; ``v_i =
+    L(e_i, componentOf, e_goal)`` scores a slot with the goal. Both are 0 for empty slots.
 
     Source: Jiang et al. 2020, section "Knowledge-guided policy".
     """
 
     def __init__(self, env: gym.Env[Any, Any], sources: Sequence[SlotSource]):
-        """Take sources of the environment's graph: ``make_sources(["u", "v"], scorer, tasks=world.tasks)``.
+        """Wrap an environment with sources for the same graph, such as ``make_sources(["u", "v"], scorer)``.
 
-        The world is ``env.unwrapped.world``; only a cross-fitted scorer needs its tasks.
+        A cross-fitted scorer needs the tasks, too: ``make_sources(..., tasks=env.unwrapped.world.tasks)``.
 
         Raises:
             GraphMismatchError: if a source belongs to another graph or split.
-            LeakError: if a source would score train tasks by a model that has been trained on their recipes.
+            LeakError: if a source would score train tasks by a model trained on the same recipes.
         """
         super().__init__(env)
         world = _world(env)
@@ -145,7 +141,7 @@ class VectorKGScoreObservation(VectorWrapper):
     """:class:`KGScoreObservation` for the vector environment: scores have shape (N, num_slots)."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], sources: Sequence[SlotSource]):
-        """Take sources of the environment's graph, as :class:`KGScoreObservation` does."""
+        """Wrap an environment with sources for the same graph."""
         super().__init__(env)
         world = _world(env)
         self._scores = _Scores(world, sources)
@@ -157,7 +153,7 @@ class VectorKGScoreObservation(VectorWrapper):
         self.observation_space = spaces.Dict({**batched.spaces, **self._scores.spaces(shape)})
 
     def reset(self, **options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin all environments anew."""
+        """Restart all environments."""
         observations, infos = self.env.reset(**options)
         return self._with_scores(observations), infos
 
@@ -172,10 +168,10 @@ class VectorKGScoreObservation(VectorWrapper):
 
 
 class TaskObservation(_Ids):
-    """Adds ``task``, the number of the task, by which a policy with a cross-fitted scorer knows what not to remember.
+    """Adds ``task``, the task's number, which a policy with a cross-fitted scorer needs.
 
-    It is a number of ``world.tasks`` if these need train recipes, or their number for any other task. On the test part
-    it is always the number of the train tasks, so that a policy can be trained and judged with equal observations.
+    For tasks with train recipes this is an index into ``world.tasks``; for all others, and always on the test part, the
+    number of train tasks. So a policy is trained and evaluated with equal observation spaces.
     """
 
     def __init__(self, env: gym.Env[Any, Any]):
@@ -193,17 +189,16 @@ class TaskObservation(_Ids):
 
 
 class TextObservation(_Masked):
-    """Describes the state in words and takes words as actions, for language models and people.
+    """Describes the state in words and accepts actions in words, for language models and people.
 
-    In the crafting tasks an action is a pick: a word, its beginning, or its number from 1 in the order of the table; in
-    the open-ended world it is a pair, such as ``"water + earth"``, see :mod:`wordcraft_kg.base.labels`. Actions other
-    than text are passed on.
+    A crafting action is a pick: a label, the beginning of a label, or a number from 1 in table order. An open-ended
+    action is a pair, such as ``"water + earth"``, see :mod:`wordcraft_kg.base.labels`. Other actions pass unchanged.
     """
 
     MAX_LENGTH = 100_000
 
     def __init__(self, env: gym.Env[Any, Any]):
-        """Wrap a single environment, of crafting tasks or open-ended."""
+        """Wrap a single environment, crafting or open-ended."""
         super().__init__(env)
         self._is_open = isinstance(env.unwrapped, OpenEndedEnv)
         self._graph = env.unwrapped.graph if isinstance(env.unwrapped, OpenEndedEnv) else _world(env).graph
@@ -216,17 +211,13 @@ class TextObservation(_Masked):
         return self._text(observation), info
 
     def step(self, action: Any) -> tuple[str, Any, bool, bool, dict[str, Any]]:
-        """Pick an entity or, in the open-ended world, combine two."""
+        """Pick an entity, or combine two in the open-ended world."""
         chosen = self.parse(action) if isinstance(action, str) else action
         observation, reward, terminated, truncated, info = self.env.step(chosen)
         return self._text(observation), reward, terminated, truncated, info
 
     def parse(self, written: str) -> Any:
-        """Return the action of a text: a slot or, in the open-ended world, two ids.
-
-        Raises:
-            ActionError: if it names none, or several.
-        """
+        """Parse an action, a slot or (open-ended) two ids; unknown or ambiguous text raises an :class:`ActionError`."""
         labels = self._graph.labels(self._ids)
         if self._is_open:
             return [self._ids[place] for place in read_pair(written, labels)]

@@ -1,8 +1,8 @@
-"""Reading and writing files of recipe books.
+"""Reading and writing recipe books.
 
 Three layouts are read: CSV or TSV (``ingredient_a,ingredient_b,result``), our own JSON, and the JSON released with the
 paper's code (``{"entities": {label: {"recipes": [[a, b], ...]}}}``). Labels are matched exactly. In CSV and TSV, spaces
-around a cell do not belong to it unless it is quoted; everything else is kept verbatim.
+around an unquoted cell are ignored.
 """
 
 import csv
@@ -23,7 +23,7 @@ from wordcraft_kg.graphs.recipes import MAX_LABEL_LENGTH, Recipe, RecipeBook, ch
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 DELIMITERS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
-"""Delimiter of a table, by the ending of its file."""
+"""Delimiters by file ending."""
 MAX_BOOK_SIZE = 2**30
 """Bytes; about 40 million recipes."""
 _JSON_FORMAT = "wordcraft-kg recipe book 1"
@@ -33,27 +33,22 @@ _SELF = "self"  # the `single_ingredient` that combines a single ingredient with
 
 @stage("reading the book")
 def read_book(
-    path: str | Path,
-    *,
-    keep_self_results: bool = False,
-    single_ingredient: str | None = None,
-    name: str | None = None,
+    path: str | Path, *, keep_self_results: bool = False, single_ingredient: str | None = None, name: str | None = None
 ) -> RecipeBook:
-    """Read and validate a recipe book from a file, or from the ``graph.json`` of a graph folder.
+    """Read and validate a recipe book from a file, or from a graph folder.
 
-    The layout follows the ending: ``.csv``, ``.tsv`` (or ``.tab``), ``.json``. In CSV and TSV, lines that start with
-    ``#`` before the header are comments; ``# base: a, b`` declares base entities and ``# entities: a, b`` lists
-    entities that no recipe mentions.
+    The ending selects the layout: ``.csv``, ``.tsv`` (or ``.tab``), ``.json``. In CSV and TSV, leading lines with ``#``
+    are comments; ``# base: a, b`` declares base entities and ``# entities: a, b`` lists entities without a recipe.
 
     Args:
         path: the file or folder.
-        keep_self_results: keep rows whose result is one of their own ingredients.
-        single_ingredient: how to read recipes of one ingredient, such as those of a furnace: ``self`` combines it with
-            itself, any other text names the entity to combine it with. With None such a recipe is an error.
-        name: of the book; None takes the file's or folder's.
+        keep_self_results: keep rows whose result is also an ingredient.
+        single_ingredient: how to read recipes with one ingredient: ``self`` repeats the ingredient, another text
+            names a second ingredient, such as furnace. With None such a recipe is an error.
+        name: the book's name; None uses the file's or folder's name.
 
     Raises:
-        RecipeFileError: naming the line or key of the first error.
+        RecipeFileError: with the line or key of the first error.
     """
     path = Path(path)
     if (path / "graph.json").is_file():
@@ -86,7 +81,7 @@ def read_book(
 
 
 def book_name(path: Path) -> str:
-    """Return the default name of a book: the name of its file or graph folder, without control characters."""
+    """Return a book's default name: the name of the file or graph folder, without control characters."""
     name = path.parent.name if path.name == "graph.json" else path.stem
     if label_fault(name) is None:
         return name
@@ -94,7 +89,7 @@ def book_name(path: Path) -> str:
 
 
 def unknown_base(label: str, known: Iterable[str]) -> str:
-    """Return the message about a base entity that is none of a file's entities."""
+    """Return the message about an unknown base entity."""
     return (
         f"the base entity '{label}' is in no recipe.{nearest(label, known)} "
         f"If it is meant, list it as well: # entities: {label}"
@@ -102,11 +97,7 @@ def unknown_base(label: str, known: Iterable[str]) -> str:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return a book's bytes.
-
-    Raises:
-        RecipeFileError: giving the reason why they cannot be read.
-    """
+    """Return a book's bytes, or raise a :class:`RecipeFileError` with the reason."""
     if path.is_dir():
         raise RecipeFileError(
             f"'{path}' {what_is(path)}; expected a recipe book (.csv, .tsv, .json) or a graph folder."
@@ -146,7 +137,7 @@ def _alone(ingredient: str) -> str:
 
 
 class Fault(NamedTuple):
-    """A line of a table that cannot be read; ``kind`` is ``directive``, ``header``, ``row`` or ``label``."""
+    """An invalid line; ``kind`` is ``directive``, ``header``, ``row`` or ``label``."""
 
     line: int
     kind: str
@@ -154,19 +145,17 @@ class Fault(NamedTuple):
 
 
 Row = tuple[int, Sequence[str]]
-"""The line of a recipe, from 1, and the labels of ingredient, ingredient and result."""
+"""Line number from 1, and the labels (ingredient, ingredient, result)."""
 
 
 class Table:
-    """A CSV or TSV book, read line by line: iterate once over its rows and faults.
+    """A CSV or TSV book, read line by line; iterate once over rows and faults.
 
-    Attributes:
-        base: labels declared as base entities, each with its line; None without such a declaration.
-        listed: labels listed as entities, each with its line.
+    ``base`` (None without a declaration) and ``listed`` map declared labels to lines.
     """
 
     def __init__(self, text: str, delimiter: str, single: str | None):
-        """Read up to the header; ``single`` is the ``single_ingredient`` of :func:`read_book`."""
+        """Read up to the header; ``single`` as ``single_ingredient`` in :func:`read_book`."""
         self.base: dict[str, int] | None = None
         self.listed: dict[str, int] = {}
         self._delimiter, self._single = delimiter, single
@@ -174,13 +163,13 @@ class Table:
         self._head = list(self._read_head())
 
     def __iter__(self) -> Iterator[Row | Fault]:
-        """Yield rows and faults in the order of their lines."""
+        """Yield rows and faults by line."""
         yield from self._head
         for number, line in self._lines:
             if self._is_header(line):
                 yield Fault(number, "header", "the header is repeated in the middle")
-            elif (found := self._read(number, line)) is not None:
-                yield found
+            elif (row := self._read(number, line)) is not None:
+                yield row
 
     def _read_head(self) -> Iterator[Row | Fault]:
         number, line = 0, ""
@@ -195,10 +184,9 @@ class Table:
         expected = self._delimiter.join(CSV_HEADER) + "'" + " separated by tabs" * (self._delimiter == "\t")
         yield Fault(number, "header", f"the header is '{line.strip()[:80]}'; expected '{expected}.")
         # A misspelt header is no recipe; a recipe in the place of the header is.
-        if sum(cell.strip() in CSV_HEADER for cell in line.split(self._delimiter)) < 2 and line[0] != "#":
-            found = self._read(number, line)
-            if found is not None:
-                yield found
+        is_header = sum(cell.strip() in CSV_HEADER for cell in line.split(self._delimiter)) >= 2 or line[0] == "#"
+        if not is_header and (row := self._read(number, line)) is not None:
+            yield row
 
     def _is_header(self, line: str) -> bool:
         if CSV_HEADER[0] not in line[:_MAX_LINE_LENGTH]:
@@ -260,10 +248,10 @@ class Table:
 
 
 def _without_faults(path: Path, table: Table) -> Iterator[Sequence[str]]:
-    for found in table:
-        if isinstance(found, Fault):
-            raise RecipeFileError(f"{path}, line {found.line}: {found.message}")
-        yield found[1]
+    for row in table:
+        if isinstance(row, Fault):
+            raise RecipeFileError(f"{path}, line {row.line}: {row.message}")
+        yield row[1]
 
 
 def _too_long(line: str) -> str:
@@ -271,7 +259,7 @@ def _too_long(line: str) -> str:
 
 
 def trimmed(line: str, delimiter: str) -> str:
-    """Return a line of a table without the spaces around its cells; those within quotes stay."""
+    """Strip spaces around the cells in a line; spaces within quotes stay."""
     loose = f"{delimiter} " in line or f" {delimiter}" in line or line[:1] == " " or line.rstrip("\r\n")[-1:] == " "
     return _CELLS[delimiter].sub(lambda cell: cell[1].strip(" "), line) if loose else line
 
@@ -286,13 +274,13 @@ _CELLS = {
 # --- JSON ------------------------------------------------------------------------------------------------------------
 
 _Raw = tuple[str, list[Any], list[Any], Any]
-"""A recipe of a file: the place that names it, what stands there, its ingredients, and its result."""
+"""A recipe in a JSON file: place for errors, raw value, ingredients, result."""
 
 
 def _parse_json(
     path: Path, text: str, single: str | None
 ) -> tuple[list[str] | None, Iterable[str], Iterator[Sequence[str]]]:
-    """Return base entities, or None; entities listed otherwise; rows of recipes."""
+    """Return base entities or None, listed entities, and rows."""
     content = _load_json(path, text)
     entities = content.get("entities") if isinstance(content, dict) else None
     if isinstance(entities, dict):
@@ -374,11 +362,7 @@ def _known(label: Any, known: set[str], where: str) -> str:
 
 
 def write_book(book: RecipeBook, path: Path) -> None:
-    """Write a book as ``.csv``, ``.tsv`` or ``.json`` by the ending of ``path``; reading it back gives an equal book.
-
-    Raises:
-        RecipeFileError: for another ending.
-    """
+    """Write a book as ``.csv``, ``.tsv`` or ``.json``; reading restores an equal book."""
     ending = path.suffix.lower()
     if ending == ".json":
         write_atomically(path, book_json(book))
@@ -391,14 +375,14 @@ def write_book(book: RecipeBook, path: Path) -> None:
 
 
 def recipe_table(recipes: Iterable[Recipe], delimiter: str = ",") -> Iterator[str]:
-    """Yield the lines of a recipe table, header first."""
+    """Yield the lines of a recipe table with header."""
     yield delimiter.join(CSV_HEADER) + "\n"
     for recipe in recipes:
         yield _csv_line(recipe, delimiter)
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
-    """Yield our own JSON layout, one recipe per line so that it diffs well; ``extra`` keys come after the name."""
+    """Yield our own JSON layout, one recipe per line for readable diffs; ``extra`` keys follow the name."""
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
     yield f'{{\n"format": {dump(_JSON_FORMAT)},\n"name": {dump(book.name)},\n'
     for key, value in extra.items():

@@ -1,7 +1,7 @@
-"""Doses of knowledge: a share of the train recipes, some of them with a wrong result, for a scorer to learn from.
+"""Doses of knowledge: a share of the train recipes, some with a wrong result, for training a scorer.
 
-A wrong recipe keeps its pair and gets the result of another one of the same fold. So entities are results as often as
-before, on average, and a model that leaves a fold out does not meet its results elsewhere.
+A wrong recipe keeps the pair and takes the result of another recipe in the same fold. So, on average, each entity stays
+equally frequent as a result, and a model that leaves a fold out never meets the fold's results elsewhere.
 """
 
 import hashlib
@@ -18,19 +18,18 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, recipe_triples
 
-UNTAUGHT = -1
-"""Result of a recipe that is not in a dose."""
-_DRAWS = 1_000  # results that are tried for a recipe until one is wrong
-_STREAM = 0xD05E  # keeps the draw apart from others with the same seed
+UNTAUGHT = -1  # result of a recipe outside the dose
+_DRAWS = 1_000  # results tried per recipe until one is wrong
+_STREAM = 0xD05E  # separates this random stream from others with the same seed
 
 
 @dataclass(frozen=True, eq=False)
 class Dose:
-    """The recipes that a scorer learns from, with the results that it is taught.
+    """The recipes and results for training a scorer.
 
     Attributes:
-        graph: the graph of the recipes.
-        results: shape (num_recipes,), int64: the result that is taught of each recipe, :data:`UNTAUGHT` for none.
+        graph: the recipe graph.
+        results: shape (num_recipes,), int64: each recipe's result in training, -1 for a recipe outside the dose.
     """
 
     graph: RecipeGraph
@@ -38,46 +37,42 @@ class Dose:
 
     @classmethod
     def of(cls, graph: RecipeGraph, rows: NDArray[np.bool_]) -> "Dose":
-        """Return the dose of some recipes as they are, ``rows`` of shape (num_recipes,)."""
+        """Return the dose with the given recipes unchanged; ``rows`` has shape (num_recipes,)."""
         return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], UNTAUGHT)))
 
     @property
     def is_taught(self) -> NDArray[np.bool_]:
-        """Which recipes are in it, shape (num_recipes,)."""
+        """Which recipes are in the dose, shape (num_recipes,)."""
         return self.results != UNTAUGHT
 
     @property
     def is_wrong(self) -> NDArray[np.bool_]:
-        """Which recipes are taught with a wrong result, shape (num_recipes,)."""
+        """Which recipes have a wrong result, shape (num_recipes,)."""
         return self.is_taught & (self.results != self.graph.recipes[:, 2])
 
     def among(self, rows: NDArray[np.bool_]) -> Ids:
-        """Return those of some recipes that are in it, as they are taught, shape (n, 3), in the graph's order."""
+        """Return the dose's recipes among ``rows``, with training results, shape (n, 3), in the graph's order."""
         chosen = self.is_taught & rows
         return np.column_stack([self.graph.recipes[chosen, :2], self.results[chosen]])
 
     @cached_property
     def recipes(self) -> Ids:
-        """All its recipes as they are taught, shape (n, 3)."""
+        """All recipes, with training results, shape (n, 3)."""
         return frozen(self.among(self.is_taught))
 
     @cached_property
     def triples(self) -> Ids:
-        """The triples of its recipes, shape (T, 3), sorted."""
+        """The triples of all recipes, shape (T, 3), sorted."""
         return frozen(recipe_triples(self.recipes))
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the graph's hash and the results, in hexadecimal."""
+        """SHA-256 of the graph's hash and the results."""
         return hashlib.sha256(self.graph.hash.encode() + self.results.astype("<i8").tobytes()).hexdigest()
 
 
 def check_dose(kg: str, share: float, noise: float) -> None:
-    """Check the settings of a dose.
-
-    Raises:
-        ConfigError: if one is out of range, or the graph has no held-out recipes.
-    """
+    """Raise a :class:`ConfigError` for a setting out of range, or a dose of the full graph."""
     number_in("share", share, SMALLEST, 1, "more than 0 and at most 1")
     number_in("noise", noise, 0, 1, "0 to 1")
     if kg == "full" and is_dosed(share, noise):
@@ -88,12 +83,12 @@ def check_dose(kg: str, share: float, noise: float) -> None:
 
 
 def is_dosed(share: float, noise: float) -> bool:
-    """Return whether settings ask for anything but all train recipes as they are."""
+    """Return whether the settings change the train recipes."""
     return share < 1 or noise > 0
 
 
 def dose_words(share: float, noise: float) -> str:
-    """Return a dose in words, such as "20 % of the train recipes"; empty for all of them as they are."""
+    """Describe a dose, as in "20 % of the train recipes"; empty for unchanged train recipes."""
     if not is_dosed(share, noise):
         return ""
     wrong = f", {100 * noise:g} % of them with a wrong result" if noise else ""
@@ -103,20 +98,20 @@ def dose_words(share: float, noise: float) -> str:
 def make_dose(
     split: Split, share: float = 1.0, noise: float = 0.0, seed: int = 0, *, of_recipe: Ids | None = None
 ) -> Dose:
-    """Draw some of the train recipes, and give some of these the result of another one.
+    """Draw train recipes, and give some a wrong result.
 
-    Doses of one seed are nested, in their recipes and in their wrong recipes. A wrong recipe gives no componentOf
-    triple that any recipe of the book gives, so it tells nothing of the test part; its combinesWith triples stay right.
+    Doses with the same seed are nested, in recipes and in wrong recipes. A wrong recipe has no componentOf triple that
+    any recipe in the book has, so the dose reveals nothing about the test part; combinesWith triples stay right.
 
     Args:
-        split: split whose train part is drawn from.
-        share: share of its train recipes.
-        noise: share of those with a wrong result.
+        split: split with the train part.
+        share: fraction of the train recipes.
+        noise: fraction of the drawn recipes with a wrong result.
         seed: seed of the draw.
-        of_recipe: fold of each recipe, shape (num_recipes,), from which its wrong result is. Default: all in one.
+        of_recipe: fold of each recipe, shape (num_recipes,), the source of wrong results. Default: one fold.
 
     Raises:
-        ConfigError: if there are too few recipes for that.
+        ConfigError: for too few recipes.
 
     Example:
         >>> dose = make_dose(open_graph("kitchen").split, share=0.5, noise=0.2)
@@ -150,20 +145,17 @@ def make_dose(
 def _wrong_results(
     recipes: Ids, pool: Ids, right: set[tuple[int, int]], rng: np.random.Generator, noise: float
 ) -> list[int]:
-    """Return a wrong result for each recipe (n, 3), drawn from a pool of results (m,).
-
-    ``right`` holds every (ingredient, result) of the book; ``noise`` is the setting, for the error.
-    """
-    found: dict[tuple[int, int, int], None] = {}
+    """Draw a wrong result for each recipe (n, 3) from ``pool``; ``right`` has all (ingredient, result) of the book."""
+    drawn: dict[tuple[int, int, int], None] = {}
     for a, b, _ in recipes.tolist():
         for result in pool[rng.integers(len(pool), size=_DRAWS)].tolist():
-            is_new = (a, b, result) not in found  # a pair may have two wrong results, too
+            is_new = (a, b, result) not in drawn  # a pair may have two wrong results
             if is_new and result not in (a, b) and (a, result) not in right and (b, result) not in right:
-                found[a, b, result] = None
+                drawn[a, b, result] = None
                 break
         else:
             raise ConfigError(
                 f"`noise` {noise:g}: among the {len(pool)} recipes that results are exchanged with, none has a result "
                 "that is wrong for another. Use a larger `share`, fewer `folds` or another `seed`."
             )
-    return [result for _, _, result in found]
+    return [result for _, _, result in drawn]

@@ -1,4 +1,4 @@
-"""Graph folders on disk: writing one, and opening a graph by folder, book file or book name."""
+"""Writing graph folders, and opening a graph by folder, book file or book name."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,17 +20,16 @@ from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_spli
 from wordcraft_kg.graphs.triples import triple_lines
 
 KG = Literal["partial", "full"]
-"""The triples of the train recipes, or those of all recipes."""
+"""Triples of the train recipes, or of all recipes."""
 Taught = Literal["partial", "full", "none"]
-"""The recipes that a scorer has learned from: those of train, all, or none, as one of the entities' names alone."""
+"""A scorer's training recipes: train, all, or none (a scorer of entity names only)."""
 
 
 @dataclass(frozen=True)
 class OpenedGraph:
-    """A graph with its split, and its source: a folder, a file or a book's name.
+    """A graph, a split, and the source: a folder, a file or a book's name.
 
-    A model folder records the source, to open the same graph and split again. For a split of your own, write a graph
-    folder and train on that.
+    Model folders record the source. For your own split, write a graph folder and train on the folder.
     """
 
     graph: RecipeGraph
@@ -38,21 +37,20 @@ class OpenedGraph:
     source: str
 
     def triples(self, kg: KG) -> Ids:
-        """Return the triples of the full or the partial knowledge graph, shape (T, 3), sorted."""
+        """Return the full or partial knowledge graph, shape (T, 3), sorted."""
         return self.graph.triples if kg == "full" else self.split.partial
 
     def dose(self, kg: Taught) -> Dose:
-        """Return the recipes that a scorer of the full or the partial knowledge graph learns from."""
+        """Return the training recipes of a scorer."""
         return Dose.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
 
 
 @stage("writing the graph folder")
 def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> Audit:
-    """Write a graph folder and return its audit.
+    """Write a graph folder, complete or not at all, and return the audit; an existing ``out`` needs ``force``.
 
     The folder holds ``graph.json``, ``split.json``, ``recipes.csv``, ``entities.tsv``, ``triples/full.tsv``,
-    ``partial.tsv`` and ``unseen.tsv``, and ``audit.json``. Its bytes depend only on the book's content, its name
-    and the settings of the split. It appears complete or not at all; an ``out`` that exists needs ``force``.
+    ``partial.tsv`` and ``unseen.tsv``, and ``audit.json``. The bytes depend only on the book and the split's settings.
     """
     graph = split.graph
     with staged_folder(out, force=force) as folder:
@@ -67,21 +65,21 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
         (folder / "triples").mkdir()
         for name, triples in (("full", graph.triples), ("partial", split.partial), ("unseen", split.unseen)):
             write_atomically(folder / "triples" / f"{name}.tsv", triple_lines(triples, graph.entities))
-        found = audit(graph, split, book)
-        write_atomically(folder / "audit.json", dump_json(as_values(found)))
-    return found
+        record = audit(graph, split, book)
+        write_atomically(folder / "audit.json", dump_json(as_values(record)))
+    return record
 
 
 def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedGraph:
-    """Open a graph and its split.
+    """Open a graph and a split.
 
     Args:
         source: a graph folder, a recipe book's file, or the name of a known book.
-        config: how to split a book; ignored for a graph folder. Default: see :func:`default_split`.
+        config: split settings for a book; ignored for a graph folder. Default: see :func:`default_split`.
 
     Raises:
-        ArtefactError: if a graph folder is incomplete, damaged, or its parts belong to different graphs.
-        RecipeFileError: if a book cannot be read, or there is no such folder, file or book.
+        ArtefactError: if a graph folder is incomplete, damaged or inconsistent.
+        RecipeFileError: if a book is unreadable, or nothing has this name.
 
     Example:
         >>> opened = open_graph("kitchen")
@@ -115,7 +113,7 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
 
 
 def default_split(graph: RecipeGraph) -> Split:
-    """Return the split of a graph that has none of its own: by recipe, or ``none`` if it is too small for that."""
+    """Return the default split: by recipe, or ``none`` for a tiny graph."""
     try:
         return make_split(graph, SplitConfig())
     except SplitError:

@@ -1,7 +1,7 @@
-"""Folds of the train recipes, so that a model of the others can answer for those of a fold (cross-fitting).
+"""Folds of the train recipes, for cross-fitting: a model of the other folds answers for a fold.
 
-Recipes that the split holds out together stay together. So the recipes of a fold are to a model of the other folds what
-the test recipes are to a model of all train recipes.
+Recipes that the split holds out together stay together, so a fold is to a model of the other folds as the test recipes
+are to a model of all train recipes.
 """
 
 import hashlib
@@ -20,47 +20,47 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import recipe_triples
 
 OUTSIDE = -1
-"""Fold of a recipe that is not in train."""
+"""Fold of a recipe outside train."""
 SEVERAL = -2
-"""Fold of a task whose recipes lie in several folds."""
+"""Fold of a task with recipes from several folds."""
 
 
 class Folds:
-    """The train recipes of a split, cut into K folds.
+    """The train recipes of a split in K folds.
 
     Attributes:
         split: the split.
         count: K.
         seed: seed of the draw.
-        of_recipe: shape (num_recipes,), int64: fold of each recipe, :data:`OUTSIDE` for those outside train.
-        dose: recipes that are learned from; folds are those of all train recipes whatever the dose.
+        of_recipe: shape (num_recipes,), int64: each recipe's fold, :data:`OUTSIDE` outside train.
+        dose: the training recipes; the folds do not depend on the dose.
     """
 
     def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, dose: Dose | None = None):
-        """Bind a draw to its split, see :func:`make_folds`. Without a dose all of train is learned."""
+        """Bind a draw to a split, see :func:`make_folds`; the default dose is the train part."""
         self.split, self.count, self.seed = split, count, seed
         self.of_recipe = frozen(of_recipe)
         self.dose = Dose.of(split.graph, split.is_in("train")) if dose is None else dose
 
     def dosed(self, dose: Dose) -> "Folds":
-        """Return the same folds for another dose."""
+        """Return the same folds with another dose."""
         return Folds(self.split, self.count, self.seed, self.of_recipe, dose)
 
     @property
     def is_dosed(self) -> bool:
-        """Whether anything but all train recipes as they are is learned from."""
+        """Whether the dose changes the train recipes."""
         return bool((self.dose.is_taught != self.split.is_in("train")).any() or self.dose.is_wrong.any())
 
     def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
-        """Return which recipes are learned from and in none of the folds left out, shape (num_recipes,)."""
+        """Return which recipes are in the dose and outside the folds left out, shape (num_recipes,)."""
         return self.dose.is_taught & ~np.isin(self.of_recipe, list(left_out))
 
     def recipes(self, left_out: Collection[int] = ()) -> Ids:
-        """Return the recipes :meth:`seen`, as they are taught, shape (n, 3)."""
+        """Return the recipes :meth:`seen`, with training results, shape (n, 3)."""
         return self.dose.among(self.seen(left_out))
 
     def recipes_of(self, fold: int) -> Ids:
-        """Return the recipes of a fold that are learned from, as they are taught, shape (n, 3)."""
+        """Return the dose's recipes in a fold, with training results, shape (n, 3)."""
         return self.dose.among(self.of_recipe == fold)
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:
@@ -68,25 +68,25 @@ class Folds:
         return frozen(recipe_triples(self.recipes(left_out)))
 
     def of_tasks(self, tasks: TaskSet) -> Ids:
-        """Return the fold in which all train recipes of a task's plans lie, shape (N,), see :func:`fold_of_tasks`."""
+        """Return each task's fold, shape (N,), see :func:`fold_of_tasks`."""
         return fold_of_tasks(self.of_recipe, tasks)
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the split's hash and every recipe's fold, in hexadecimal."""
+        """SHA-256 of the split's hash and every recipe's fold."""
         return hashlib.sha256(self.split.hash.encode() + self.of_recipe.tobytes()).hexdigest()
 
 
 def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return the fold in which all train recipes of each task's plans lie, shape (N,).
+    """Return the fold that contains all train recipes of a task's plans, shape (N,).
 
-    It is :data:`SEVERAL` if there is more than one, :data:`OUTSIDE` without a train recipe. ``of_recipe`` is the fold
-    of each recipe, shape (num_recipes,), :data:`OUTSIDE` for those that are not in train.
+    The value is :data:`SEVERAL` for several folds, :data:`OUTSIDE` without a train recipe. ``of_recipe`` is each
+    recipe's fold, shape (num_recipes,), :data:`OUTSIDE` outside train.
 
     Raises:
-        GraphMismatchError: if a plan of a train task uses a recipe in no fold: the folds are of another split.
+        GraphMismatchError: if a train task uses a recipe without a fold: the folds belong to another split.
     """
-    found = np.full(len(tasks), SEVERAL, dtype=np.int64)
+    of_task = np.full(len(tasks), SEVERAL, dtype=np.int64)
     fold_of = of_recipe.tolist()
     for task, plans in enumerate(tasks.plans):
         folds = {fold_of[row] for plan in plans for row in plan}
@@ -97,15 +97,15 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
             )
         folds = folds - {OUTSIDE} or {OUTSIDE}
         if len(folds) == 1:
-            found[task] = folds.pop()
-    return found
+            of_task[task] = folds.pop()
+    return of_task
 
 
 def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
-    """Cut the train recipes into folds of about as many pairs (or goals) each, at random.
+    """Cut the train recipes at random into folds with about equally many pairs (or goals).
 
     Raises:
-        ConfigError: for fewer than two folds, or more than there are pairs (or goals).
+        ConfigError: for fewer than two folds, or more folds than pairs (or goals).
 
     Example:
         >>> folds = make_folds(open_graph("kitchen").split, 5)

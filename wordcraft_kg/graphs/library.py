@@ -1,4 +1,4 @@
-"""Recipe books known by name: built in (folder ``books``), in the user's cache or data folder, or to fetch."""
+"""Recipe books known by name: built in (folder ``books``), in the cache, in the data folder, or to fetch."""
 
 import hashlib
 import os
@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.book_files import read_book
 from wordcraft_kg.graphs.recipes import RecipeBook
 
 DATA_VARIABLE = "WORDCRAFT_KG_DATA"
-"""Environment variable that names a folder with recipe books of the user's own."""
+"""Environment variable for a folder with the user's recipe books."""
 ENDINGS = (".csv", ".tsv", ".json")
 _BUILT_IN = Path(__file__).parent / "books"
 _TIMEOUT = 30  # seconds without a byte from the server
@@ -26,14 +26,14 @@ _MAX_BYTES = 64 * 2**20
 
 @dataclass(frozen=True)
 class Fetchable:
-    """A book that its authors publish but that may not be bundled.
+    """A published book that may not be bundled.
 
     Attributes:
-        url: URL at one commit, so that the file never changes.
+        url: URL at a fixed commit.
         sha256: SHA-256 of the file.
-        file_name: its name in the cache and in the data folder.
-        base: base entities of its world, which the file itself does not name.
-        note: its licence, for users.
+        file_name: name in the cache and the data folder.
+        base: base entities, which the file does not name.
+        note: licence, for users.
     """
 
     url: str
@@ -57,7 +57,7 @@ FETCHABLE = {
 
 @dataclass(frozen=True)
 class KnownBook:
-    """A book's name, its origin (built in, cache, data folder, to fetch) and its file, if there is one."""
+    """A book's name, origin (built in, cache, data folder, to fetch) and file, if present."""
 
     name: str
     origin: str
@@ -66,7 +66,7 @@ class KnownBook:
 
 @dataclass(frozen=True)
 class LocatedBook:
-    """A book's file; also its name and base if it is known by name, else None."""
+    """A book's file, and the name and base of a known book."""
 
     path: Path
     name: str | None = None
@@ -74,7 +74,7 @@ class LocatedBook:
 
 
 def data_folder() -> Path | None:
-    """Return the folder that ``WORDCRAFT_KG_DATA`` names, or None."""
+    """Return the folder in ``WORDCRAFT_KG_DATA``, or None."""
     value = os.environ.get(DATA_VARIABLE)
     if not value:
         return None
@@ -82,22 +82,22 @@ def data_folder() -> Path | None:
 
 
 def known_books() -> list[KnownBook]:
-    """Return the books known by name; of two with the same name, the one that :func:`open_book` opens."""
-    found: dict[str, KnownBook] = {}
+    """Return the books known by name; for a repeated name, the book that :func:`open_book` opens."""
+    books: dict[str, KnownBook] = {}
     for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder("books")), ("data folder", data_folder())):
         for path in _books_in(folder):
             name = next((name for name, book in FETCHABLE.items() if book.file_name == path.name), path.stem)
-            found.setdefault(name, KnownBook(name, origin, path))
+            books.setdefault(name, KnownBook(name, origin, path))
     for name in FETCHABLE:
-        found.setdefault(name, KnownBook(name, "to fetch", None))
-    return list(found.values())
+        books.setdefault(name, KnownBook(name, "to fetch", None))
+    return list(books.values())
 
 
 def locate_book(name_or_path: str | Path) -> LocatedBook:
-    """Find a recipe book given by path or by name; a file or graph folder of that path takes precedence.
+    """Find a recipe book by path or name; a file or graph folder takes precedence.
 
     Raises:
-        RecipeFileError: if there is no such book, or a published one is not the published file.
+        RecipeFileError: for an unknown book, or a published book with another hash.
     """
     path = Path(name_or_path)
     if path.is_file() or (path / "graph.json").is_file():
@@ -127,7 +127,7 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
 def open_book(
     name_or_path: str | Path, *, keep_self_results: bool = False, single_ingredient: str | None = None
 ) -> RecipeBook:
-    """Read a recipe book given by path or by name, see :func:`locate_book` and :func:`read_book`.
+    """Read a recipe book by path or name, see :func:`locate_book` and :func:`read_book`.
 
     Example:
         >>> len(open_book("kitchen").recipes)
@@ -142,10 +142,10 @@ def open_book(
 
 @stage("downloading")
 def fetch_book(name: str) -> Path:
-    """Download a published book into the cache, once, and return its path.
+    """Download a published book into the cache once; return the path.
 
     Raises:
-        FetchError: if the name is unknown, or the download fails or is not the pinned file, which is not kept.
+        FetchError: for an unknown name, a failed download, or a file other than the pinned file.
     """
     book = FETCHABLE.get(name)
     if book is None:
@@ -162,10 +162,10 @@ def fetch_book(name: str) -> Path:
     except (OSError, HTTPException, ValueError) as error:
         reason = getattr(error, "reason", error)
         raise FetchError(f"could not download '{name}' ({reason}). Try again when online. {by_hand}") from None
-    found = hashlib.sha256(data).hexdigest()
-    if found != book.sha256:
+    sha256 = hashlib.sha256(data).hexdigest()
+    if sha256 != book.sha256:
         raise FetchError(
-            f"the download of '{name}' has SHA-256 {found[:12]}…, expected {book.sha256[:12]}…; not kept. {by_hand}"
+            f"the download of '{name}' has SHA-256 {sha256[:12]}…, expected {book.sha256[:12]}…; not kept. {by_hand}"
         )
     target.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(target, data)

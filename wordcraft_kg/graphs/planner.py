@@ -1,4 +1,4 @@
-"""What can be made from what: reachability by rounds, layers, and cheapest derivations."""
+"""Reachability by rounds, layers, and cheapest derivations."""
 
 import heapq
 import math
@@ -15,10 +15,9 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
-    """Return the round in which each entity can first be made, shape (num_entities,); -1 if it never can.
+    """Return the first round that makes each entity, shape (num_entities,); -1 for unreachable entities.
 
-    In a round, every pair of entities known before it is combined. Entities of ``start`` (default: the base) have
-    layer 0.
+    A round combines every pair of known entities. Entities in ``start`` (default: the base) have layer 0.
     """
     starts, order = graph.by_ingredient
     a, b, result = graph.recipes.T
@@ -38,7 +37,7 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
 
 
 def rounds(layer: Ids) -> list[int]:
-    """Return the number of entities known after 0, 1, 2, ... rounds, from the result of :func:`layers`."""
+    """Return the number of known entities after 0, 1, 2, ... rounds, from :func:`layers`."""
     reached = layer[layer >= 0]
     return np.cumsum(np.bincount(reached)).tolist() if len(reached) else []
 
@@ -49,9 +48,9 @@ class Derivation:
 
     Attributes:
         goal: label of the entity.
-        steps: recipes in the order of execution, each once; the last makes the goal. Empty for a base entity.
-        cost: size of the derivation tree: combinations needed if an intermediate entity is made again for every use.
-            Entities are not used up, so ``len(steps) <= cost`` combinations are enough.
+        steps: distinct recipes in order of execution, ending in the goal; empty for a base entity.
+        cost: size of the derivation tree, which repeats an intermediate for every use; ``len(steps) <= cost``
+            combinations are enough.
     """
 
     goal: str
@@ -66,13 +65,11 @@ class Derivation:
 
 
 def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
-    """Yield the lines of a derivation as a tree: an entity and its pair, and below it the derivations of the pair.
-
-    No derivation is repeated. A base entity has one line, its label.
+    """Yield a derivation as a tree, line by line: an entity with a pair, then the pair's derivations, none repeated.
 
     Args:
         goal: label of the entity.
-        steps: one recipe for each entity that is made.
+        steps: one recipe per made entity.
 
     Example:
         >>> print(Planner(open_graph("kitchen").graph).derivation("flour"))
@@ -98,20 +95,19 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
 
 
 class Planner:
-    """Cheapest derivations of every entity of a graph.
+    """Cheapest derivations of all entities.
 
-    The cost of a derivation is its tree size: 1 + cost(a) + cost(b). Knuth's generalisation of Dijkstra's algorithm
-    (Knuth, "A generalization of Dijkstra's algorithm", 1977) finds the exact minimum for all entities at once. Counting
-    shared intermediates once would be NP-hard. Ties go to the earlier recipe in the graph's order.
+    The cost is the tree size: 1 + cost(a) + cost(b). Knuth's generalisation of Dijkstra's algorithm (Knuth, "A
+    generalization of Dijkstra's algorithm", 1977) finds the exact minimum for all entities at once; counting shared
+    intermediates once would be NP-hard. Ties go to the earlier recipe in the graph.
 
     Attributes:
         start: labels of the entities known at the start.
-        costs: cost of each entity by id; ``math.inf`` where it cannot be reached. Python integers, since a tree may
-            grow exponentially with depth.
+        costs: cost by entity id, ``math.inf`` if unreachable; Python integers, since trees grow exponentially.
     """
 
     def __init__(self, graph: RecipeGraph, start: Iterable[Entity] | None = None):
-        """Solve the graph from ``start`` (default: its base entities)."""
+        """Solve the graph from ``start`` (default: the base)."""
         self.graph = graph
         starts, order = (array.tolist() for array in graph.by_ingredient)
         recipes = graph.recipes.tolist()
@@ -138,11 +134,11 @@ class Planner:
                         heapq.heappush(queue, (candidate, index, result))
 
     def derivation(self, goal: Entity) -> Derivation:
-        """Return the cheapest derivation of an entity, with its steps.
+        """Return the cheapest derivation of an entity.
 
         Raises:
-            UnknownEntityError: if there is no such entity.
-            GraphError: if it cannot be made from the start.
+            UnknownEntityError: for an unknown entity.
+            GraphError: for an unreachable entity.
         """
         graph = self.graph
         target = graph.id_of(goal)

@@ -18,15 +18,15 @@ Entity = int | str
 
 
 class RecipeGraph:
-    """An immutable graph of recipes, the one source of truth that triples, splits, tasks and scorers derive from.
+    """An immutable graph of recipes, the source of truth for triples, splits, tasks and scorers.
 
-    Entities have ids ``0 .. num_entities - 1`` in the order of their sorted labels, so two graphs with the same
-    content have the same ids. Equality and hash depend on entities, base entities and recipes, not on the name.
+    Entities have ids ``0 .. num_entities - 1`` by sorted label, so equal graphs have equal ids. Equality and hash
+    depend on entities, base and recipes, not on the name.
 
     Attributes:
         name: name in reports.
         entities: labels in id order.
-        base_ids: shape (num_base,), int64, ascending: the entities that a world starts with.
+        base_ids: shape (num_base,), int64, ascending: the entities at the start of a world.
         recipes: shape (num_recipes, 3), int64, rows ``(a, b, result)`` with ``a <= b``, sorted, unique.
 
     Example:
@@ -68,10 +68,10 @@ class RecipeGraph:
     def from_book(cls, book: RecipeBook, base: Iterable[str] | None = None) -> "RecipeGraph":
         """Turn a recipe book into a graph.
 
-        ``base`` are labels of base entities; None takes the book's own or, without them, the entities without a recipe.
+        ``base`` lists labels of base entities; None uses the book's base or, by default, the entities without a recipe.
 
         Raises:
-            UnknownEntityError: if a base label is not an entity of the book.
+            UnknownEntityError: if a base label is not in the book.
         """
         entities = book.entities
         index = {label: i for i, label in enumerate(entities)}
@@ -94,11 +94,7 @@ class RecipeGraph:
     def from_recipes(
         cls, recipes: Iterable[Sequence[str]], base: Iterable[str] | None = None, name: str = "graph"
     ) -> "RecipeGraph":
-        """Build a graph from rows ``(ingredient, ingredient, result)`` of labels.
-
-        Raises:
-            RecipeFileError: if a label cannot name an entity.
-        """
+        """Build a graph from rows ``(ingredient, ingredient, result)`` of labels; a bad label is a RecipeFileError."""
         rows = [[check_label(label, f"row {i}") for label in row] for i, row in enumerate(recipes)]
         return cls.from_book(RecipeBook.of(name, rows, keep_self_results=True), base)
 
@@ -111,17 +107,17 @@ class RecipeGraph:
 
     @property
     def num_recipes(self) -> int:
-        """Number of recipes, counting each result of a pair."""
+        """Number of recipes; a pair with two results counts twice."""
         return len(self.recipes)
 
     @property
     def num_pairs(self) -> int:
-        """Number of distinct unordered pairs that make something."""
+        """Number of distinct unordered pairs with a result."""
         return len(self.pair_starts) - 1
 
     @property
     def num_self_pairs(self) -> int:
-        """Number of pairs of an entity with itself that make something."""
+        """Number of self pairs with a result."""
         a, b, _ = self.recipes[self.pair_starts[:-1]].T
         return int(np.sum(a == b))
 
@@ -132,7 +128,7 @@ class RecipeGraph:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the content, in hexadecimal: the same for equal graphs on any machine."""
+        """SHA-256 of the content, in hexadecimal, equal for equal graphs."""
         digest = hashlib.sha256(b"wordcraft-kg recipe graph 1\n")
         digest.update(json.dumps([self.entities, self.base]).encode())
         digest.update(self.recipes.astype("<i8").tobytes())
@@ -166,11 +162,7 @@ class RecipeGraph:
         return {label: i for i, label in enumerate(self.entities)}
 
     def id_of(self, entity: Entity) -> int:
-        """Return the id of an entity given by label or id.
-
-        Raises:
-            UnknownEntityError: with the nearest labels, or with the range of ids.
-        """
+        """Return the id of an entity given by label or id, or raise an :class:`UnknownEntityError`."""
         if isinstance(entity, str):
             found = self._index.get(entity)
             if found is None:
@@ -185,7 +177,7 @@ class RecipeGraph:
         return tuple(self.entities[i] for i in ids)
 
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
-        """Return recipes (all, or the given rows of ids) as sorted rows of labels."""
+        """Return recipes (default: all) as rows of labels."""
         rows = self.recipes if recipes is None else recipes
         # By column: a million short lists would cost the garbage collector more time than the work itself.
         columns = ([self.entities[i] for i in column] for column in rows.T.tolist())
@@ -195,14 +187,14 @@ class RecipeGraph:
 
     @cached_property
     def pair_starts(self) -> Ids:
-        """Shape (num_pairs + 1,): pair ``p`` owns the recipes ``pair_starts[p] : pair_starts[p + 1]``."""
+        """Shape (num_pairs + 1,): pair ``p`` has the recipes ``pair_starts[p] : pair_starts[p + 1]``."""
         is_first = np.ones(self.num_recipes, dtype=bool)
         is_first[1:] = np.any(np.diff(self.recipes[:, :2], axis=0) != 0, axis=1)
         return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property
     def pair_of_recipe(self) -> Ids:
-        """Shape (num_recipes,): the number of each recipe's pair."""
+        """Shape (num_recipes,): each recipe's pair."""
         return frozen(np.repeat(np.arange(self.num_pairs), np.diff(self.pair_starts)))
 
     @cached_property
@@ -212,12 +204,12 @@ class RecipeGraph:
 
     @cached_property
     def by_result(self) -> tuple[Ids, Ids]:
-        """``(starts, order)``: entity ``i`` is made by the recipes ``order[starts[i] : starts[i + 1]]``."""
+        """``(starts, order)``: recipes ``order[starts[i] : starts[i + 1]]`` make entity ``i``."""
         return _group(self.recipes[:, 2], np.arange(self.num_recipes), self.num_entities)
 
     @cached_property
     def by_ingredient(self) -> tuple[Ids, Ids]:
-        """``(starts, order)``: entity ``i`` is used by the recipes ``order[starts[i] : starts[i + 1]]``."""
+        """``(starts, order)``: recipes ``order[starts[i] : starts[i + 1]]`` use entity ``i``."""
         # A self pair uses its ingredient once: the second column is skipped where it repeats the first.
         rows = np.arange(self.num_recipes)
         distinct = self.recipes[:, 0] != self.recipes[:, 1]
@@ -225,7 +217,7 @@ class RecipeGraph:
         return _group(users, np.concatenate([rows, rows[distinct]]), self.num_entities)
 
     def results(self, one: Entity, other: Entity) -> Ids:
-        """Return the ids of all results of a pair, ascending; empty when the pair makes nothing."""
+        """Return the ids of a pair's results, ascending, possibly empty."""
         a, b = sorted((self.id_of(one), self.id_of(other)))
         key = a * self.num_entities + b
         pair = int(np.searchsorted(self._pair_keys, key))
@@ -235,32 +227,32 @@ class RecipeGraph:
 
     @cached_property
     def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
-        """Results of each pair ``(a, b)`` with ``a <= b``, ascending, for callers with very many lookups."""
+        """Results by pair ``(a, b)`` with ``a <= b``, ascending, for many fast lookups."""
         found: dict[tuple[int, int], list[int]] = {}
         for a, b, result in self.recipes.tolist():
             found.setdefault((a, b), []).append(result)
         return {pair: tuple(results) for pair, results in found.items()}
 
     def recipes_of(self, result: Entity) -> Ids:
-        """Return the indices into :attr:`recipes` of the recipes that make ``result``, ascending."""
+        """Return the rows of :attr:`recipes` that make ``result``, ascending."""
         starts, order = self.by_result
         i = self.id_of(result)
         return order[starts[i] : starts[i + 1]]
 
     def uses_of(self, entity: Entity) -> Ids:
-        """Return the indices into :attr:`recipes` of the recipes that use ``entity`` as an ingredient, ascending."""
+        """Return the rows of :attr:`recipes` that use ``entity``, ascending."""
         starts, order = self.by_ingredient
         i = self.id_of(entity)
         return order[starts[i] : starts[i + 1]]
 
     @property
     def recipe_counts(self) -> Ids:
-        """Shape (num_entities,): number of recipes that make each entity."""
+        """Shape (num_entities,): number of recipes for each entity."""
         return np.diff(self.by_result[0])
 
     @property
     def use_counts(self) -> Ids:
-        """Shape (num_entities,): number of recipes that use each entity as an ingredient."""
+        """Shape (num_entities,): number of recipes with each entity as ingredient."""
         return np.diff(self.by_ingredient[0])
 
     @cached_property

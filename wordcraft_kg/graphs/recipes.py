@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 from wordcraft_kg.base.errors import RecipeFileError
 
 MAX_LABEL_LENGTH = 1_000
-"""Characters; a longer label suggests that the file is of another kind."""
+"""Characters; a longer label suggests another kind of file."""
 
 
 class Recipe(NamedTuple):
-    """One unordered pair of ingredients and one of its results; ``ingredient_a <= ingredient_b``."""
+    """An unordered pair of ingredients and a result; ``ingredient_a <= ingredient_b``."""
 
     ingredient_a: str
     ingredient_b: str
@@ -20,7 +20,7 @@ class Recipe(NamedTuple):
 
     @classmethod
     def of(cls, one: str, other: str, result: str) -> "Recipe":
-        """Return the recipe with its ingredients in canonical order."""
+        """Return the recipe with sorted ingredients."""
         return cls(one, other, result) if one <= other else cls(other, one, result)
 
     def __str__(self) -> str:
@@ -28,7 +28,7 @@ class Recipe(NamedTuple):
 
     @property
     def is_self_result(self) -> bool:
-        """Whether the result is one of its own ingredients."""
+        """Whether the result is also an ingredient."""
         return self.result in (self.ingredient_a, self.ingredient_b)
 
 
@@ -37,13 +37,13 @@ class RecipeBook:
     """A validated recipe book.
 
     Attributes:
-        name: name in reports; not part of its content.
+        name: name in reports; not part of the content.
         recipes: sorted, without duplicates.
         base: declared base entities, sorted; None without a declaration.
-        idle: listed entities that no kept recipe mentions, sorted.
-        dropped_self_results: rows left out because their result is one of their own ingredients.
-        merged_duplicates: rows left out because they repeat a recipe.
-        sha256: hash of the file's bytes; None without a file.
+        idle: listed entities without a kept recipe, sorted.
+        dropped_self_results: number of omitted rows whose result is also an ingredient.
+        merged_duplicates: number of omitted rows that repeat a recipe.
+        sha256: hash of the file; None without a file.
     """
 
     name: str
@@ -65,7 +65,7 @@ class RecipeBook:
         keep_self_results: bool = False,
         sha256: str | None = None,
     ) -> "RecipeBook":
-        """Collect rows ``(ingredient, ingredient, result)`` into a book, counting what is dropped and merged."""
+        """Collect rows ``(ingredient, ingredient, result)`` into a book, counting omitted rows."""
         kept: set[Recipe] = set()
         dropped_labels: set[str] = set()
         dropped = merged = 0
@@ -90,7 +90,7 @@ class RecipeBook:
 
 
 def label_fault(label: Any) -> str | None:
-    """Return the reason why a value cannot name an entity; None if it can."""
+    """Return the reason why a value cannot name an entity, or None."""
     if not isinstance(label, str):
         return f"{shown(label)} is not a label; a label is text."
     if not label or label.isspace():
@@ -108,11 +108,7 @@ def label_fault(label: Any) -> str | None:
 
 
 def check_label(label: Any, where: str) -> str:
-    """Return ``label`` if it can name an entity.
-
-    Raises:
-        RecipeFileError: with the :func:`label_fault`, after ``where``.
-    """
+    """Return a valid label, or raise a :class:`RecipeFileError` that names ``where``."""
     fault = label_fault(label)
     if fault is not None:
         raise RecipeFileError(f"{where}: {fault}")

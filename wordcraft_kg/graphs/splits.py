@@ -1,6 +1,6 @@
-"""Splitting recipes into train, validation and test, and the full, partial and unseen triples that result.
+"""Splitting recipes into train, validation and test, with full, partial and unseen triples.
 
-A new split is an entry of :data:`SPLITS`, here or from outside: ``SPLITS["mood"] = SplitKind(by_mood, moods, "...")``.
+A new split is an entry in :data:`SPLITS`, here or from outside: ``SPLITS["mood"] = SplitKind(by_mood, moods, "...")``.
 """
 
 import hashlib
@@ -35,9 +35,9 @@ class SplitConfig:
 
     Attributes:
         kind: name in :data:`SPLITS`.
-        train_ratio: share of the pairs (by-recipe), goals (by-goal) or groups of recipes (by-slot) kept for training,
-            between 0 and 1; 0.8 in the paper.
-        valid_ratio: share kept for validation, from 0; the rest, which must not be empty, is the test part.
+        train_ratio: fraction of pairs (by-recipe), goals (by-goal) or groups of recipes (by-slot) for training, between
+            0 and 1; 0.8 in the paper.
+        valid_ratio: fraction for validation, from 0; the rest is the test part and must not be empty.
         seed: seed of the random draw.
 
     Example:
@@ -61,7 +61,7 @@ class SplitConfig:
 
 @dataclass(frozen=True)
 class Draw:
-    """The part of each recipe, and the number of recipes that were moved so that train covers all entities."""
+    """Each recipe's part, and the number of recipes moved so that train covers all entities."""
 
     parts: NDArray[np.int8]
     moved_for_coverage: int = 0
@@ -69,10 +69,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class SplitKind:
-    """A kind of split.
-
-    ``units`` returns the number of each recipe's unit, shape (num_recipes,): recipes of a unit stay together.
-    """
+    """A kind of split; ``units`` returns each recipe's unit, shape (num_recipes,), and units stay together."""
 
     draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw]
     units: Callable[[RecipeGraph], Ids]
@@ -80,10 +77,10 @@ class SplitKind:
 
 
 class Split:
-    """The parts of a graph's recipes, and the triples of each.
+    """The parts of a graph's recipes, with triples.
 
-    *full* are the triples of all recipes, *partial* those of the train recipes, *unseen* = full - partial. A test
-    triple that a train recipe gives too is *leaked* and never evaluated.
+    *full* triples come from all recipes, *partial* triples from the train recipes, *unseen* = full - partial. A test
+    triple that a train recipe gives, too, is *leaked* and never evaluated.
 
     Attributes:
         graph: the graph that was split.
@@ -93,7 +90,7 @@ class Split:
     """
 
     def __init__(self, graph: RecipeGraph, config: SplitConfig, draw: Draw):
-        """Bind a draw to its graph; see :func:`make_split` and :func:`read_split`."""
+        """Bind a draw to a graph; see :func:`make_split` and :func:`read_split`."""
         self.graph = graph
         self.config = config
         self.parts = draw.parts
@@ -111,7 +108,7 @@ class Split:
         return np.asarray(self.parts == PARTS.index(part))
 
     def recipes(self, part: Part) -> Ids:
-        """Return the recipes of a part, shape (n, 3), in the graph's order."""
+        """Return a part's recipes, shape (n, 3), in the graph's order."""
         return self.graph.recipes[self.is_in(part)]
 
     @property
@@ -121,21 +118,21 @@ class Split:
 
     @cached_property
     def unseen(self) -> Ids:
-        """Triples of the graph that no train recipe gives, shape (T, 3), sorted."""
+        """Triples that no train recipe gives, shape (T, 3), sorted."""
         full = self.graph.triples
         return frozen(full[~is_in(full, self.partial, self.graph.num_entities)])
 
     def triples_of(self, part: Part) -> Ids:
-        """Return all triples of a part's recipes, leaked ones included, shape (T, 3), sorted."""
+        """Return all triples of a part's recipes, including leaked triples, shape (T, 3), sorted."""
         if part not in self._triples:
             self._triples[part] = frozen(recipe_triples(self.recipes(part)))
         return self._triples[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
-        """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
+        """Return the triples of a part to evaluate, shape (T, 3), sorted.
 
-        Triples of the train recipes are left out, and for the test part those of the validation recipes too, on which
-        settings may have been chosen.
+        Triples of train recipes are excluded, and from the test part also triples of validation recipes, which may have
+        served to choose settings.
         """
         if part not in self._held_out:
             triples = self.triples_of(part)
@@ -144,15 +141,15 @@ class Split:
         return self._held_out[part]
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
-        """Return the first part whose recipes give each triple (T, 3): 0 train, 1 validation, 2 test, -1 none."""
-        found = np.full(len(triples), -1, dtype=np.int8)
+        """Return each triple's first part, for triples (T, 3): 0 train, 1 validation, 2 test, -1 none."""
+        first = np.full(len(triples), -1, dtype=np.int8)
         for part in reversed(get_args(Part)):
-            found[is_in(triples, self.triples_of(part), self.graph.num_entities)] = PARTS.index(part)
-        return found
+            first[is_in(triples, self.triples_of(part), self.graph.num_entities)] = PARTS.index(part)
+        return first
 
     @cached_property
     def uncovered(self) -> Ids:
-        """Ids of the entities that occur in no train recipe."""
+        """Ids of the entities without a train recipe."""
         return frozen(np.setdiff1d(np.arange(self.graph.num_entities), self.recipes("train")))
 
     @cached_property
@@ -165,12 +162,12 @@ class Split:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the graph's hash, the settings and every recipe's part, in hexadecimal."""
+        """SHA-256 of the graph's hash, the settings and each recipe's part."""
         head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage])
         return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
     def to_json(self) -> Iterator[str]:
-        """Yield ``split.json``: settings, hashes, and the recipes of each part as rows of labels, one per line."""
+        """Yield ``split.json``: settings, hashes, and each part's recipes as rows of labels, one per line."""
         head = {
             "format": SPLIT_FORMAT,
             "graph": self.graph.hash,
@@ -190,10 +187,10 @@ class Split:
 
 @stage("splitting the recipes")
 def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
-    """Split a graph's recipes; the same graph and settings give the same split on any machine.
+    """Split a graph's recipes; equal graphs and settings give equal splits on any machine.
 
     Raises:
-        SplitError: if a part is empty because the graph is too small for the ratios.
+        SplitError: if the graph is too small, so that a part is empty.
 
     Example:
         >>> split = make_split(open_graph("kitchen").graph, SplitConfig("by-goal"))
@@ -213,7 +210,7 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
 
 
 def units_of(graph: RecipeGraph, kind: str) -> Ids:
-    """Return the number of each recipe's unit, shape (num_recipes,): recipes that a kind of split keeps together."""
+    """Return each recipe's unit, shape (num_recipes,): a kind of split keeps units together."""
     return SPLITS[kind].units(graph)
 
 
@@ -222,7 +219,7 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
 
     Raises:
         GraphMismatchError: for another graph.
-        ArtefactError: if it is damaged.
+        ArtefactError: for damaged content.
     """
     try:
         if content["format"] != SPLIT_FORMAT:
@@ -250,8 +247,8 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
 # --- kinds of splits -------------------------------------------------------------------------------------------------
 
 
-def part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
-    """Assign units to the parts at random, by rounded ratios; shape (num_units,)."""
+def _part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
+    """Assign units to parts at random, by rounded ratios; shape (num_units,)."""
     order = rng.permutation(num_units)
     num_train = round(config.train_ratio * num_units)
     num_valid = round(config.valid_ratio * num_units)
@@ -262,12 +259,12 @@ def part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator)
 
 
 def _by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out whole pairs: all results of a pair stay on one side."""
-    return Draw(part_of_units(graph.num_pairs, config, rng)[graph.pair_of_recipe])
+    """Hold out whole pairs, with all results."""
+    return Draw(_part_of_units(graph.num_pairs, config, rng)[graph.pair_of_recipe])
 
 
 def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out pairs; then, for each entity that train lacks, move a random pair of it, until train covers them all.
+    """Hold out pairs; then, for each entity without a train recipe, move a random pair with the entity to train.
 
     Source: Jiang et al. 2020, section "Link Prediction Model": "a subgraph ... containing all nodes".
     """
@@ -292,15 +289,15 @@ def _goals(graph: RecipeGraph) -> Ids:
 
 
 def _by_goal(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out goals: every recipe is in the part of its result."""
+    """Hold out goals: a recipe follows its result."""
     made = np.unique(_goals(graph))
     part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
-    part_of[made] = part_of_units(len(made), config, rng)
+    part_of[made] = _part_of_units(len(made), config, rng)
     return Draw(part_of[_goals(graph)])
 
 
 def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out goals that are ingredients, as many as by-goal does; terminal entities stay in train."""
+    """Hold out as many goals as by-goal, but only ingredients; terminal entities stay in train."""
     made = np.unique(_goals(graph))
     inner = made[graph.use_counts[made] > 0]
     num_held_out = len(made) - round(config.train_ratio * len(made))
@@ -317,7 +314,7 @@ def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.G
 
 
 def _slots(graph: RecipeGraph) -> Ids:
-    """Return the group of each recipe: the connected components of recipes that share an (ingredient, result)."""
+    """Return each recipe's group: connected components of recipes that share an (ingredient, result)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -332,22 +329,22 @@ def _slots(graph: RecipeGraph) -> Ids:
 
 
 def _by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out groups of recipes, so that no (ingredient, result) of a test recipe occurs in train.
+    """Hold out groups of recipes, so that no (ingredient, result) in a test recipe occurs in train.
 
-    In a split by recipe nine of ten test recipes differ from a train recipe in one ingredient, so counting the partners
-    of the other one goes a long way. Here it does not.
+    In a split by recipe nine of ten test recipes differ from a train recipe in one ingredient, so counting the other
+    ingredient's partners goes a long way. Here counting does not help.
 
-    Most goals are one group, so this split is nearly one by goal: on the built-in everyday book 34 % of the test goals
-    have another group in train, on Little Alchemy 2 15 %. Holding out goals of several groups first (100 and 65 %) was
-    not taken: they are few and odd, so that seeds share half of their test part, and train keeps next to none of them
-    for choosing settings and cross-fitting.
+    Most goals form one group, so this split is nearly a split by goal: on the built-in everyday book 34 % of the test
+    goals have another group in train, on Little Alchemy 2 15 %. Holding out goals with several groups first (100 and
+    65 %) was rejected: such goals are few and unusual, so seeds would share half of the test part, and train would keep
+    next to none for choosing settings and cross-fitting.
     """
     group = _slots(graph)
-    return Draw(part_of_units(group.max(initial=-1) + 1, config, rng)[group])
+    return Draw(_part_of_units(group.max(initial=-1) + 1, config, rng)[group])
 
 
 def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Keep everything in train: for the full knowledge graph only."""
+    """Keep all recipes in train, for the full knowledge graph."""
     return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
 
 

@@ -1,4 +1,4 @@
-"""Finding plans, and the tasks of a graph by the part of their plans: all while they are few, else a random set."""
+"""Search for plans, and for all tasks in a part, or a random set if tasks are many."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -14,32 +14,28 @@ from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.tasks import Rows, TaskPart, TaskSet, TaskWeighting
 
 MAX_DEPTH = 5
-"""Longer plans are not searched: each further attempt makes the search six times slower."""
-ENUMERATED_DEPTH = 2
-"""Up to this depth all tasks are enumerated; deeper ones are drawn at random."""
-MAX_ENUMERATED = 1_000_000
-"""Most plans of depth 2 that are enumerated, each in about 1 kB; of a graph with more, tasks are drawn there too."""
+"""Longest plans that are searched: each further attempt makes the search six times slower."""
 DRAWN_TASKS = 1_000
-"""How many tasks are drawn where they are not enumerated."""
+"""Number of drawn tasks by default."""
+ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
+MAX_ENUMERATED = 1_000_000  # plans at depth 2 that are enumerated, about 1 kB each; otherwise tasks are drawn
 _TRIES = 2_000  # draws without a new task after which drawing stops
 
-Posed = tuple[int, Rows]
-"""A task as it is posed: its goal and its starting ingredients, ascending."""
+Posed = tuple[int, Rows]  # a goal and starting ingredients, ascending
 Plans = tuple[Rows, ...]
-Way = frozenset[int]
-"""Numbers of pairs."""
+Way = frozenset[int]  # numbers of pairs
 
 
 class PlanSearch:
-    """Search backwards from a goal, for all its plans at once.
+    """Search backwards from a goal for all plans at once.
 
-    A *way* is a set of attempts, given as numbers of pairs, that makes a goal in some order. A *plan* is a way in the
-    order of execution: the rows of the recipes whose results are needed.
+    A *way* is a set of attempts, as numbers of pairs, that makes a goal in some order. A *plan* is a way in order of
+    execution: the rows of the recipes with needed results.
 
     Attributes:
-        graph: the graph; all its recipes may be used.
-        rows: its recipes, as Python lists, because a search looks at a few of them very often.
-        recipes_of: for each entity, the recipes that make it and do not need it, as (pair, ingredient, ingredient).
+        graph: the graph; all recipes may be used.
+        rows: the recipes as Python lists, for fast access to single recipes.
+        recipes_of: recipes by result, without self results, as (pair, ingredient, ingredient).
     """
 
     def __init__(self, graph: RecipeGraph):
@@ -53,35 +49,35 @@ class PlanSearch:
                 self.recipes_of[result].append((pair, a, b))
 
     def plans(self, goal: Entity, at_hand: Iterable[Entity], attempts: int) -> list[Rows]:
-        """Return the shortest plans of at most ``attempts`` attempts, sorted; one empty plan if the goal is at hand."""
+        """Return the shortest plans with at most ``attempts`` attempts, sorted; an empty plan for a goal at hand."""
         have = frozenset(map(self.graph.id_of, at_hand))
         target = self.graph.id_of(goal)
         return self.ordered(self.shortest_ways(target, have, attempts), target, have)
 
     def shortest_ways(self, goal: int, have: frozenset[int], attempts: int) -> set[Way]:
-        """Return all ways with as few attempts as possible, if ``attempts`` are enough."""
-        found = (self.ways(goal, have, budget) for budget in range(attempts + 1))
-        return next(filter(None, found), set())
+        """Return all ways with as few attempts as possible, up to ``attempts``."""
+        by_budget = (self.ways(goal, have, budget) for budget in range(attempts + 1))
+        return next(filter(None, by_budget), set())
 
     def ways(self, goal: int, have: frozenset[int], attempts: int) -> set[Way]:
-        """Return all ways of at most ``attempts`` attempts without circles."""
+        """Return all acyclic ways with at most ``attempts`` attempts."""
         return self._ways(goal, attempts, have, frozenset())
 
     def _ways(self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]) -> set[Way]:
-        """Return the ways to make ``entity``, which is needed for the entities ``above``, without needing those."""
+        """Return the ways to make ``entity`` without the entities ``above``, which need ``entity``."""
         if entity in have:
             return {frozenset()}
         recipes = self.recipes_of[entity]
         if budget <= 1:
             return {frozenset((pair,)) for pair, a, b in recipes if budget and a in have and b in have}
         above = above | {entity}
-        found = set()
+        ways = set()
         for pair, a, b in recipes:
             if above.isdisjoint((a, b)) and (one := self._ways(a, budget - 1, have, above)):
                 other = one if a == b else self._ways(b, budget - 1, have, above)
                 both = zip(one, one, strict=True) if a == b else itertools.product(one, other)
-                found |= {way for way_a, way_b in both if len(way := way_a | way_b | {pair}) <= budget}
-        return found
+                ways |= {way for way_a, way_b in both if len(way := way_a | way_b | {pair}) <= budget}
+        return ways
 
     def ordered(self, ways: Iterable[Way], goal: int, have: frozenset[int]) -> list[Rows]:
         """Return ways as plans, sorted."""
@@ -102,7 +98,7 @@ class PlanSearch:
         return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
 
     def rows_of(self, pair: int) -> range:
-        """Return the rows of a pair's recipes."""
+        """Return the rows of a pair."""
         return range(self._starts[pair], self._starts[pair + 1])
 
     def ingredients(self, pair: int) -> list[int]:
@@ -110,7 +106,7 @@ class PlanSearch:
         return self.rows[self._starts[pair]][:2]
 
     def results(self, pair: int) -> set[int]:
-        """Return everything that a pair makes."""
+        """Return all results of a pair."""
         return {self.rows[row][2] for row in self.rows_of(pair)}
 
 
@@ -126,24 +122,24 @@ def make_tasks(
     seed: int = 0,
     search: PlanSearch | None = None,
 ) -> TaskSet:
-    """Return the tasks of a depth: all at depth 1 and, up to :data:`MAX_ENUMERATED` plans, 2; a random set beyond.
+    """Return the tasks at a depth: all tasks at depth 1 and (for fewer than a million plans) 2, otherwise a random set.
 
-    A task belongs to *train* if all its plans use train recipes only, to *test* if each of them uses a test recipe, to
-    *valid* if each uses a validation recipe and none a test recipe. Any other belongs to no part and is counted.
+    A task belongs to *train* if all plans use train recipes only, to *test* if each plan uses a test recipe, to *valid*
+    if each plan uses a validation recipe and no test recipe. Other tasks belong to no part and are counted.
 
     Args:
-        graph: the graph; plans may use all its recipes.
+        graph: the graph; plans may use all recipes.
         depth: attempts that a task takes, from 1.
-        split: defines the parts; needed for any part but ``all``.
+        split: defines the parts; required for any part but ``all``.
         part: ``all``, ``train``, ``valid`` or ``test``.
-        weighting: draw the last step of a task among all recipes (task), or by goal first (goal).
+        weighting: draw a task's last step among all recipes (task), or by goal first (goal).
         limit: most tasks to draw.
         seed: seed of the draw.
-        search: the graph's plan search, if there is one already.
+        search: an existing plan search for the graph.
 
     Raises:
-        ConfigError: for a depth or part outside its range.
-        TaskError: if there is no such task, or the split does not fit.
+        ConfigError: for a depth or part outside the range.
+        TaskError: if no such task exists, or the split does not fit.
     """
     whole("depth", depth, 1, MAX_DEPTH)
     one_of("part", part, ("all", *PARTS))
@@ -173,16 +169,12 @@ def make_tasks(
 
 
 def _num_plans_of_two(graph: RecipeGraph) -> int:
-    """Return how many plans of two attempts there are at most: a recipe, and a recipe of one of its ingredients."""
+    """Return an upper bound for the number of plans with two attempts."""
     return int(graph.recipe_counts[graph.recipes[:, :2]].sum())
 
 
 class _Sieve:
-    """Accepts only the tasks of one depth and part.
-
-    Attributes:
-        mixed: tasks of the depth that were met and belong to no part.
-    """
+    """Accepts tasks at one depth in one part; ``mixed`` collects tasks in no part."""
 
     def __init__(self, search: PlanSearch, depth: int, split: Split | None, part: TaskPart):
         self.search, self.depth, self.part = search, depth, part
@@ -190,7 +182,7 @@ class _Sieve:
         self.mixed: set[Posed] = set()
 
     def __call__(self, posed: Posed) -> Plans:
-        """Return the plans of a task; none for anything else."""
+        """Return the plans of an accepted task, otherwise an empty tuple."""
         goal, start = posed
         have = frozenset(start)
         ways = self.search.shortest_ways(goal, have, self.depth)
@@ -205,13 +197,13 @@ class _Sieve:
         return plans if of_plans == {PARTS.index(self.part)} else ()
 
     def may_end(self, row: int) -> bool:
-        """Whether a recipe may be the last step of a plan."""
-        # Each test plan uses a test recipe somewhere, not necessarily at its end.
+        """Return whether a recipe may end a plan."""
+        # A test plan uses a test recipe anywhere, not necessarily at the end.
         return self.parts is None or self.part != "train" or self.parts[row] == PARTS.index("train")
 
 
 def _enumerated(search: PlanSearch, depth: int) -> Iterator[Posed]:
-    """Yield the goals and leaves of all plans of ``depth`` attempts, 1 or 2, some of which need fewer."""
+    """Yield goals and leaves of all plans with ``depth`` attempts, 1 or 2; some have shorter plans."""
     for goal, recipes in enumerate(search.recipes_of):
         for _, x, y in recipes:
             if depth == 1:
@@ -227,16 +219,16 @@ def _enumerated(search: PlanSearch, depth: int) -> Iterator[Posed]:
 
 
 class _Draw:
-    """Draws the goals and leaves of plans, backwards.
+    """Draws goals and leaves of plans, backwards.
 
-    The last step is a random recipe (for train tasks, a train recipe). Then, ``depth - 1`` times, a random leaf that
-    has recipes is replaced by the ingredients of one of them, at random. A draw that is no task of the depth and part,
-    or was drawn before, does not count. So the probability that task t is drawn first is
+    The last step is a random recipe (for train tasks, a train recipe). Then, ``depth - 1`` times, a random leaf with
+    recipes is replaced by the ingredients of a random recipe. Draws outside the depth and part, and repeated draws, do
+    not count. So task t is drawn first with probability
 
     ``P(t) = W(t) / sum_t' W(t')``, ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``
 
-    where q is the probability of the last step, l_i the number of leaves that have recipes at the i-th replacement, and
-    r_i the number of recipes of the leaf replaced.
+    where q is the probability of the last step, l_i the number of leaves with recipes at the i-th replacement, and r_i
+    the number of recipes for the replaced leaf.
     """
 
     def __init__(self, sieve: _Sieve, weighting: TaskWeighting, seed: int):
@@ -250,7 +242,7 @@ class _Draw:
         self.last_steps = [(goal, pair) for goal, pairs in self.by_goal for pair in pairs]
 
     def __call__(self) -> Posed | None:
-        """Draw once; None if the draw leads to no plan."""
+        """Draw once; None without a plan."""
         goal, (a, b) = self._last_step()
         made, leaves = {goal}, {a, b}
         for _ in range(self.depth - 1):
@@ -266,7 +258,6 @@ class _Draw:
         return goal, tuple(sorted(leaves))
 
     def _last_step(self) -> tuple[int, tuple[int, int]]:
-        """Draw a goal and the ingredients that make it."""
         if self.weighting == "task":
             return self.last_steps[self.rng.integers(len(self.last_steps))]
         goal, pairs = self.by_goal[self.rng.integers(len(self.by_goal))]
@@ -274,7 +265,7 @@ class _Draw:
 
 
 def _drawn(sieve: _Sieve, draw: _Draw, limit: int) -> dict[Posed, Plans]:
-    """Return distinct tasks in the order in which they were drawn."""
+    """Return distinct tasks in drawn order."""
     tasks: dict[Posed, Plans] = {}
     tries = 0
     while draw.last_steps and len(tasks) < limit and tries < _TRIES:

@@ -21,7 +21,6 @@ from inspect_ai.model import ChatMessage, ModelOutput, ModelUsage, get_model
 
 import wordcraft_kg
 from tests.apps.text_agents.scripted import PLAYERS, picks_of
-from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames
@@ -204,7 +203,6 @@ def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen: O
     metrics, result = metrics_of(log), read_inspect_log(log.location)
     assert {attempts: metrics[f"known_{attempts}"] for attempts in expected} == expected == result.known
     assert (result.games, result.success, result.settings.base) == (2, None, kitchen.graph.base)
-    assert log.eval.metadata["wordcraft_kg"]["people"]["known"] == {str(after): n for after, n in HUMAN_CURVE.items()}
 
 
 def test_a_log_of_repeated_games_is_refused(play: Play):

@@ -28,24 +28,20 @@ from wordcraft_kg.agents.players import random_distinct
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
-from wordcraft_kg.apps.text_agents.knowledge import ScorerKnowledge
 from wordcraft_kg.apps.text_agents.mcp_server import make_http_app, make_server, tools_hash
-from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedTask, PlayedWorld
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games, record_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.web.serving import listen
-from wordcraft_kg.base.errors import ArtefactError, EpisodeError, LeakError
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.base.errors import ArtefactError, EpisodeError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 ROOT = Path(__file__).parents[3]
 MODES = ("legacy", "auto")
 COMMAND = ["-m", "wordcraft_kg", "mcp", "kitchen", "--distractors", "3"]
 CLIENT = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
 HELLO = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "initialize", "params": CLIENT}).encode()
-ACCEPT = {"Accept": "application/json, text/event-stream"}
 Reply = tuple[str, dict[str, Any] | None]
 Call = Callable[..., Awaitable[Reply]]
 
@@ -213,13 +209,6 @@ def test_look_ups_cost_no_attempt_are_counted_and_only_offered_with_knowledge():
     play_by_tools(with_knowledge, play)
 
 
-def test_a_scorer_that_would_leak_is_refused_before_the_first_game(kitchen: OpenedGraph):
-    train = World(kitchen, WordCraftConfig(part="train"))
-    scorer = FrequencyScorer(kitchen.graph, kitchen.split.partial)
-    with pytest.raises(LeakError):
-        Play(TaskGames(train), PlayedSettings.of_tasks(train), ScorerKnowledge(scorer, kitchen.split))
-
-
 def test_the_oldest_games_are_forgotten_and_others_go_on():
     host = HostedGames(hosted().play, most=3)
     names = [host.begin(task).name for task in range(3)]
@@ -335,24 +324,6 @@ def running(*options: str) -> Iterator[subprocess.Popen[bytes]]:
         process.communicate()
 
 
-@pytest.mark.slow
-def test_a_hundred_sessions_at_once_over_http_go_like_each_alone():
-    tasks = [number % 63 for number in range(100)]
-
-    async def together(address: str) -> list[Any]:
-        # The SDK's client compiles the schemas of all tools for each session, which would take most of the time.
-        async def call(tool: str, **arguments: Any) -> Reply:
-            body = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": tool, "arguments": arguments}}
-            result = (await web.post(address, json=body, headers=ACCEPT)).json()["result"]
-            return result["content"][0]["text"], result.get("structuredContent")
-
-        async with httpx2.AsyncClient(limits=httpx2.Limits(max_connections=len(tasks))) as web:
-            return await asyncio.gather(*(transcript(call, task) for task in tasks))
-
-    with served(hosted()) as address:
-        assert asyncio.run(together(address)) == played_alone(tasks)
-
-
 def test_clients_of_both_versions_of_the_protocol_play_at_once_over_http():
     async def session(address: str, task: int) -> list[Any]:
         async with Client(address, mode=MODES[task % 2]) as client:
@@ -386,16 +357,15 @@ def test_malformed_messages_on_stdin_are_passed_over_and_ctrl_c_ends_the_server(
 
 def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_server_goes_on():
     def status_of(body: bytes, path: str = "/mcp", **headers: str) -> tuple[int, str]:
-        given = {"Content-Type": "application/json", **ACCEPT}
+        given = {"Content-Type": "application/json", "Accept": "application/json, text/event-stream"}
         given |= {name.replace("_", "-"): value for name, value in headers.items()}
         answer = httpx2.post(address.replace("/mcp", path), content=body, headers=given, timeout=20)
         return answer.status_code, answer.text
 
     with served(hosted()) as address:
-        for version in ({}, {"MCP_Protocol_Version": "2026-07-28"}):
-            for body in (b"nonsense", b"", b"[" * 60_000, b'{"jsonrpc": "2.0"}', b'{"id": 1, "method": 5}', b"\xff"):
-                status, text = status_of(body, **version)
-                assert (status, "error" in json.loads(text)) == (400, True), (body[:20], text)
+        for body in (b"nonsense", b"", b"[" * 60_000, b'{"jsonrpc": "2.0"}', b"\xff"):
+            status, text = status_of(body)
+            assert (status, "error" in json.loads(text)) == (400, True), (body[:20], text)
         assert status_of(b"x" * 70_000)[0] == 413
         assert status_of(HELLO, Host="elsewhere.org")[0] == 421
         assert status_of(HELLO, Origin="http://elsewhere.org")[0] == 403
@@ -439,10 +409,7 @@ def test_bad_options_are_refused_before_anything_is_served(run: Any, tmp_path: P
             (["--transport", "http", "--port", taken.getsockname()[1]], "port", "is in use by another program"),
             (["--json"], "", "on stdio the output belongs to the protocol"),
             (["--scorer", tmp_path], "scorer", "only --knowledge scorer asks one"),
-            (["--base", "water"], "base", "add --open-ended"),
-            (["--open-ended", "--depth", "2"], "open_ended", "no tasks"),
             (["--open-ended", "--base", "unicorn"], "base", "no entity 'unicorn' in kitchen"),
-            (["--attempts", "0"], "attempts", "--attempts 0"),
         ):
             outcome = run("mcp", "kitchen", *options)
             assert (outcome.code, outcome.setting, fragment in outcome.err) == (1, setting, True), options

@@ -26,11 +26,10 @@ _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "outpu
 
 
 class LoggedTask(Record, frozen=True, kw_only=True):
-    """Metadata of a task in its log: settings, number of games, and people's discoveries in another game."""
+    """Metadata of a task in its log: settings and number of games."""
 
     settings: PlayedSettings
     games: Count
-    people: dict[str, Any] | None = None
 
 
 def read_inspect_log(path: str | Path) -> TextResult:

@@ -10,7 +10,6 @@ from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Any, TypeVar
 
-from wordcraft_kg.agents.discovery import HUMAN_CURVE, HUMAN_SOURCE
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.inspect_log import METADATA, UNFINISHED, VERDICT, LoggedTask, played_of
@@ -87,7 +86,7 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
             for draw in range(rules.draws)
             for number in chosen_tasks(play.games.world, rules.tasks).tolist()
         ]
-        return _task(play, samples, f"{rules.graph}, {rules.part}", scorer=goal_made())
+        return _task(play, samples, f"{rules.graph}, {rules.part}", goal_made())
 
 
 @task
@@ -106,8 +105,7 @@ def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **se
         rules = play.settings
         about = {"attempts": rules.attempts, "known_at_start": len(rules.base)}
         samples = [_sample(f"world-{game}", play, draw=game, **about) for game in range(games)]
-        people = {"known": {str(after): known for after, known in HUMAN_CURVE.items()}, "source": HUMAN_SOURCE}
-        return _task(play, samples, rules.graph, people, scorer=things_known())
+        return _task(play, samples, rules.graph, things_known())
 
 
 def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> Play:
@@ -131,14 +129,13 @@ def _sample(identity: str, play: Play, **about: Any) -> Sample:
     return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
 
 
-def _task(play: Play, samples: list[Sample], name: str, people: dict[str, Any] | None = None, **options: Any) -> Task:
-    about = LoggedTask(settings=play.settings, games=len(samples), people=people)
+def _task(play: Play, samples: list[Sample], name: str, scorer: Scorer) -> Task:
     return Task(
         dataset=MemoryDataset(samples, name=name),
         solver=conversation(play),
+        scorer=scorer,
         version=play.settings.texts[:12],
-        metadata={METADATA: as_values(about)},
-        **options,
+        metadata={METADATA: as_values(LoggedTask(settings=play.settings, games=len(samples)))},
     )
 
 

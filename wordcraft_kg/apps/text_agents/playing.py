@@ -45,7 +45,12 @@ def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResul
     with locked(folder, "written"):
         played = open_games(path, GamesHeader(player=player, settings=settings))
         for line, one in enumerate(played, 2):
-            _check_game(f"{path}, line {line},", one, play, missing)
+            key = (one.task, one.draw) if isinstance(one, PlayedTask) else (0, one.game)
+            if key not in missing:
+                raise ArtefactError(
+                    f"{path}, line {line}, is damaged: its game is there twice, or not asked for. Remove the line."
+                )
+            del missing[key]
         for task, draw in steps("playing", missing):
             talk = play.begin(task, draw)
             played.append(record_of(talk, converse(talk, speak(talk)), draw))
@@ -53,31 +58,6 @@ def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResul
         result = result_of(player, settings, played)
         write_atomically(folder / RESULT_FILE, dump_json(as_values(result)))
     return result
-
-
-def _check_game(where: str, one: PlayedTask | PlayedWorld, play: Play, missing: dict[tuple[int, int], None]) -> None:
-    """Remove a recorded game from the missing ones; refuse an impossible game."""
-    if isinstance(one, PlayedTask):
-        name, key = f"task {one.task} with draw {one.draw}", (one.task, one.draw)
-    else:
-        name, key = f"game {one.game}", (0, one.game)
-    wrong = "is there twice, or not asked for"
-    if key in missing:
-        del missing[key]
-        wrong = _contradiction(one, play) if isinstance(one, PlayedTask) else ""
-    if wrong:
-        raise ArtefactError(f"{where} is damaged: {name} {wrong}. Remove the line; the game is played again.")
-
-
-def _contradiction(played: PlayedTask, play: Play) -> str:
-    """Return the contradiction of a game with its task or itself; "" without one."""
-    assert isinstance(play.games, TaskGames)
-    goal = play.games.world.tasks[played.task].goal
-    if played.goal != goal:
-        return f"is to make {goal}, not {played.goal}"
-    if played.success != (played.ending == "goal") or (played.by_plan and not played.success):
-        return "was made and not made"
-    return ""
 
 
 def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:

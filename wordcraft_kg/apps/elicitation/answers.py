@@ -1,4 +1,4 @@
-"""Answers of an endpoint on disk: a small file each, named by the SHA-256 of the request."""
+"""Stored answers: a small file each, named by the request's SHA-256."""
 
 import hashlib
 import logging
@@ -15,9 +15,9 @@ class Answer(Record, frozen=True, kw_only=True):
     """An endpoint's answer.
 
     Attributes:
-        text: text of the answer.
-        model: name of the answering model; empty if unknown.
-        finish: reason of the end, such as ``stop`` or ``length``; empty if unknown.
+        text: the text.
+        model: the answering model's name; empty if unknown.
+        finish: reason for the end, such as ``stop`` or ``length``; empty if unknown.
     """
 
     text: str
@@ -26,7 +26,7 @@ class Answer(Record, frozen=True, kw_only=True):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the text, in hexadecimal."""
+        """The text's SHA-256, in hexadecimal."""
         return hashlib.sha256(self.text.encode(errors="surrogatepass")).hexdigest()
 
 
@@ -38,7 +38,7 @@ class _KeptAnswer(Record, frozen=True, kw_only=True):
 
 
 class Answers:
-    """A folder of answers, created by :meth:`open`."""
+    """An answer folder, created by :meth:`open`."""
 
     def __init__(self, folder: Path):
         self.folder = folder

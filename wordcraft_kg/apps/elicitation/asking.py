@@ -55,7 +55,7 @@ def view_asking(plan: AskingPlan, graph: str, config: OpinionsConfig, answers: P
 def ask_all(
     plan: AskingPlan, make_endpoint: Callable[[], Endpoint], answers: Answers, progress: Progress | None = None
 ) -> list[Answer]:
-    """Request the missing answers, and return all answers in the order of the prompts.
+    """Request the missing answers, and return all answers in prompt order.
 
     The first Ctrl-C waits for pending requests, since they may cost money; the second one ends immediately. Without a
     running event loop; in a notebook, call the function in a thread.
@@ -63,13 +63,13 @@ def ask_all(
     Args:
         plan: all prompts and the prompts to send.
         make_endpoint: creates the client, if there are prompts to send.
-        answers: folder of answers.
+        answers: answer folder.
         progress: called after each answer.
 
     Raises:
-        OutputExistsError: if the folder of answers is a file.
+        OutputExistsError: if the answer folder is a file.
         EndpointError: for a refused prompt, or no answer after all retries; earlier answers are stored.
-        KeyboardInterrupt: after Ctrl-C, with the number of stored answers.
+        KeyboardInterrupt: after Ctrl-C, with the stored answers' number.
     """
     total = len(plan.prompts)
     kept = total - len(plan.waiting)

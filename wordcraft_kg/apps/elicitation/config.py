@@ -1,4 +1,4 @@
-"""Settings of ask-opinions; without torch."""
+"""Settings for ask-opinions; without torch."""
 
 import re
 from dataclasses import dataclass
@@ -10,24 +10,24 @@ from wordcraft_kg.base.settings import number_in, one_of, whole
 from wordcraft_kg.runs.config_file import RunConfig
 
 Sampling = Literal["greedy", "default"]
-"""Sampling of a request: temperature 0 and a seed, or the model's default."""
+"""Sampling: temperature 0 and a seed, or the model's default."""
 OPENAI_KEY = "OPENAI_API_KEY"
 
 
 @dataclass(frozen=True)
 class AskingConfig:
-    """Prompts and requests of ask-opinions.
+    """Settings for prompts and requests.
 
     Attributes:
         goals_per_prompt: entities per prompt.
-        pairs: maximum number of requested pairs per entity.
+        pairs: requested pairs per entity, at most.
         sampling: greedy (temperature 0 and `seed`), or default for models that refuse these settings.
         seed: seed for the endpoint; many endpoints ignore the seed.
         at_once: concurrent prompts.
         key_variable: environment variable with the endpoint's key, which is never written or printed. Default:
             OPENAI_API_KEY for https addresses, no key for http addresses.
         timeout: seconds until an unanswered prompt is repeated.
-        retries: repetitions of a prompt after a timeout, a failure or a torn answer.
+        retries: repetitions after a timeout, a failure or a torn answer.
 
     Example:
         >>> AskingConfig(goals_per_prompt=20).pairs
@@ -60,11 +60,11 @@ class AskingConfig:
 
 @dataclass(frozen=True)
 class OpinionsConfig(RunConfig):
-    """Settings of a model folder of opinions.
+    """Settings for a model folder with opinions.
 
     Attributes:
-        endpoint: address of an OpenAI-compatible endpoint, such as ``http://localhost:8080/v1``.
-        model: the endpoint's name of the language model.
+        endpoint: OpenAI-compatible address, such as ``http://localhost:8080/v1``.
+        model: the endpoint's name for the language model.
         settings: prompts and requests.
 
     Example:

@@ -1,4 +1,4 @@
-"""A client of OpenAI-compatible endpoints that keeps the key out of all texts; the library ``openai`` retries."""
+"""A client for OpenAI-compatible endpoints that removes the key from all texts; the library ``openai`` retries."""
 
 import os
 from typing import Any
@@ -15,11 +15,11 @@ _NO_MONEY = "insufficient_quota"
 _LEAST_KEY = 6
 """Length from which a key is hidden in texts; a shorter one, such as "none", is a word."""
 _MOST_QUOTED = 300
-"""Characters of an endpoint's error message that are repeated."""
+"""Repeated characters of an endpoint's error message."""
 
 
 class Endpoint:
-    """A client of an endpoint for concurrent calls of :meth:`ask`; ``async with`` closes the client."""
+    """An endpoint's client for concurrent calls to :meth:`ask`; ``async with`` closes the client."""
 
     def __init__(self, config: OpinionsConfig):
         """Read the key and create a client, without a request.
@@ -109,7 +109,7 @@ class Endpoint:
         return f"refuses the prompt (status {status}{quoted}).{hint}"
 
     def _quoted(self, body: object) -> str:
-        """Return an endpoint's message, short and without the key, as the end of a sentence."""
+        """Return an endpoint's message, short and without the key, to end a sentence."""
         text = body.decode(errors="replace") if isinstance(body, bytes) else str(body or "")
         text = self._redacted(" ".join("".join(letter if letter.isprintable() else " " for letter in text).split()))
         return f": {text[:_MOST_QUOTED]}" if text else ""

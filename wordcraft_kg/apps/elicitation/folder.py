@@ -1,4 +1,4 @@
-"""Model folders of opinions: scorer, table of opinions, unreadable lines and metrics."""
+"""Model folders with opinions: scorer, table, unreadable lines and metrics."""
 
 import csv
 import hashlib
@@ -87,7 +87,7 @@ def _metrics(
 
 
 def agreement(opened: OpenedGraph, opinions: Sequence[Opinion], *, test_only: bool = False) -> Agreement:
-    """Compare opinions with all recipes of a graph, or with test recipes; opinions on other parts are left out."""
+    """Compare opinions with a graph's recipes, or with test recipes; opinions on other parts are left out."""
     recipes, is_in = opened.graph.recipes, opened.split.is_in("test") | (not test_only)
     wanted, others = ({tuple(row) for row in recipes[rows].tolist()} for rows in (is_in, ~is_in))
     named = [one.recipe for one in sorted(opinions, key=lambda one: -one.rank) if one.recipe not in others]

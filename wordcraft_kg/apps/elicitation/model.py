@@ -1,4 +1,4 @@
-"""Registration of the model folders of ``ask-opinions``, by the entry-point group ``wordcraft_kg.models``."""
+"""Registration for model folders by ``ask-opinions``, through the entry-point group ``wordcraft_kg.models``."""
 
 from wordcraft_kg.apps.elicitation.config import OpinionsConfig
 from wordcraft_kg.apps.elicitation.records import OpinionMetrics
@@ -10,7 +10,7 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 def opinions_history(files: RunFiles) -> History:
-    """Read the origin of the opinions in a model folder."""
+    """Read the opinions' origin from a model folder."""
     config, metrics = OpinionsConfig.read(files.folder), files.record("metrics.json", OpinionMetrics)
     facts = {
         "asked by": " ".join(files.run.argv),

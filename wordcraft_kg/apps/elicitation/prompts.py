@@ -1,4 +1,4 @@
-"""Prompts for a language model, and the request as the key of its answer."""
+"""Prompts for a language model, and requests, which identify answers."""
 
 import hashlib
 import json
@@ -9,7 +9,7 @@ from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
 from wordcraft_kg.base.records import Record
 
 LISTED = 1_500
-"""Maximum number of entities that prompts list; for a larger graph, the model names things freely."""
+"""Entities in a prompt, at most; for a larger graph, the model names things freely."""
 TASK = """\
 In a crafting game, two things are combined and make another thing, as in the real world or in a play on words.
 A thing may be combined with itself.
@@ -26,19 +26,19 @@ Which pairs make these things?
 {goals}
 """
 TEMPLATE_HASH = hashlib.sha256("\0".join((TASK, THINGS, QUESTION)).encode()).hexdigest()
-"""Version of the prompts: SHA-256 of the template."""
+"""Prompt version: the template's SHA-256."""
 _CHARACTERS_PER_TOKEN = 4  # approximately, for English
 
 
 class Message(Record, frozen=True):
-    """A message of a chat."""
+    """A chat message."""
 
     role: str
     content: str
 
 
 class Request(Record, frozen=True, kw_only=True):
-    """The content of a request without the key; None stands for the endpoint's default."""
+    """A request's content without the key; None stands for the endpoint's default."""
 
     endpoint: str
     model: str
@@ -48,7 +48,7 @@ class Request(Record, frozen=True, kw_only=True):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the content, in hexadecimal."""
+        """The content's SHA-256, in hexadecimal."""
         values = [self.endpoint, self.model, [[one.role, one.content] for one in self.messages]]
         return hashlib.sha256(json.dumps([*values, self.temperature, self.seed]).encode()).hexdigest()
 
@@ -60,7 +60,7 @@ class Request(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Prompt:
-    """Labels of goals, the request for their pairs, and the approximate number of tokens of the answer."""
+    """Goals by label, the request for pairs, and the answer's approximate number of tokens."""
 
     goals: tuple[str, ...]
     request: Request
@@ -68,7 +68,7 @@ class Prompt:
 
 
 def make_prompts(config: OpinionsConfig, entities: Sequence[str]) -> list[Prompt]:
-    """Return the prompts about all entities, given by label in the order of their ids.
+    """Return the prompts about all entities, given by label in id order.
 
     Example:
         >>> config = OpinionsConfig("kitchen", "http://localhost:8080/v1", "some-model")

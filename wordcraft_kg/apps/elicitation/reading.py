@@ -1,4 +1,4 @@
-"""Lenient parser of opinions in answers: lines such as ``mud: water + earth``."""
+"""Lenient parser for opinions in answers: lines such as ``mud: water + earth``."""
 
 import re
 from collections import defaultdict
@@ -28,8 +28,8 @@ class Opinion:
     """A recipe by a language model.
 
     Attributes:
-        recipe: ids of both ingredients, the smaller one first, and of the goal.
-        rank: rank among the pairs of the goal, from 1.
+        recipe: ids: both ingredients in ascending order, and the goal.
+        rank: rank among the goal's pairs, from 1.
     """
 
     recipe: tuple[int, int, int]
@@ -60,7 +60,7 @@ def read_opinions(
     Args:
         prompts: prompts.
         answers: an answer per prompt.
-        entities: labels of the graph, in the order of their ids.
+        entities: the graph's labels in id order.
     """
     known = LabelIndex(entities)
     opinions: list[Opinion] = []
@@ -90,7 +90,7 @@ def read_opinions(
 def _pairs(
     text: str, known: LabelIndex, goals: set[int | None]
 ) -> Iterator[tuple[tuple[int, int] | None, int | None, str]]:
-    """Yield each pair of an answer, its goal, and its line; None for an unreadable pair or goal."""
+    """Yield each pair in an answer with goal and line; None for an unreadable pair or goal."""
     heading: int | None = None
     # With some servers, thoughts begin in the prompt and only end in the answer.
     *_, visible = _END_OF_THINKING.split(_THINKING.sub("\n", text))
@@ -113,9 +113,9 @@ def _pairs(
 
 
 def _divided(line: str, known: LabelIndex) -> tuple[int | None, str]:
-    """Return the goal of a line and the rest of the line; None without a goal in the graph.
+    """Return a line's goal and the remaining text; None without a goal in the graph.
 
-    The beginning of a label may be a label too, as ``star`` of ``star: wars``; the one before a pair counts.
+    The beginning of a label may be a label too, as ``star`` in ``star: wars``; the label before a pair counts.
     """
     about: list[tuple[int, str]] = []
     for match in _GOAL.finditer(line):

@@ -1,18 +1,17 @@
-"""Metrics of a model folder of opinions, and the output of ``ask-opinions``."""
+"""Metrics for a model folder with opinions, and the output of ``ask-opinions``."""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 
 
 class Agreement(Record, frozen=True, kw_only=True):
-    """Agreement of opinions with all recipes of the graph, or with the recipes of a part.
+    """Agreement between opinions and the graph's recipes, or one part's recipes.
 
     Attributes:
-        opinions: number of evaluated opinions; recipes of other parts are left out.
-        recipes: number of recipes.
-        right: number of opinions among the recipes.
+        opinions: evaluated opinions; recipes in other parts are left out.
+        right: opinions among the recipes.
         precision: share of opinions among the recipes; None without opinions.
         recall: share of recipes among the opinions; None without recipes.
-        goals: number of results of the recipes.
+        goals: different results of the recipes.
         first_right: share of goals whose first opinion is a recipe; None without recipes.
     """
 
@@ -26,18 +25,16 @@ class Agreement(Record, frozen=True, kw_only=True):
 
 
 class OpinionMetrics(Record, frozen=True, kw_only=True):
-    """``metrics.json``: numbers of prompts and opinions, and the agreement with the graph.
+    """``metrics.json``: numbers, and the agreement with the graph.
 
     Attributes:
-        template: hash of the prompt template.
-        prompts: number of prompts.
-        goals: number of entities in the prompts.
-        goals_with_opinions: number of entities with an opinion.
-        opinions: number of opinions.
-        unread: number of lines without an opinion, by reason.
-        cut: number of answers that ended at the endpoint's length limit.
-        models: names of the answering models.
-        agreement: agreement with ``all`` recipes and with those of the ``test`` part.
+        template: prompt template's hash.
+        goals: entities in the prompts.
+        goals_with_opinions: entities with an opinion.
+        unread: lines without an opinion, by reason.
+        cut: answers that ended at the endpoint's length limit.
+        models: answering models.
+        agreement: agreement with ``all`` recipes and with ``test`` recipes.
     """
 
     template: Hash
@@ -52,17 +49,16 @@ class OpinionMetrics(Record, frozen=True, kw_only=True):
 
 
 class AskingEstimate(Record):
-    """Amount of work before any request.
+    """Prompts and tokens before any request.
 
     Attributes:
-        template: hash of the prompt template.
-        goals: number of entities in the prompts.
-        prompts: number of prompts.
-        kept: number of prompts with a stored answer.
-        to_ask: number of prompts without a stored answer.
-        tokens_in: approximate tokens of the prompts to ask, a quarter of their characters.
-        tokens_out: approximate tokens of their answers, without a model's thoughts.
-        answers: folder of stored answers.
+        template: prompt template's hash.
+        goals: entities in the prompts.
+        kept: prompts with a stored answer.
+        to_ask: prompts without a stored answer.
+        tokens_in: approximate tokens in prompts to ask, a quarter of the characters.
+        tokens_out: approximate tokens in answers, without a model's thoughts.
+        answers: answer folder.
     """
 
     graph: str

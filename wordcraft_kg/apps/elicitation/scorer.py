@@ -1,4 +1,4 @@
-"""Scorer of weighted recipes from a source other than the graph."""
+"""Scorer for weighted recipes from a source outside the graph."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -91,12 +91,12 @@ class OpinionScorer(StoredScorer):
         return weights_of(torch.stack(ids, dim=-1), self._keys, self._weights, len(self.entities))
 
     def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return an empty list, because opinions do not depend on recipes of the graph."""
+        """Return an empty list, because opinions have no supporting recipes."""
         self.entity_ids([ingredient, other, result])
         return []
 
     def _strongest_links(self) -> tuple[Tensor, Tensor]:
-        """Return the keys of the opinions' links, ascending, and their largest weights."""
+        """Return link keys, ascending, and maximum weights."""
         size = len(self.entities)
         a, b, c = self.opinions.numpy().astype(np.int64).T
         keys = np.concatenate(

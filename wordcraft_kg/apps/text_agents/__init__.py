@@ -1,8 +1,8 @@
 """Text agents: people, programs and language models that play the agents' tasks as texts.
 
-A *game* (``games``) is a task at a table of the evaluation, or the open-ended world, by labels. A *conversation*
-(``conversation``) plays a game by prompts and answers. ``knowledge`` can be looked up, ``results`` counts as the
-evaluation of agents. Players connect by the line protocol (``line_player``), MCP (``mcp_server``) or Inspect AI
+A *game* (``games``) is a task at an evaluation table, or the open-ended world, by labels. A *conversation*
+(``conversation``) plays a game by prompts and answers. ``knowledge`` can be looked up, ``results`` counts as agent
+evaluation does. Players connect by the line protocol (``line_player``), MCP (``mcp_server``) or Inspect AI
 (``inspect_tasks``)::
 
     talk = Conversation(TaskGames(World("kitchen", WordCraftConfig(part="test"))).begin(task=0))

@@ -26,9 +26,9 @@ class Conversation:
 
     Attributes:
         game: the game.
-        refused: number of invalid messages.
+        refused: invalid messages.
         lost: attempts lost by invalid messages.
-        look_ups: number of look-ups.
+        look_ups: look-ups so far.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -47,7 +47,7 @@ class Conversation:
 
     @property
     def rules(self) -> str:
-        """Rules of the game and format of answers."""
+        """Game rules and answer format."""
         parts = [self.game.rules, told("answer")]
         if self._knowledge is not None and self._most_look_ups:
             parts.append(told("look_up", look_ups=self._most_look_ups))
@@ -64,7 +64,7 @@ class Conversation:
         return self.game.is_over
 
     def hear(self, message: str) -> str:
-        """Return the reply to a message: its outcome and the new state."""
+        """Return the reply to a message: outcome and new state."""
         line, entities = last_line(message), self.game.graph.entities
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         try:
@@ -107,7 +107,7 @@ def facts_in_words(label: str, facts: list[str]) -> str:
 
 
 def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
-    """Play a game with a function that answers prompts; return all messages in turn, the outcome of the game last."""
+    """Play a game with a function that answers prompts; return all messages in turn, the outcome last."""
     messages = [talk.opening]
     while not talk.is_over:
         messages.append(answer(messages[-1]))
@@ -134,8 +134,8 @@ class Play:
         Raises:
             ConfigError: for settings that do not fit the graph.
             LeakError: if a scorer would reveal its train recipes on train tasks.
-            ArtefactError, RecipeFileError, GraphMismatchError: for a graph or scorer that is unreadable or of another
-                graph.
+            ArtefactError, RecipeFileError, GraphMismatchError: for an unreadable or
+                mismatched graph or scorer.
         """
         opened = open_graph(graph)
         knowledge = open_knowledge(settings, opened)

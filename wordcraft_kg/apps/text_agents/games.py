@@ -1,4 +1,4 @@
-"""Games by labels: a task at a table of the evaluation, or the open-ended world."""
+"""Games by labels: a task at an evaluation table, or the open-ended world."""
 
 import copy
 from abc import ABC, abstractmethod
@@ -20,8 +20,8 @@ class Game(ABC):
     Attributes:
         graph: the recipe graph.
         rules: the rules as a prompt.
-        goal: label of the goal; None in the open-ended world.
-        tasks: tasks of the world; None in the open-ended world.
+        goal: the goal's label; None in the open-ended world.
+        tasks: the world's tasks; None in the open-ended world.
         task: index of the game's task.
     """
 
@@ -30,14 +30,14 @@ class Game(ABC):
     task = -1
 
     def __init__(self, graph: RecipeGraph, aim: str):
-        """Begin a game; ``aim`` is the key of the text that states the aim."""
+        """Begin a game; ``aim`` is the key of the aim's text."""
         self.graph = graph
         self.rules = f"{told('rules')} {told(aim)}"
         self._is_ended = False
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of the entities that can be combined, by number."""
+        """Labels of the available entities, by number."""
         return self.graph.labels(self._entities())
 
     @property
@@ -56,7 +56,7 @@ class Game(ABC):
         return told("ended") if self._is_ended else self._ending() or self._ongoing()
 
     def combine(self, one: int, other: int) -> str:
-        """Make an attempt and return a description of its result."""
+        """Make an attempt and describe the result."""
         self._check()
         return self._combine(one, other)
 
@@ -66,7 +66,7 @@ class Game(ABC):
         self._lose()
 
     def end(self) -> None:
-        """Give up the game, regardless of the attempts left."""
+        """Give up the game, with or without attempts left."""
         self._is_ended = not self.is_over or self._is_ended
 
     def _check(self) -> None:
@@ -90,14 +90,14 @@ class Game(ABC):
 
 
 class TaskGame(Game):
-    """A crafting task at a table of the evaluation.
+    """A crafting task at an evaluation table.
 
     Attributes:
-        draw: index of the draw of distractors.
+        draw: index of the distractor draw.
         start: initial labels on the table.
         is_made: whether the goal was made.
-        by_plan: whether the last pair of a plan made the goal.
-        picks: picks so far, counted as in the evaluation of agents.
+        by_plan: whether a plan's last pair made the goal.
+        picks: picks so far, counted as in agent evaluation.
         last: the last combined pair; None initially and after a lost attempt.
     """
 
@@ -153,7 +153,7 @@ class TaskGame(Game):
 
 
 class TaskGames:
-    """Tasks of a world as independent games, at the tables of the evaluation.
+    """A world's tasks as independent games, at the evaluation tables.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -168,7 +168,7 @@ class TaskGames:
         self._env, self._tables = WordCraftEnv(world), EvaluationTables(world)
 
     def begin(self, task: int = 0, draw: int = 0) -> TaskGame:
-        """Begin a task, by index, with a draw of distractors.
+        """Begin a task, by index, with a distractor draw.
 
         Raises:
             ConfigError: if the task or draw does not exist.
@@ -180,7 +180,7 @@ class DiscoveryGame(Game):
     """A game in the open-ended world.
 
     Attributes:
-        known_after: number of known entities after each attempt.
+        known_after: known entities after each attempt.
         repeated: attempts with an already tried pair.
     """
 
@@ -225,7 +225,7 @@ class DiscoveryGame(Game):
 
 
 class DiscoveryGames:
-    """Independent games in the open-ended world of a graph, all from the same base.
+    """Independent games in a graph's open-ended world, all from the same base.
 
     Raises:
         ConfigError: for a value out of range, or a base that makes nothing.

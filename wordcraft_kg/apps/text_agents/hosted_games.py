@@ -1,4 +1,4 @@
-"""Concurrent games, each with an id, of players that may reconnect; the oldest games are forgotten."""
+"""Concurrent games with ids, for players that may reconnect; the oldest games are forgotten."""
 
 import secrets
 from collections import OrderedDict
@@ -19,31 +19,31 @@ from wordcraft_kg.runs.folder import locked
 NEVER = MAX_SIZE
 """Value of ``refusals`` at which invalid messages never cost an attempt: clients read a tool's error and call again."""
 _MOST_GAMES = 1_000
-"""Remembered games: ten for each of a hundred players, in less than 100 MiB."""
+"""Remembered games: ten per player for a hundred players, in less than 100 MiB."""
 _MOST_MESSAGES = 10_000
-"""Recorded messages of a game, which bound its memory."""
+"""Recorded messages per game, a memory bound."""
 
 
 class HostedGame:
     """A game with an id and the messages of its player.
 
     Calls raise an EpisodeError after the end of the game, an ActionError for invalid messages, and an OSError if the
-    record of the game cannot be written; :meth:`end` repeats the attempt to write the record.
+    record cannot be written; :meth:`end` writes again.
 
     Attributes:
         name: the game's id.
-        talk: the game and its counts.
-        messages: prompts and answers in turn; the first has the rules and the initial state, later ones omit states.
+        talk: the game with counts.
+        messages: prompts and answers in turn; the first has rules and state, later prompts omit states.
     """
 
     def __init__(self, name: str, talk: Conversation, keep: "Callable[[HostedGame], None]"):
-        """Begin a game; ``keep`` records the game once it is over."""
+        """Begin a game; ``keep`` records a finished game."""
         self.name, self.talk, self._keep = name, talk, keep
         self.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
         self._is_kept = False
 
     def combine(self, first: str, second: str) -> str:
-        """Make an attempt and return a description of its result."""
+        """Make an attempt and describe the result."""
         game = self.talk.game
         with self._hearing(message := f"{first} + {second}"):
             result = game.combine(*(read_label(thing, game.labels) for thing in (first, second)))
@@ -52,7 +52,7 @@ class HostedGame:
         return result
 
     def look_up(self, thing: str) -> tuple[str, list[str]]:
-        """Return the label of an entity and the facts about it."""
+        """Return an entity's label and facts."""
         entities = self.talk.game.graph.entities
         with self._hearing(message := f"look up {thing}"):
             entity = read_label(thing, entities, by_number=False)
@@ -61,7 +61,7 @@ class HostedGame:
         return entities[entity], facts
 
     def end(self) -> None:
-        """Give up the game unless it is over."""
+        """Give up an unfinished game."""
         if not self.talk.is_over:
             self.talk.game.end()
             self._note("end", "")  # the answer is the state alone
@@ -89,7 +89,7 @@ class HostedGame:
 
 
 class HostedGames:
-    """Games of one world, open to everyone who knows a game's id.
+    """Games in one world, open to everyone with a game's id.
 
     Attributes:
         play: the games and their settings.
@@ -97,7 +97,7 @@ class HostedGames:
     """
 
     def __init__(self, play: Play, *, most: int = _MOST_GAMES):
-        """Host games; ``most`` of them are remembered."""
+        """Host games; the last ``most`` are remembered."""
         self.play, self._most = play, most
         self.keep: Callable[[HostedGame], None] = lambda game: None
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
@@ -131,11 +131,11 @@ class HostedGames:
 
 @contextmanager
 def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame], None]]:
-    """Yield a function that appends a game to a file; other servers cannot write the file meanwhile.
+    """Yield a function that appends a game to a file, and lock the file.
 
     Raises:
-        ArtefactError: for a damaged file, a file of another kind, or a file that another server writes.
-        GraphMismatchError, ConfigError: for games of another graph or other settings; the file is unchanged.
+        ArtefactError: for a damaged or foreign file, or a file in use by a server.
+        GraphMismatchError, ConfigError: for games with another graph or settings; the file is unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()

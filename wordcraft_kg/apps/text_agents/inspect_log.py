@@ -1,4 +1,4 @@
-"""Results of text agents from logs of Inspect AI."""
+"""Text agents' results from Inspect AI logs."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,29 +17,29 @@ Played = TypeVar("Played", bound=PlayedTask | PlayedWorld)
 METADATA = "wordcraft_kg"
 """Key of a :class:`LoggedTask` in a task's metadata."""
 UNFINISHED = "unfinished"
-"""Key of a game's record: whether a limit of Inspect ended the game."""
+"""Key of a game's record: whether an Inspect limit ended the game."""
 VERDICT = "verdict"
-"""Key of a game's record: description of the game's outcome."""
+"""Key of a game's record: the outcome as text."""
 
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
-"""Skipped fields of a log; messages are the largest part."""
+"""Skipped log fields; messages are the largest part."""
 
 
 class LoggedTask(Record, frozen=True, kw_only=True):
-    """Metadata of a task in its log: settings and number of games."""
+    """A task's metadata in a log: settings and game count."""
 
     settings: PlayedSettings
     games: Count
 
 
 def read_inspect_log(path: str | Path) -> TextResult:
-    """Read the result of a language model from a log of ``crafting`` or ``discovery``, ``.eval`` or ``.json``.
+    """Read a language model's result from a log for ``crafting`` or ``discovery``, ``.eval`` or ``.json``.
 
-    The player is the model's name. Games that a limit of Inspect ended count.
+    The player is the model's name. Games that ended at an Inspect limit count.
 
     Raises:
         MissingExtraError: without Inspect AI.
-        ArtefactError: for a missing or damaged file, a log of another task, or missing games.
+        ArtefactError: for a missing or damaged file, another task's log, or missing games.
     """
     path = Path(path)
     log = _read(path)
@@ -92,7 +92,7 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
 
 
 def played_of(values: Mapping[str, Any] | None, kind: type[Played], where: str) -> Played:
-    """Return a game from the metadata of its score.
+    """Return a game from a score's metadata.
 
     Raises:
         ArtefactError: for damaged metadata; the message names the source ``where``.

@@ -1,4 +1,4 @@
-"""Tasks of Inspect AI: crafting tasks at the tables of the evaluation, and the open-ended world.
+"""Inspect AI tasks: crafting tasks at the evaluation tables, and the open-ended world.
 
 ``inspect eval wordcraft_kg/crafting`` finds the tasks by the package's entry point.
 """
@@ -40,7 +40,7 @@ _RULES = ("knowledge", "scorer", "look_ups", "refusals")
 
 
 class InspectTaskError(ConfigError, PrerequisiteError):
-    """A wrong parameter of a task; Inspect shows the message without a traceback."""
+    """A wrong task parameter; Inspect shows the message without a traceback."""
 
     def __init__(self, message: str):
         from rich.markup import escape
@@ -50,7 +50,7 @@ class InspectTaskError(ConfigError, PrerequisiteError):
 
 
 def _with_parameters(*names: str, **own: Any) -> Callable[[F], F]:
-    """Declare the parameters of a task for Inspect: a graph, settings of games by name, and others with defaults."""
+    """Declare a task's parameters for Inspect: a graph, game settings by name, and further settings with defaults."""
     defaults = {field.name: field.default for field in fields(EvaluationSettings)}
     kind = Parameter.POSITIONAL_OR_KEYWORD
     given = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}
@@ -68,7 +68,7 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[F], F]:
 @task
 @_with_parameters("part", "depth", "distractors", "attempts", "draws", "tasks", *_RULES)
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
-    """Make the goal from entities on the table: the tasks and tables of the evaluation of agents.
+    """Make the goal from entities on the table: the tasks and tables for agents.
 
     ``graph`` is a graph folder, recipe book or known book; see
     :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters.
@@ -92,7 +92,7 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
 @task
 @_with_parameters(*_RULES, attempts=ATTEMPTS, base=None, games=1)
 def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any) -> Task:
-    """Discover entities in the open-ended world from a ``base`` of one or more entities, in a number of ``games``.
+    """Discover entities in the open-ended world from a ``base`` with one or more entities, in ``games`` games.
 
     See :func:`crafting` for other parameters and errors.
     """
@@ -150,7 +150,7 @@ def _readable() -> Iterator[None]:
 
 @solver
 def conversation(play: Play) -> Solver:
-    """Let a model play until the game is over, or until a limit of Inspect ends the game."""
+    """Let a model play until the game is over, or until an Inspect limit."""
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
         talk = play.begin(state.metadata.get("task", 0), state.metadata["draw"])
@@ -174,7 +174,7 @@ def conversation(play: Play) -> Solver:
 
 @metric(scores="unreduced")
 def crafting_figures() -> Metric:
-    """Compute the metrics of the evaluation of agents, and the standard error over tasks."""
+    """Compute the metrics for agents, and the standard error over tasks."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
@@ -202,7 +202,7 @@ def crafting_figures() -> Metric:
 
 @metric(scores="unreduced")
 def discovery_figures() -> Metric:
-    """Compute the mean number of known entities by number of attempts, and the standard error of the last one."""
+    """Compute the mean number of known entities by attempts, and the final standard error."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:

@@ -1,4 +1,4 @@
-"""Knowledge for look-ups: the recipes of the partial graph, or the best links of a trained scorer."""
+"""Knowledge for look-ups: partial-graph recipes, or a trained scorer's best links."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 _MOST_FACTS = 40
-"""Recipes of an entity; some entities have hundreds."""
+"""Recipes per entity; some entities have hundreds."""
 _MOST_LINKS = 10
-"""Entities per relation of a scorer."""
+"""Entities per relation."""
 
 
 class Knowledge(ABC):
     """Facts for look-ups.
 
     Attributes:
-        scorer: hash of the scorer's weights; None without a scorer.
-        kg: training triples of the scorer; a scorer of the full graph knows the answers.
+        scorer: weights hash; None without a scorer.
+        kg: the scorer's training triples; a full-graph scorer knows the answers.
     """
 
     scorer: str | None = None
@@ -40,9 +40,9 @@ class Knowledge(ABC):
 
 
 class PartialGraphKnowledge(Knowledge):
-    """The train recipes, without all recipes of pairs in the task's plans.
+    """The train recipes, without any result for the task's planned pairs.
 
-    Facts are listed in this order: recipes that make the entity, uses with an entity on the table, other uses.
+    Facts are listed in this order: recipes that make the entity, uses with an entity on the table, remaining uses.
     """
 
     def __init__(self, split: Split):
@@ -50,7 +50,7 @@ class PartialGraphKnowledge(Knowledge):
         self._is_known = split.is_in("train")
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the recipes of an entity, at most 40."""
+        """Return an entity's recipes, at most 40."""
         graph = self.graph
         pairs = graph.recipes[:, :2]
         plans = () if game.tasks is None else game.tasks.plans[game.task]
@@ -70,17 +70,17 @@ class PartialGraphKnowledge(Knowledge):
 
 
 class ScorerKnowledge(Knowledge):
-    """The best links of a scorer: partners, likely results and likely components of an entity.
+    """A scorer's best links: an entity's partners, likely results and likely components.
 
     On a train task, the cross-fitted model without the task's recipes answers. Self-combinations are omitted, because
-    link predictors score almost all of them high.
+    link predictors score almost all high.
     """
 
     def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: Taught | None = None):
-        """Take a scorer, the hash of its weights and its training triples.
+        """Take a scorer, the weights hash and the training triples.
 
         Raises:
-            GraphMismatchError: for a scorer of another graph.
+            GraphMismatchError: for another graph's scorer.
         """
         from wordcraft_kg.models.scorers.protocol import check_scorer
 
@@ -89,7 +89,7 @@ class ScorerKnowledge(Knowledge):
         self._models: dict[str, Ids] = {}
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the most plausible links of an entity; partners are on the table, other ends are any entities.
+        """Return an entity's most plausible links; partners are on the table, results and components anywhere.
 
         Raises:
             LeakError: for a train task and a scorer without folds.
@@ -113,7 +113,7 @@ class ScorerKnowledge(Knowledge):
                 yield f"{about}: {', '.join(links)}"
 
     def _answering(self, game: Game) -> "TripleScorer | None":
-        """Return the model without the task's recipes; None if each fold has some of them."""
+        """Return the model without the task's recipes; None if every model knows some."""
         from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
 
         tasks = game.tasks
@@ -134,11 +134,11 @@ class ScorerKnowledge(Knowledge):
 
 
 def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | None:
-    """Open the knowledge of settings, for games on a graph and its split.
+    """Open the configured knowledge for games on a graph and split.
 
     Raises:
         ArtefactError: for an unfinished or damaged scorer folder.
-        GraphMismatchError: for a scorer of another graph or split.
+        GraphMismatchError: for a scorer on another graph or split.
     """
     if settings.scorer is None:
         return PartialGraphKnowledge(opened.split) if settings.knowledge == "partial" else None

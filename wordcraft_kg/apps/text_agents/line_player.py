@@ -1,6 +1,6 @@
 """The line protocol for programs that play: a JSON object per line on stdin, an answer per line on stdout.
 
-The guide to text agents describes the keys of the object.
+The guide to text agents describes the object's keys.
 """
 
 import json
@@ -21,7 +21,7 @@ from wordcraft_kg.base.errors import ConfigError, PlayerError
 from wordcraft_kg.base.settings import number_in
 
 MOST_CHARACTERS = 100_000
-"""Characters of a line; a language model may think aloud."""
+"""Characters per line; a language model may think aloud."""
 _MOST_WAITING = 16
 _PATIENCE = 5.0  # seconds from the end of a program's input to its own end
 
@@ -30,7 +30,7 @@ class LinePlayer:
     """A program that plays by the line protocol.
 
     Attributes:
-        name: name of the script or program, without options, which may contain a secret.
+        name: script or program name, without options, which may contain a secret.
 
     Example:
         >>> with LinePlayer("python examples/line_player.py") as player:
@@ -79,7 +79,7 @@ class LinePlayer:
             self._process.wait()
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Return the function that answers the prompts of a new conversation."""
+        """Return the function that answers a new conversation's prompts."""
         self._games += 1
         number, is_new = self._games, True
 
@@ -160,7 +160,7 @@ class LinePlayer:
 
 
 def name_of(words: list[str]) -> str:
-    """Return the name of a Python program's script, or else of the program."""
+    """Return a Python program's script name, or else the program name."""
     is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
     for word in words[1:] if is_python else ():
         with suppress(OSError):  # code may stand where a file's name is expected

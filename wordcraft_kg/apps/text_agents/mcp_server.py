@@ -46,7 +46,7 @@ _ENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent
 
 
 def tools_hash() -> str:
-    """Return the hash of all prompts of MCP clients: texts of the games, descriptions of tools, and instructions."""
+    """Return the hash for all MCP prompts: game texts, tool descriptions and instructions."""
     return hashlib.sha256(json.dumps([texts_hash(), TOOLS, INSTRUCTIONS], sort_keys=True).encode()).hexdigest()
 
 
@@ -62,7 +62,7 @@ class Position(BaseModel, frozen=True):
 
     @classmethod
     def of(cls, hosted: HostedGame, **more: Any) -> Self:
-        """Return the position of a hosted game."""
+        """Return a hosted game's position."""
         game = hosted.talk.game
         return cls(
             game=hosted.name,
@@ -135,7 +135,7 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
 
 
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
-    """Return a server of games, for any transport."""
+    """Return a game server for any transport."""
     games, settings = hosted.play.games, hosted.play.settings
     rules, about_look_ups = games.begin().rules, TOOLS["look_up"].format(look_ups=settings.look_ups)
     if settings.look_ups:

@@ -1,4 +1,4 @@
-"""Evaluation of one player, resumable because each game is on the disk before the next begins."""
+"""One player's evaluation, resumable because each game is on the disk before the next begins."""
 
 import logging
 import os
@@ -35,8 +35,8 @@ def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResul
 
     Raises:
         ArtefactError: for damaged games, or a folder in use by another process.
-        ConfigError: for games of another player or with other settings.
-        GraphMismatchError: for games of another graph or split.
+        ConfigError: for another player's games or other settings.
+        GraphMismatchError: for games on another graph or split.
     """
     path, settings = folder / GAMES_FILE, play.settings
     tasks = chosen_tasks(play.games.world, settings.tasks).tolist() if isinstance(play.games, TaskGames) else [0]
@@ -61,12 +61,12 @@ def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResul
 
 
 def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:
-    """Begin a file of games, or read a file to continue it without its torn last line.
+    """Begin a games file, or continue a file without a torn last line.
 
     Raises:
-        ArtefactError: for a damaged file, or a file of another kind.
+        ArtefactError: for a damaged or foreign file.
         GraphMismatchError: for games on another graph or split.
-        ConfigError: for games of another player or with other settings. The file is unchanged on errors.
+        ConfigError: for another player's games or other settings. The file is unchanged on errors.
     """
     line = as_lines([header])[0].encode()
     path.touch()

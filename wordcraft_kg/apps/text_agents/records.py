@@ -1,4 +1,4 @@
-"""Records of text agents: settings, games and results."""
+"""Text agents' records: settings, games and results."""
 
 from typing import Any, Literal
 
@@ -18,16 +18,16 @@ RESULT_FILE, GAMES_FILE = "result.json", "games.jsonl"
 
 
 class PlayedSettings(Record, frozen=True, kw_only=True):
-    """Settings of played games, with hashes; results with equal settings are comparable.
+    """Game settings with hashes; results with equal settings are comparable.
 
     See :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other attributes.
 
     Attributes:
         part: None in the open-ended world, like depth and distractors.
-        base: initial entities of the open-ended world; empty for tasks.
-        scorer: hash of the scorer's weights.
-        kg: training triples of the scorer.
-        texts: hash of the prompts, see :func:`~wordcraft_kg.envs.words.texts_hash`.
+        base: initial entities in the open-ended world; empty for tasks.
+        scorer: the scorer's weights hash.
+        kg: the scorer's training triples.
+        texts: prompt hash, see :func:`~wordcraft_kg.envs.words.texts_hash`.
     """
 
     graph: str
@@ -54,14 +54,14 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
     @classmethod
     def of_tasks(cls, world: World, **rules: Any) -> "PlayedSettings":
-        """Return the settings of a world's tasks; ``rules`` are the other fields."""
+        """Return the settings for a world's tasks; ``rules`` are all remaining fields."""
         config = world.config
         amounts = {"depth": config.depth, "distractors": config.num_distractors, "attempts": config.attempts}
         return cls._of(world.graph, world.split, part=config.part, **amounts, **rules)
 
     @classmethod
     def of_world(cls, env: OpenEndedEnv, split: Split, **rules: Any) -> "PlayedSettings":
-        """Return the settings of a graph's open-ended world; ``rules`` are the other fields."""
+        """Return the settings for an open-ended world; ``rules`` are all remaining fields."""
         rules |= {"part": None, "depth": None, "distractors": None, "attempts": env.max_attempts}
         return cls._of(env.graph, split, base=env.graph.labels(env.discovery.base), **rules)
 
@@ -74,7 +74,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):
-    """First line of ``games.jsonl``, before the games."""
+    """First ``games.jsonl`` line, before the games."""
 
     format: GamesFormat = "wordcraft-kg games in words 1"
     player: str
@@ -82,18 +82,18 @@ class GamesHeader(Record, frozen=True, kw_only=True):
 
 
 class PlayedTask(Record, frozen=True, kw_only=True):
-    """A played task: a line of ``games.jsonl``.
+    """A played task: a ``games.jsonl`` line.
 
     Attributes:
-        task: index of the task in its part.
-        draw: index of the draw of distractors.
+        task: task index in the part.
+        draw: index of the distractor draw.
         table: initial labels on the table.
-        by_plan: whether the last pair of a plan made the goal.
-        picks: number of picks.
+        by_plan: whether a plan's last pair made the goal.
+        picks: picks until the end.
         last: the last combined pair; None after a lost attempt.
-        refused: number of invalid messages.
+        refused: invalid messages.
         lost: attempts lost by invalid messages.
-        look_ups: number of look-ups.
+        look_ups: look-ups in the game.
         messages: all prompts and answers in turn.
     """
 
@@ -113,11 +113,11 @@ class PlayedTask(Record, frozen=True, kw_only=True):
 
 
 class PlayedWorld(Record, frozen=True, kw_only=True):
-    """A game in the open-ended world: a line of ``games.jsonl``; see :class:`PlayedTask` for the last four fields.
+    """A game in the open-ended world: a ``games.jsonl`` line; see :class:`PlayedTask` for the last four fields.
 
     Attributes:
-        game: index of the game.
-        known_after: number of known entities after each attempt.
+        game: game index.
+        known_after: known entities after each attempt.
         repeated: attempts with an already tried pair.
     """
 
@@ -131,13 +131,13 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
 
 
 class TextResult(Record, frozen=True, kw_only=True):
-    """``result.json``: figures of a text agent; see :class:`PlayedTask` for the last three fields.
+    """``result.json``: a text agent's figures; see :class:`PlayedTask` for the last three fields.
 
     Attributes:
-        player: name of the player, such as its script or a language model.
+        player: player's name, such as a script or language model.
         success: success on tasks; None in the open-ended world.
         outcomes: shares of the endings; empty in the open-ended world.
-        known: mean number of known entities by number of attempts; empty for tasks.
+        known: mean number of known entities by attempts; empty for tasks.
     """
 
     format: Literal["wordcraft-kg words 1"] = "wordcraft-kg words 1"

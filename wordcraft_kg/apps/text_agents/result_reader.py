@@ -1,4 +1,4 @@
-"""Results of text agents as rows of ``reference``."""
+"""Text agents' results as ``reference`` rows."""
 
 from collections.abc import Sequence
 from itertools import count
@@ -53,7 +53,7 @@ def _open_rows(paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay) -> Se
 def _task_rows(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
-    """Return a row per player; results that differ only in distractors share a row."""
+    """Return a row per player; results for several distractor counts share a row."""
     rows: dict[tuple[str, PlayedSettings, int], ReferenceRow] = {}
     for path in paths:
         result = _result(path, opened)

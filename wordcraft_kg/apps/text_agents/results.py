@@ -1,4 +1,4 @@
-"""Results of text agents, with the metrics of the evaluation of agents."""
+"""Text agents' results, with the metrics for agents."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -36,7 +36,7 @@ COUNTS = ("refused", "lost", "look_ups")
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
-    """Return the indices of all tasks, or of at most ``most`` tasks, evenly spaced.
+    """Return the indices of all tasks, or of at most ``most`` evenly spaced tasks.
 
     Raises:
         ConfigError: for ``most`` below 1.
@@ -47,7 +47,7 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
 
 
 def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
-    """Return the record of a finished game; ``number`` is the index of a game in the open-ended world."""
+    """Return a finished game's record; ``number`` is the game index in the open-ended world."""
     game = talk.game
     counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages)}
     if isinstance(game, DiscoveryGame):
@@ -82,10 +82,10 @@ def _ending_of(game: TaskGame) -> Ending:
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Return games of N tasks with D draws each as an evaluation of agents, without ids of the last pairs.
+    """Return games of N tasks with D draws each as an agent evaluation, without last pairs.
 
     Raises:
-        ValueError: if a draw is missing for some of the tasks.
+        ValueError: if a draw is missing for some tasks.
     """
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
@@ -106,9 +106,9 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
 
 
 def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[int, float]:
-    """Return the mean number of known entities by number of attempts, from ``base`` at the start.
+    """Return the mean number of known entities by attempts, starting from ``base``.
 
-    Games that ended early keep their last number.
+    Games that ended early keep the last number.
     """
     marks = sorted({mark for mark in (*MARKS, attempts) if mark <= attempts})
     after = {mark: [(base, *one.known_after[:mark])[-1] for one in played] for mark in marks}
@@ -116,7 +116,7 @@ def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[
 
 
 def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]) -> TextResult:
-    """Return the result of a player's games."""
+    """Return a player's result."""
     counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
     worlds = [one for one in played if isinstance(one, PlayedWorld)]
     tasks = [one for one in played if isinstance(one, PlayedTask)]
@@ -133,10 +133,10 @@ def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask
 
 
 def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWorld], bytes]:
-    """Return the header, the games and a torn last line of a file.
+    """Return a file's header, games and torn last line.
 
     Raises:
-        ArtefactError: for a missing or damaged file, or a file of another kind.
+        ArtefactError: for a missing, damaged or foreign file.
     """
     lines, _, torn = read_large_file(path).rpartition(b"\n")
     first, _, rest = lines.partition(b"\n")
@@ -146,13 +146,13 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
 
 
 def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
-    """Read the result from the games of ``wordcraft-kg mcp --out``.
+    """Read the result from a file by ``wordcraft-kg mcp --out``.
 
-    The first game of a repeated task counts. All tasks are required, because a player could select easy tasks.
+    A repeated task counts once, by the first game. All tasks are required, because a player could select easy tasks.
 
     Raises:
-        ArtefactError: for a damaged file, or a file of another kind.
-        GraphMismatchError: for games of another graph or split.
+        ArtefactError: for a damaged or foreign file.
+        GraphMismatchError: for games on another graph or split.
         ConfigError: for a missing task.
     """
     header, played, _ = read_games(path)

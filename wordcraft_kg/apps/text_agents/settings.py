@@ -15,13 +15,13 @@ from wordcraft_kg.graphs.task_search import MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart
 
 KnowledgeKind = Literal["none", "partial", "scorer"]
-"""Source of look-ups: nothing, the train recipes, or the best links of a trained scorer."""
+"""Look-up source: nothing, the train recipes, or a trained scorer's best links."""
 REFUSALS = 3
 LOOK_UPS = 10
 TIMEOUT = 60.0
 """Seconds."""
 ATTEMPTS = 100
-"""Attempts in a game of the open-ended world."""
+"""Attempts per open-ended game."""
 
 
 def _labels(kind: Any, tokens: Sequence[Any]) -> list[str]:
@@ -30,7 +30,7 @@ def _labels(kind: Any, tokens: Sequence[Any]) -> list[str]:
 
 @dataclass(frozen=True)
 class GameSettings:
-    """Games of text agents: tasks or the open-ended world, and the source of look-ups.
+    """Games for text agents: tasks or the open-ended world, and the look-up source.
 
     Attributes:
         part: tasks to play: train, valid, test or all.
@@ -38,14 +38,14 @@ class GameSettings:
         distractors: entities on the table that no plan needs.
         attempts: attempts in a game. Default: depth; 100 in the open-ended world.
         open_ended: discover as many entities as possible from the base, without tasks.
-        base: comma-separated initial entities of the open-ended world. Default: the graph's base.
-        knowledge: source of look-ups: none, partial (train recipes except those of the task's plans) or scorer (best
-            links of --scorer).
+        base: comma-separated initial entities in the open-ended world. Default: the graph's base.
+        knowledge: look-up source: none, partial (train recipes outside the task's plans) or scorer (best links by
+            --scorer).
         scorer: model folder, for --knowledge scorer.
         look_ups: look-ups in a game.
 
     Raises:
-        ConfigError: for a value out of range, or settings that exclude each other.
+        ConfigError: for a value out of range, or incompatible settings.
     """
 
     part: TaskPart = "test"
@@ -83,7 +83,7 @@ class GameSettings:
 
     @property
     def environment(self) -> WordCraftConfig:
-        """Settings of the tasks' environment."""
+        """Settings for the tasks' environment."""
         return WordCraftConfig(
             part=self.part, depth=self.depth, num_distractors=self.distractors, max_attempts=self.attempts
         )
@@ -94,8 +94,8 @@ class EvaluationSettings(GameSettings):
     """Games on which a text agent is evaluated.
 
     Attributes:
-        draws: draws of distractors for each task; number of games with --open-ended.
-        tasks: maximum number of tasks, evenly spaced over the part. Default: all.
+        draws: distractor draws per task; number of games with --open-ended.
+        tasks: maximum task count, evenly spaced over the part. Default: all.
         refusals: consecutive invalid answers without cost; the next one costs the attempt.
     """
 

@@ -35,18 +35,18 @@ def ask_opinions(
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Elicit recipes from a language model, and save them as a scorer for u, v and w of agents.
+    """Elicit recipes from a language model, and save a scorer for agents' u, v and w.
 
-    Prompts contain the labels of the graph's entities and no recipe. Without --yes, the command only estimates the
-    amount of prompts and tokens. Answers are stored, so that no prompt is sent twice.
+    Prompts contain entity labels and no recipe. Without --yes, the command only estimates the numbers of prompts and
+    tokens. Answers are stored, so that no prompt is sent twice.
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        endpoint: address of an OpenAI-compatible endpoint, such as http://localhost:8080/v1.
-        model: the endpoint's name of the language model.
+        endpoint: OpenAI-compatible address, such as http://localhost:8080/v1.
+        model: the endpoint's name for the language model.
         settings: prompts and requests.
         out: model folder to write.
-        answers: folder of answers. Default: the cache, see wordcraft-kg books --cache.
+        answers: answer folder. Default: the cache, see wordcraft-kg books --cache.
         yes: send the prompts.
         force: replace an existing model folder.
     """

@@ -37,17 +37,17 @@ def evaluate_text(
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Evaluate a program that plays by text, on the tasks and tables of the evaluation of agents.
+    """Evaluate a program that plays by text, on the tasks and tables for agents.
 
     For each JSON object on stdin (a line with text, goal, table, attempts_left, game, new), the program writes a line
     with two things to combine, such as: water + earth. The same command continues an interrupted evaluation.
 
     Args:
         graph: graph folder, recipe book or known book's name.
-        player: command line of the program, such as "python my_player.py"; runs without a shell.
+        player: the program's command line, such as "python my_player.py"; runs without a shell.
         settings: the games.
         timeout: seconds for an answer.
-        name: player's name in results. Default: name of the script or program.
+        name: player's name in results. Default: script or program name.
         out: folder for games and result. Default: text-agents/<name>.
         force: delete the games in the folder and start again.
     """

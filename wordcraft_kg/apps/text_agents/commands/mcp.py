@@ -36,10 +36,10 @@ def mcp(
     out: Path | None = None,
     output: Output = Output(),
 ) -> None:
-    """Serve games to language models as tools of the Model Context Protocol, until Ctrl-C.
+    """Serve games to language models as Model Context Protocol tools, until Ctrl-C.
 
-    Clients start the server and use its standard streams, or connect over HTTP. Tasks and tables are those of the
-    evaluation of agents.
+    Clients start the server and use its standard streams, or connect over HTTP. Tasks and tables are
+    the same as for agents.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -47,8 +47,8 @@ def mcp(
         transport: stdio, for a local client that starts the server, or http.
         host: address to listen on; any but 127.0.0.1, such as 0.0.0.0, opens the games to other machines.
         port: port to listen on; 0 selects a free port.
-        allow_host: additional host name or address of the server, as with --host 0.0.0.0 or a proxy; repeatable.
-        out: file for finished games (JSON lines). The same command appends to it.
+        allow_host: additional server name or address, as with --host 0.0.0.0 or a proxy; repeatable.
+        out: file for finished games (JSON lines), which the same command continues.
     """
     if transport == "stdio" and output.json:
         raise ConfigError("--json: on stdio the output belongs to the protocol; leave it out, or add --transport http.")

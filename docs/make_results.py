@@ -103,7 +103,7 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
             f"{seeds_of(view)} | {trainings} | {results.hours:.1f} |"
         )
     yield ""
-    judged = [(results, view_claims(results, current(results).claims).claims) for results in found]
+    judged = [(results, view_claims(results, current(results).claims)) for results in found]
     yield "## Claims"
     yield ""
     yield f"Of the paper: {verdicts(judged, of_paper=True)}. Of this project: {verdicts(judged, of_paper=False)}."

@@ -231,5 +231,5 @@ def test_a_note_is_shown_where_a_claim_does_not_hold():
 
 def test_the_claims_of_a_study_are_those_of_its_record_unless_others_are_given():
     results = results_of(a_run("left", 0.6), a_run("right", 0.3), claims=[CLAIM])
-    assert [judged.text for judged in view_claims(results).claims] == [CLAIM.text]
-    assert not view_claims(results, []).claims
+    assert [judged.text for judged in view_claims(results)] == [CLAIM.text]
+    assert not view_claims(results, [])

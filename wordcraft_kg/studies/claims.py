@@ -1,24 +1,23 @@
-"""What is claimed of a study, held against what came out: a verdict by a rule, with the figures that it rests on.
+"""Claims about a study: a verdict by a rule, and its figures.
 
-With d the difference of the claim's two sides and [l, h] its 95 % interval, a claim of *more, by b at least* (b is 0 if
-it names no amount) is
+With [l, h] the 95 % interval of the difference of the two sides, a claim of *more, by at least b* (default 0) is
 
 | verdict | if |
 |---|---|
 | reproduced | l ≥ b, and l > 0 |
-| differs | l > 0, but not l ≥ b: the direction is right, the amount is not, or not surely |
-| not reproduced | h < 0: it is less; or h < b; or h < .02 where no amount is named: no difference worth the name |
-| undecided | otherwise: the interval is too wide |
+| differs | 0 < l < b: right direction, wrong or uncertain amount |
+| not reproduced | h < 0, h < b, or (without an amount) h < .02 |
+| undecided | otherwise |
 
-For *less* all signs are turned. *Comparable, closer than b* is reproduced if [l, h] lies within ±b, differs if it
-does not but excludes 0, is not reproduced if it lies beyond ±b, and is undecided otherwise. *Varies* is reproduced if
-the difference is surely positive at one point of the grid and surely negative at another, differs if it has one sign
-everywhere but intervals of two points do not meet, is not reproduced if it surely has one sign, or is within ±.02,
-everywhere, and is undecided otherwise. A claim without any runs is *not run*.
+For *less* all signs are reversed. *Comparable, closer than b* is reproduced if [l, h] lies within ±b, not reproduced if
+it lies beyond ±b, differs if it otherwise excludes 0, and else undecided. *Varies* is reproduced if one interval of the
+grid is above 0 and another below; with one sign everywhere, it differs if two intervals are disjoint and else is not
+reproduced; it is not reproduced either if all intervals lie within ±.02, and else undecided. A claim without runs is
+*not run*.
 
-The interval of success is over seeds and tasks (:func:`~wordcraft_kg.base.statistics.crossed_bootstrap`); that of what
-a whole run has one figure of, such as steps, over seeds alone: mean ± t · s / √S, with Student's t. Differences are
-paired: the same seed, and the same tasks with the same tables. Nothing is corrected for the number of claims.
+Intervals of success are over seeds and tasks (:func:`~wordcraft_kg.base.statistics.crossed_bootstrap`). Intervals of
+figures per run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Differences are paired by seed,
+task and table. There is no correction for the number of claims.
 """
 
 from collections.abc import Iterable, Sequence
@@ -37,11 +36,11 @@ from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_
 
 Verdict = Literal["reproduced", "differs", "not reproduced", "undecided", "not run"]
 _SAME = 0.02
-"""A difference of success smaller than this is none; half the width of a usual interval over tasks."""
+"""Smallest relevant difference of success: half the width of a usual interval over tasks."""
 _EARLY = 0.1
-"""Share of the steps that is early."""
+"""Share of the steps of an early success."""
 _REACHED = 0.95
-"""Share of a curve's last point at which it counts as reached; the last percents are noise."""
+"""Share of the last point of a curve that counts as reached; the last percents are noise."""
 
 _MEASURES = {
     "success": "",
@@ -56,10 +55,10 @@ class Measured(Record, frozen=True):
 
     Attributes:
         left: mean of the left side over seeds.
-        right: mean of the right side, or the value that left is compared with.
+        right: mean of the right side, or the value of the claim.
         low: lower end of the 95 % interval of the difference; None for a single seed.
-        seeds: seeds that both sides have.
-        tasks: test tasks; 0 for a figure of whole runs, whose interval is over seeds alone.
+        seeds: number of seeds of both sides.
+        tasks: number of test tasks; 0 for a figure per run.
     """
 
     values: Values
@@ -73,14 +72,13 @@ class Measured(Record, frozen=True):
 
 
 class Judged(Record, frozen=True):
-    """A claim, and its verdict.
+    """A claim with its verdict.
 
     Attributes:
-        sides: names of the two sides; the right one may be a value (``is_value``).
-        verdict: by the rule of this module.
-        why: the reason of the verdict.
-        note: the known reason why it comes out otherwise; empty if it does not.
-        measured: the figures: of the point that the claim is about, or, of a claim about several at once, of all.
+        sides: names of the two sides; the right side may be a value (``is_value``).
+        verdict: by the rule of this module, with its reason in ``why``.
+        note: the known reason of a deviation from the claim.
+        measured: figures at the point of the claim; a claim about variation has several points.
     """
 
     text: str
@@ -96,41 +94,29 @@ class Judged(Record, frozen=True):
     measured: tuple[Measured, ...]
 
 
-class ClaimsView(Record, frozen=True):
-    """All claims about a study.
-
-    Attributes:
-        study: name of the study.
-        claims: each at each of its points; one that compares points is there once.
-    """
-
-    study: str
-    claims: tuple[Judged, ...]
-
-
-def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) -> ClaimsView:
-    """Compare claims, by default those of the study as it was run, with results."""
-    asked = results.study.claims if claims is None else claims
-    return ClaimsView(results.name, tuple(judged for claim in asked for judged in judge(results, claim)))
+def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) -> tuple[Judged, ...]:
+    """Compare claims (default: the claims of the study) with results; a claim has an entry for each of its points."""
+    given = results.study.claims if claims is None else claims
+    return tuple(entry for claim in given for entry in judge(results, claim))
 
 
 def judge(results: StudyResults, claim: Claim) -> list[Judged]:
-    """Hold a claim against results, at each point of the grid that it is about."""
-    found: list[Measured] = []
+    """Compare a claim with results, at each point of the grid that it is about."""
+    figures: list[Measured] = []
     lacking: list[str] = []
     for point in points_at(results.study, claim.at):
         try:
-            found.append(_measure(results, claim, point))
+            figures.append(_measure(results, claim, point))
         except ConfigError as error:
             lacking.append(str(error))
     if claim.expected == "varies":
-        groups = [tuple(found)] if len(found) > 1 else []
+        groups = [tuple(figures)] if len(figures) > 1 else []
     else:
-        groups = [(measured,) for measured in found]
-    judged = [_judged(claim, *_rule(claim, group), group) for group in groups]
+        groups = [(measured,) for measured in figures]
+    entries = [_judged(claim, *_rule(claim, group), group) for group in groups]
     if not groups and not lacking:
         lacking = ["the study was run without such points"]
-    return judged + [_judged(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
+    return entries + [_judged(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
 
 
 def _judged(claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]) -> Judged:
@@ -189,16 +175,16 @@ def _tasks(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
-    """Return the runs of a variant by seed; without any, raise the first reason known."""
-    found = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
-    if not found:
+    """Return the runs of a variant by seed, or raise with the first known reason of a missing run."""
+    runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
+    if not runs:
         reasons = [lost.why for lost in results.missing if lost.variant == variant and lost.values == point]
         raise ConfigError(f"no runs of '{variant}', {_point(point)}: {reasons[0] if reasons else 'not in the study'}")
-    return found
+    return runs
 
 
 def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | NDArray[np.float64]:
-    """Return the success of a run on each task, or its one figure; ``other`` is the run that it is compared with."""
+    """Return the success of a run on each task, or its figure; ``other`` is the compared run."""
     if measure == "success":
         return run.rates
     if measure == "same_twice":
@@ -210,7 +196,7 @@ def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
 
 
 def _interval(differences: NDArray[np.float64], is_success: bool) -> tuple[float, float] | tuple[None, None]:
-    # Over tasks alone the interval would speak of these two trainings, and the claim is about agents.
+    # An interval over tasks alone would be about two trainings, but the claim is about agents.
     if len(differences) == 1:
         return None, None
     return crossed_bootstrap(differences) if is_success else _student(differences[:, 0])
@@ -225,7 +211,7 @@ def _student(differences: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _rule(claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
-    """Return the verdict and what decided; see the module for the rule."""
+    """Return the verdict and its reason by the rule of the module."""
     intervals = [(of.low, of.high) for of in measured if of.low is not None and of.high is not None]
     if len(intervals) < len(measured):
         return "undecided", "one seed says nothing about others"
@@ -281,7 +267,7 @@ def _varies(
 
 
 def in_words(claim: Judged, measured: Measured, mark: str = "") -> str:
-    """Return the figures of a claim at a point; ``mark`` is put around the names of its sides."""
+    """Format the figures of a claim at a point; ``mark`` surrounds the names of the sides."""
     left, right = (f"{mark}{side}{mark}" for side in claim.sides)
     interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
     other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"
@@ -291,10 +277,10 @@ def in_words(claim: Judged, measured: Measured, mark: str = "") -> str:
 
 
 def share(value: float) -> str:
-    """Return a share in three digits, without the zero in front."""
+    """Format a share with three digits and without the leading zero."""
     return f"{value:.3f}".removeprefix("0")
 
 
 def signed(value: float | None) -> str:
-    """Return a difference of shares."""
+    """Format a difference of shares."""
     return f"{value or 0:+.3f}".replace("0.", ".", 1)

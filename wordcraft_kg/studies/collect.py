@@ -1,8 +1,7 @@
-"""Collecting the figures of a results folder: of a study, or of any selection of its runs."""
+"""Collecting the figures of a study, or of all runs of a results folder."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from wordcraft_kg.agents.config import OF_SCORER
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
@@ -22,43 +21,39 @@ from wordcraft_kg.studies.store import PlannedStudy, failure_of, read_plan, stud
 from wordcraft_kg.studies.study import NO_SETTINGS, SCORER, Cell, Study, Value, Values
 
 _KEPT = ("won", "draws", "curve", "steps", "seconds", "steps_per_second")
-"""Figures of a run that its result has as they are."""
+"""Figures that a run and its result share."""
 _NONE = "none"
-"""Value of a setting that a run does not have, such as the scorer of an agent without one."""
+"""Value of an absent setting, such as the scorer of an agent without a scorer."""
 
 
 def collect_study(root: Path, name: str) -> StudyResults:
-    """Return the figures of a study of a results folder, as far as they are there.
-
-    Raises:
-        ArtefactError: if there is no such study.
-    """
+    """Return the present figures of a study; ArtefactError for an unknown study."""
     plan = read_plan(root, name)
     rows = list(zip(plan.cells, plan.runs, plan.scorers, strict=True))
     return _results(root, name, plan.command, plan.study, rows)
 
 
 def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
-    """Return the figures of all runs of a results folder, regardless of the studies that requested them.
+    """Return the figures of all runs of a results folder, regardless of the study.
 
     Args:
         root: results folder.
-        by: settings whose values make the variants; of the others, those that differ between runs make the grid.
+        by: settings that define the variants; other settings with several values define the grid.
 
     Raises:
-        ArtefactError: if it is no results folder.
-        ConfigError: if no run has such a setting.
+        ArtefactError: if ``root`` is not a results folder.
+        ConfigError: for a setting of no run.
     """
     described: dict[str, tuple[Values, Cell, str | None]] = {}
     given: dict[str, None] = {}
     for plan in [read_plan(root, name) for name in studies_of(root)]:
         for cell, run, scorer in zip(plan.cells, plan.runs, plan.scorers, strict=True):
-            said = _said(plan, cell, scorer)
-            given |= dict.fromkeys(said)
-            described.setdefault(run, (_with_defaults(said, by), cell, scorer))
+            explicit = _explicit(plan, cell, scorer)
+            given |= dict.fromkeys(explicit)
+            described.setdefault(run, (_with_defaults(explicit, by), cell, scorer))
     every = [values for values, *_ in described.values()]
     _check_known(by, list(given), set().union(*every), root)
-    # Only what some study says can differ; the rest is at its default, as it is where another study does not say it.
+    # Only explicit settings of some study can vary; all others have their default.
     varied = [name for name in given if name not in by and _varies(name, by, every)]
     rows, variants = [], {}
     for run, (values, cell, scorer) in described.items():
@@ -79,8 +74,8 @@ def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
 def _check_known(by: Sequence[str], names: Sequence[str], known: Collection[str], root: Path) -> None:
     for name in by:
         if name not in known:
-            there = f"there are {', '.join(names)}.{nearest(name, known)}"
-            raise ConfigError(f"`by` '{name}': no run of '{root}' has this setting; {there}")
+            expected = f"there are {', '.join(names)}.{nearest(name, known)}"
+            raise ConfigError(f"`by` '{name}': no run of '{root}' has this setting; {expected}")
 
 
 def _of(values: Values, names: Sequence[str]) -> Values:
@@ -88,14 +83,14 @@ def _of(values: Values, names: Sequence[str]) -> Values:
 
 
 def _varies(name: str, by: Sequence[str], runs: Sequence[Values]) -> bool:
-    """Return whether a setting has several values among runs that agree in those of ``by``."""
-    found: dict[tuple[Value, ...], Value] = {}
+    """Return whether a setting has several values among runs of equal ``by``."""
+    first: dict[tuple[Value, ...], Value] = {}
     pairs = [(tuple(_of(values, by).values()), values.get(name, _NONE)) for values in runs]
-    return any(found.setdefault(agreed, value) != value for agreed, value in pairs)
+    return any(first.setdefault(agreed, value) != value for agreed, value in pairs)
 
 
-def _said(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
-    """Return the settings of a run that its study gives, its scorer's among them."""
+def _explicit(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
+    """Return the explicit settings of a run and its scorer."""
     values = dict(cell.settings)
     name = values.get(SCORER)
     if scorer is None or name is None:
@@ -105,18 +100,18 @@ def _said(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
     return {**own, **values}
 
 
-def _with_defaults(said: Values, by: Sequence[str]) -> Values:
-    """Return settings with those that are at their default; without what follows from others, such as seeds.
+def _with_defaults(explicit: Values, by: Sequence[str]) -> Values:
+    """Add default settings, but no derived settings such as seeds.
 
-    An agent without a scorer stands beside those that use one as usual, but where use is asked for, it has none.
+    An agent without a scorer has the value "none" for scorer settings in ``by``, and else their defaults.
     """
-    found = {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT}
-    if said[SCORER] == _NONE:
-        found |= {name: _NONE for name in OF_SCORER if name in by}
-    elif (kind := CONFIG_OF.get(str(said[f"{SCORER}.command"]))) is not None:
-        found |= {f"{SCORER}.{name}": value for name, value in defaults_of(kind).items()}
+    values = {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT}
+    if explicit[SCORER] == _NONE:
+        values |= {name: _NONE for name in OF_SCORER if name in by}
+    elif (kind := CONFIG_OF.get(str(explicit[f"{SCORER}.command"]))) is not None:
+        values |= {f"{SCORER}.{name}": value for name, value in defaults_of(kind).items()}
     derived = {*NO_SETTINGS, "eval_every", *(f"{SCORER}.{name}" for name in NO_SETTINGS)}
-    return {name: value for name, value in found.items() if value is not None and name not in derived} | said
+    return {name: value for name, value in values.items() if value is not None and name not in derived} | explicit
 
 
 def _results(
@@ -144,7 +139,8 @@ def _results(
                 run=address,
                 graph=graphs.setdefault(figures.graph, len(graphs)),
                 mrr=scorers[scorer].mrr if scorer is not None else None,
-                **_of_run(figures),
+                **{name: getattr(figures, name) for name in _KEPT},
+                **{name: _rounded(getattr(figures, name)) for name in ("success", "by_plan", "endings")},
             )
         )
         if scorer is not None:
@@ -160,11 +156,6 @@ def _results(
         missing=tuple(missing),
         hours=round(sum(seconds.values()) / 3600, 4),
     )
-
-
-def _of_run(figures: RunFigures) -> dict[str, Any]:
-    rounded = {name: _rounded(getattr(figures, name)) for name in ("success", "by_plan", "endings")}
-    return rounded | {name: getattr(figures, name) for name in _KEPT}
 
 
 def _run_figures(root: Path, address: str) -> RunFigures:

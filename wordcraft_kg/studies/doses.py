@@ -1,4 +1,4 @@
-"""Success of agents against the MRR of their scorers, where all else is equal."""
+"""Dose-response: success of agents against the MRR of their scorers, all else equal."""
 
 from collections.abc import Iterator, Sequence
 from typing import Literal
@@ -12,11 +12,11 @@ from wordcraft_kg.studies.study import SCORER, Values
 from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures, mean_of
 
 EVERYTHING: Values = {"share": 1, "noise": 0}
-"""Settings of a scorer that learns from all recipes as they are."""
+"""Settings of a scorer trained on all recipes without noise."""
 
 
 class Correlation(Record, array_like=True):
-    """A correlation over cells, and its 95 % interval, resampling cells."""
+    """A correlation over cells, with the 95 % bootstrap interval over cells."""
 
     value: float
     low: float
@@ -24,7 +24,7 @@ class Correlation(Record, array_like=True):
 
 
 class DosePoint(Record):
-    """Success and MRR of a variant at a point of the grid, see :class:`VariantFigures`; labels tell points apart."""
+    """Success and MRR of a variant at a point of the grid, see :class:`VariantFigures`."""
 
     label: str
     variant: str
@@ -36,15 +36,15 @@ class DosePoint(Record):
 
 
 class Dose(Record):
-    """Success against the MRR of the scorer, where all else is equal.
+    """Success against the MRR of the scorer, all else equal.
 
     Attributes:
-        values: values of the grid's settings that are not the scorer's.
-        in_sample: whether a model that had seen the train tasks scored them.
+        values: grid values of settings other than the scorer's.
+        in_sample: whether scores of train tasks are in-sample.
         points: by ascending MRR.
-        pearson: correlation of MRR and success over the points; None for fewer than three.
-        steps_spearman: rank correlation of MRR and :attr:`DosePoint.reached`, where never counts as the latest.
-        without: success of the reference, if it has no scorer.
+        pearson: correlation of MRR and success; None for fewer than three points.
+        steps_spearman: rank correlation of MRR and :attr:`DosePoint.reached`; never counts as the latest step.
+        without: success of a reference without a scorer.
     """
 
     values: Values
@@ -57,33 +57,31 @@ class Dose(Record):
 
 
 def doses_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[Dose]:
-    """Yield the dose-response of each way of scoring train tasks, at each point of the settings that no scorer has."""
+    """Yield the dose-response of each way of scoring train tasks, at each point of the other settings."""
     groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
     for point in points:
         for entry in point.variants:
             if entry.mrr is not None:
                 key = msgspec.json.encode((_others(point), _is_in_sample(results, point, entry)), order="sorted")
                 groups.setdefault(key, []).append((point, entry))
-    for found in groups.values():
-        rows = [_dose_point(point, entry) for point, entry in found]
-        bare = [mean for point, _ in found for mean in _without(point, reference)]
+    for members in groups.values():
+        rows = [_dose_point(point, entry) for point, entry in members]
+        bare = [at.mean for point, _ in members for at in point.variants if at.variant == reference and at.mrr is None]
         mrr, success = [at.mrr for at in rows], [at.success for at in rows]
-        latest = 1 + max(at.reached or 0 for at in rows)
-        reached = [latest if at.reached is None else at.reached for at in rows]
         yield Dose(
-            values=_others(found[0][0]),
-            in_sample=_is_in_sample(results, *found[0]),
+            values=_others(members[0][0]),
+            in_sample=_is_in_sample(results, *members[0]),
             points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
             pearson=_correlation(mrr, success, "pearson"),
             spearman=_correlation(mrr, success, "spearman"),
-            steps_spearman=_correlation(mrr, reached, "spearman"),
+            steps_spearman=_correlation(mrr, _latest_if_never(rows), "spearman"),
             without=mean_of(bare) if bare else None,
         )
 
 
-def _without(point: PointFigures, reference: str) -> list[float]:
-    """Return the success of the reference at a point, if it has no scorer."""
-    return [entry.mean for entry in point.variants if entry.variant == reference and entry.mrr is None]
+def _latest_if_never(rows: Sequence[DosePoint]) -> list[int]:
+    latest = 1 + max(at.reached or 0 for at in rows)
+    return [latest if at.reached is None else at.reached for at in rows]
 
 
 def _others(point: PointFigures) -> Values:
@@ -110,14 +108,15 @@ def _dose_point(point: PointFigures, entry: VariantFigures) -> DosePoint:
 
 
 def _correlation(x: Sequence[float], y: Sequence[float], kind: Literal["pearson", "spearman"]) -> Correlation | None:
-    found = correlation(x, y, kind)
-    return Correlation(*found) if found else None
+    estimate = correlation(x, y, kind)
+    return Correlation(*estimate) if estimate else None
 
 
 def _label(point: PointFigures, variant: str) -> str:
-    """Return the settings of a scorer that are not those of one that learns from everything."""
+    """Return the scorer settings of a point that differ from :data:`EVERYTHING`."""
     prefix = f"{SCORER}."
     values = {name.removeprefix(prefix): value for name, value in point.values.items() if name.startswith(prefix)}
-    told = {name: value for name, value in values.items() if value != EVERYTHING.get(name)} or values
-    shown = [f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in told.items()]
-    return ", ".join(shown if told is not values else shown[:1]) or variant
+    differing = {name: value for name, value in values.items() if value != EVERYTHING.get(name)}
+    named = differing or dict(list(values.items())[:1])
+    shown = [f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in named.items()]
+    return ", ".join(shown) or variant

@@ -1,4 +1,4 @@
-"""The engine: what of a study is missing is made, in the order that inputs demand, and how long that will take."""
+"""The engine: performs the missing tasks of a study in the order of their inputs, and estimates their duration."""
 
 import logging
 import shutil
@@ -17,13 +17,13 @@ from wordcraft_kg.studies.collect import collect_study
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
-from wordcraft_kg.studies.results import Figures, StudyResults, read_figures
+from wordcraft_kg.studies.results import StudyResults, read_figures
 from wordcraft_kg.studies.store import forget_failure, note_failure, own_results, write_plan
 from wordcraft_kg.studies.study import Study, check_study
 from wordcraft_kg.studies.tasks import Outcome, Task, Workers
 
 TICK = 0.5
-"""Seconds between looks at what has ended."""
+"""Seconds between checks for finished tasks."""
 
 
 @dataclass
@@ -31,9 +31,9 @@ class State:
     """The state of a running study.
 
     Attributes:
-        kept: tasks that were done before.
-        failed: outcome of each task that failed, or whose needs failed.
-        running: start of each running task, by :func:`time.monotonic`.
+        kept: tasks finished before.
+        failed: outcomes of failed tasks and of tasks with failed inputs.
+        running: start time of running tasks, by :func:`time.monotonic`.
     """
 
     total: int
@@ -44,7 +44,7 @@ class State:
 
     @property
     def left(self) -> int:
-        """Tasks that neither run nor have ended."""
+        """Number of waiting tasks."""
         return self.total - self.kept - self.done - len(self.failed) - len(self.running)
 
 
@@ -52,27 +52,25 @@ Watch = Callable[[Plan, State], None]
 
 
 class FullDiskError(WordCraftKGError, OSError):
-    """The disk is full; what was done is safe."""
+    """The disk is full; finished tasks are safe."""
 
 
 def run_plan(
     plan: Plan, root: Path, make_workers: Callable[[], Workers], *, command: str = "", watch: Watch | None = None
 ) -> State:
-    """Run the missing tasks of a study.
-
-    A task that fails does not stop the others, only those that need it. The next call tries it again.
+    """Perform the missing tasks of a study; a failed task stops only its dependants, and the next call retries it.
 
     Args:
         plan: the study.
         root: results folder.
-        make_workers: starts the workers; called only if there is something to do.
+        make_workers: starts the workers, if there are tasks.
         command: the command line, for the record.
         watch: called regularly.
 
     Raises:
         ArtefactError: if another engine works in the folder.
         FullDiskError: if the disk is full.
-        KeyboardInterrupt: after Ctrl-C; trainings that ran have kept a checkpoint.
+        KeyboardInterrupt: after Ctrl-C; running trainings keep a checkpoint.
     """
     with own_results(root):
         write_plan(root, plan, command)
@@ -110,10 +108,10 @@ class _Engine:
         return self.state
 
     def _missing(self) -> dict[str, Task]:
-        """Return the tasks without figures, and those that they need and whose files are damaged."""
+        """Return tasks without figures, and their inputs with damaged files."""
         tasks = self.plan.tasks
         missing = {address: task for address, task in tasks.items() if not self._is_there(task, is_done)}
-        for kind in ("scorers", "graphs"):  # a scorer that is made again needs its graph
+        for kind in ("scorers", "graphs"):  # a damaged scorer needs its graph
             needed = {tasks[address] for task in missing.values() for address in task.needs if address not in missing}
             for task in (task for task in needed if task.kind == kind and not self._is_there(task, check_whole)):
                 shutil.rmtree(task.folder(self.root))
@@ -177,29 +175,25 @@ class _Engine:
 
 
 _STEPS_PER_SECOND = {"none": 55_000, "u,v": 42_000, "w": 26_000, "random": 20_000, "one-hot": 13_000}
-"""Of one core of an ordinary machine, with 8 distractors: without a scorer, with one, and with w among the sources; and
-without a scorer, but with vectors of more dimensions than GloVe's 50.
-"""
+"""By scorer sources or, without a scorer, by vectors of more than 50 dimensions; on one core, with 8 distractors."""
 _SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
-"""Of a book of 700 entities, with its folds."""
+"""Duration with folds, for a book of 700 entities."""
 _START = 3.0
-"""Seconds in which a training opens its graph and plays its tasks at the end."""
+"""Seconds for opening the graph and for the final evaluation."""
 
 
 def estimated_hours(plan: Plan, root: Path) -> float:
-    """Return the hours of one core that a study still needs, by the durations of its finished tasks in ``root``."""
-    done: dict[str, Figures] = {}
-    for address, task in plan.tasks.items():
-        try:
-            done[address] = read_figures(task.folder(root), FIGURES[task.kind])
-        except ArtefactError:
-            continue
+    """Estimate the remaining core hours of a study, scaled by the durations of its finished tasks in ``root``."""
+    left: list[Task] = []
     measured = defaultdict(list)
-    for address, figures in done.items():
-        task = plan.tasks[address]
-        if (expected := _usual(task)) and figures.seconds:
-            measured[_sort(task)].append(figures.seconds / expected)
-    left = [task for address, task in plan.tasks.items() if address not in done]
+    for task in plan.tasks.values():
+        try:
+            seconds = read_figures(task.folder(root), FIGURES[task.kind]).seconds
+        except ArtefactError:
+            left.append(task)
+            continue
+        if seconds:
+            measured[_sort(task)].append(seconds / _usual(task))
     factors = {sort: median(ratios) for sort, ratios in measured.items()}
     return sum(_usual(task) * factors.get(_sort(task), 1.0) for task in left) / 3600
 
@@ -217,7 +211,7 @@ def _sort(task: Task) -> str:
 
 
 def _usual(task: Task) -> float:
-    """Return the seconds that such a task takes on an ordinary machine."""
+    """Return the seconds of a task on an ordinary machine."""
     if task.kind == "runs":
         return _START + task.settings["settings"].get("steps", ImpalaConfig.steps) / _STEPS_PER_SECOND[_sort(task)]
     return _SECONDS_OF_SCORER.get(_sort(task), 1.0)
@@ -232,20 +226,20 @@ def run_study(
     keep_all: bool = True,
     watch: Watch | None = None,
 ) -> StudyResults:
-    """Run the missing tasks of a study and return its figures; trainings that fail are among the missing.
+    """Perform the missing tasks of a study and return its figures; failed trainings are listed as missing.
 
     Args:
         study: from :func:`~wordcraft_kg.studies.study.read_study`, or made in Python.
-        out: results folder; other studies may use it too, and share equal tasks.
-        name: name of the study there.
-        jobs: trainings at once, each in a process of its own. Default: as many as the cores allow.
-        keep_all: keep weights and episodes of runs too, tens of megabytes each.
+        out: results folder; studies in the same folder share equal tasks.
+        name: name of the study.
+        jobs: parallel trainings, each in a process. Default: as many as the cores allow.
+        keep_all: keep weights and episodes of runs, tens of megabytes each.
         watch: called regularly with the plan and its state.
 
     Raises:
-        ConfigError: naming the fault of the study, or a number of ``jobs`` that is not allowed.
-        ArtefactError: if another study is being run in the folder.
-        KeyboardInterrupt: after Ctrl-C; the same call goes on.
+        ConfigError: for a fault of the study, or ``jobs`` out of range.
+        ArtefactError: if another study runs in the folder.
+        KeyboardInterrupt: after Ctrl-C; the same call resumes.
 
     Example:
         >>> study = Study("A look", {"none": {}}, seeds=1, settings={"book": "kitchen", "steps": 256})

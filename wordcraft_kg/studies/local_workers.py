@@ -1,4 +1,4 @@
-"""Processes of this machine that perform tasks, each bound to cores of its own where the system can do that."""
+"""Processes of this machine that perform tasks, each bound to separate cores if the system supports it."""
 
 import logging
 import multiprocessing
@@ -19,14 +19,14 @@ from wordcraft_kg.studies.tasks import Outcome, Task
 
 Perform = Callable[[Task, Path], Outcome]
 ATTEMPTS = 2
-"""How often a task is begun whose process dies."""
+"""Attempts at a task whose process dies."""
 PATIENCE = 60.0
-"""Seconds that a training gets to write its checkpoint after Ctrl-C."""
+"""Seconds for writing a checkpoint after Ctrl-C."""
 
 
 @dataclass
 class _Place:
-    """A process, and what it does."""
+    """A process and its task."""
 
     process: BaseProcess
     connection: Connection
@@ -35,17 +35,10 @@ class _Place:
 
 
 class LocalWorkers:
-    """Performs tasks in processes that stay, since starting one and importing torch takes seconds."""
+    """Performs tasks in persistent processes, because starting a process and importing torch takes seconds."""
 
     def __init__(self, root: Path, jobs: int, perform: Perform, threads: int = 1):
-        """Prepare the processes; each is started with its first task.
-
-        Args:
-            root: results folder.
-            jobs: number of processes.
-            perform: performs a task, see :func:`~wordcraft_kg.studies.perform.perform`.
-            threads: most CPU threads of a task, and cores that each process is bound to.
-        """
+        """Prepare ``jobs`` processes of ``threads`` CPU threads and cores each; they start with their first task."""
         self.root, self._perform = root, perform
         self._threads = threads
         self._places: list[_Place | None] = [None] * whole("jobs", jobs, 1, MAX_THREADS)
@@ -56,13 +49,13 @@ class LocalWorkers:
         return len(self._places)
 
     def start(self, task: Task) -> None:
-        """Give a task to a process that has none."""
+        """Send a task to an idle process."""
         number = next(i for i, place in enumerate(self._places) if place is None or place.task is None)
         place = self._places[number]
         self._begin(number, place if place and place.process.is_alive() else self._started(number), task, 1)
 
     def wait(self, seconds: float) -> list[Outcome]:
-        """Return what has ended; a task whose process has died is begun again, once."""
+        """Return outcomes of finished tasks; a task whose process has died starts again, once."""
         busy = {place.connection: (number, place) for number, place in enumerate(self._places) if place and place.task}
         found = []
         for ready in wait(list(busy), timeout=seconds):
@@ -75,7 +68,7 @@ class LocalWorkers:
         return found
 
     def stop(self) -> None:
-        """Ask what runs to write a checkpoint and end, and end the processes."""
+        """Request checkpoints of running tasks, and end the processes."""
         deadline = time.monotonic() + PATIENCE
         busy = [place for place in self._places if place and place.task]
         while busy and time.monotonic() < deadline:
@@ -97,7 +90,7 @@ class LocalWorkers:
         place.connection.send(task)
 
     def _replaced(self, number: int, place: _Place) -> list[Outcome]:
-        """Start a new process for the task of one that has died; give up on the second time."""
+        """Restart the task of a dead process, or give up after the last attempt."""
         place.process.join()
         assert place.task is not None
         self._places[number] = None
@@ -122,7 +115,7 @@ class LocalWorkers:
 
 
 def _cores_of(number: int, places: int, threads: int) -> list[int]:
-    """Return the cores that a process is bound to; none if there are not enough of them for all."""
+    """Return the cores of a process; none if there are too few for all processes."""
     if not hasattr(os, "sched_getaffinity") or places * threads > cores():
         return []
     return sorted(os.sched_getaffinity(0))[number * threads : (number + 1) * threads]
@@ -130,7 +123,7 @@ def _cores_of(number: int, places: int, threads: int) -> list[int]:
 
 @contextmanager
 def _threads_of(threads: int) -> Iterator[None]:
-    """Let a process that starts in this block compute with a number of threads: libraries read it once."""
+    """Set the number of threads of processes started in this block; libraries read it once."""
     before = {name: os.environ[name] for name in THREADS_VARIABLES if name in os.environ}
     os.environ.update(dict.fromkeys(THREADS_VARIABLES, str(threads)))
     try:
@@ -157,7 +150,7 @@ def _work(connection: Connection, root: Path, perform: Perform, own: list[int], 
 
 
 def _end_with(parent: int) -> None:
-    """End this process when the one that started it is gone, so that no folder stays in use."""
+    """End this process after its parent, so that no folder stays in use."""
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)

@@ -1,4 +1,4 @@
-"""Performing a task in its folder: begin it, go on with it, or find that it is done."""
+"""Performing a task in its folder: train, resume, or return the finished task."""
 
 import shutil
 import time
@@ -30,15 +30,11 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 FIGURES: dict[Kind, type[Figures]] = {"graphs": Figures, "scorers": ScorerFigures, "runs": RunFigures}
 LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
-"""Files of a run that its figures do not need: tens of megabytes each."""
+"""Files of a run without use for its figures: tens of megabytes each."""
 
 
 def is_done(task: Task, root: Path) -> bool:
-    """Return whether a task's figures are there.
-
-    Raises:
-        ArtefactError: if they are, but damaged.
-    """
+    """Return whether a task has figures; ArtefactError if they are damaged."""
     if not (task.folder(root) / FIGURES_FILE).exists():
         return False
     read_figures(task.folder(root), FIGURES[task.kind])
@@ -46,11 +42,7 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> None:
-    """Check the files of a graph or a finished scorer, which tasks that are still to come will read.
-
-    Raises:
-        ArtefactError: if one is missing or damaged.
-    """
+    """Check the files of a graph or finished scorer; ArtefactError for a missing or damaged file."""
     folder = task.folder(root)
     if task.kind == "graphs":
         open_graph(str(folder))
@@ -64,8 +56,8 @@ def make_graph(task: Task, root: Path, book: str) -> None:
     """Write the graph folder of a task.
 
     Raises:
-        RecipeFileError: if the book is not there any more.
-        ArtefactError: if it has changed since the study was planned.
+        RecipeFileError: for a missing book.
+        ArtefactError: if the book has changed since planning.
     """
     folder = task.folder(root)
     recipes = open_book(book)
@@ -78,12 +70,12 @@ def make_graph(task: Task, root: Path, book: str) -> None:
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
-    """Train the scorer or the agent of a task in its folder, from a checkpoint if there is one; errors are results.
+    """Train the scorer or agent of a task, from a checkpoint if present; errors are part of the outcome.
 
     Args:
-        task: the task; the folders that it needs are below ``root``.
-        root: results folder.
-        keep_all: keep files of a run that its figures do not need, above all the agent's weights.
+        task: the task.
+        root: results folder, with the inputs of the task.
+        keep_all: keep the large files of a run, such as the weights of the agent.
     """
     try:
         if is_done(task, root):
@@ -110,13 +102,13 @@ def _is_disk_full(error: BaseException | None) -> bool:
 
 
 def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: Path) -> T:
-    """Train, go on with what has begun, or return what is done; begin again if its files or inputs are others now."""
+    """Train, resume, or return the finished training; start anew if its files or inputs have changed."""
     from wordcraft_kg.runs.training import train
 
     with suppress(ArtefactError):
         begun_with = read_run(folder).inputs
         if any(begun_with.get(name) != found for name, found in trainer.given(config).items()):
-            _clear(folder)  # its scorer was damaged, and made again on another machine
+            _clear(folder)  # a damaged scorer was trained again on another machine
     try:
         return train(trainer, config, folder, keep=True)
     except (ArtefactError, OutputExistsError) as error:
@@ -127,7 +119,7 @@ def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: 
 
 
 def _clear(folder: Path) -> None:
-    """Remove a folder, unless another process trains there: a cluster may have given up a node that still works."""
+    """Remove a folder, unless another process trains there, such as a lost node of a cluster."""
     with locked(folder):
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -196,7 +188,7 @@ def _scorer(task: Task, root: Path) -> bool:
 
 
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:
-    """Write a scorer that is made of recipes without training."""
+    """Write an untrained scorer."""
     from wordcraft_kg.graphs.triples import recipe_triples
     from wordcraft_kg.models.saving import save_scorer
     from wordcraft_kg.models.scorers.baselines import NeighbourScorer, SymbolicScorer

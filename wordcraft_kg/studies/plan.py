@@ -1,4 +1,4 @@
-"""What follows from a study: its trainings, and the graphs and scorers that they share, each of them once."""
+"""The plan of a study: its trainings, and their graphs and scorers, each of them once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -33,18 +33,18 @@ from wordcraft_kg.studies.study import (
 from wordcraft_kg.studies.tasks import Task
 
 DEFAULTS = 1
-"""Version of the defaults of all settings: a default that changes gives other results, which need other addresses."""
+"""Version of the defaults of all settings; a changed default changes results and therefore addresses."""
 BOOK = "everyday"
-"""The book of a study that names none."""
+"""Default book of a study."""
 CURVE_POINTS = 20
 """Points of a learning curve; each takes about as long as 10,000 steps."""
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
-"""Settings of scorers that are trained, by command."""
+"""Settings of trained scorers by command."""
 _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
-    """Return the defaults of a kind's settings."""
+    """Return the default settings of a dataclass."""
     return {field.name: field.default for field in fields(kind)}
 
 
@@ -57,9 +57,9 @@ class Plan:
     """The tasks of a study.
 
     Attributes:
-        runs: address of the run of each cell; equal trainings share one.
-        tasks: all tasks by address; each after those that it needs.
-        books: name or file of the recipe book of each graph, by the graph's address.
+        runs: address of the run of each cell; equal trainings share an address.
+        tasks: all tasks by address, each after its inputs.
+        books: name or file of the recipe book by address of the graph.
     """
 
     name: str
@@ -71,49 +71,44 @@ class Plan:
 
     @property
     def threads(self) -> int:
-        """CPU threads that a task computes with at most."""
+        """Most CPU threads of a task."""
         return max(task.threads for task in self.tasks.values())
 
     def jobs(self, wanted: int | None) -> int:
-        """Return the number of tasks at once on this machine: as many as were wanted, else as the cores allow.
-
-        Raises:
-            ConfigError: if the number is not allowed.
-        """
+        """Return the number of parallel tasks: ``wanted`` (ConfigError out of range), or as many as the cores allow."""
         return max(cores() // self.threads, 1) if wanted is None else whole("jobs", wanted, 1, MAX_THREADS)
 
 
 def make_plan(study: Study, name: str) -> Plan:
-    """Return the plan of a study; its name is that of a file of the results folder.
+    """Plan a study; ``name`` becomes a file name of the results folder.
 
     Raises:
-        ConfigError: for another name; naming the variant and the setting that is out of range, or does not fit another;
-            for two variants that are the same trainings.
-        RecipeFileError: if a book is not there.
+        ConfigError: for an invalid name, a setting out of range or in conflict with another, or two equal variants.
+        RecipeFileError: for a missing book.
     """
     if name in ("", "..") or Path(name).name != name:
         raise ConfigError(f"a study cannot be called '{name}': its files have this name. Choose one without folders.")
     planner = _Planner(study)
     cells = tuple(cells_of(study))
-    # All variants with their first seeds come first, so that a study that is interrupted says something of each.
+    # First seeds of all variants first: an interrupted study has figures of each variant.
     runs = {number: planner.run(cells[number]) for number in sorted(range(len(cells)), key=lambda i: cells[i].seed)}
     _refuse_equal(cells, runs)
     return Plan(name, study, cells, tuple(runs[number] for number in range(len(cells))), planner.tasks, planner.books)
 
 
 def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
-    """Refuse variants that say the same in other words, such as a default: their comparison would be one of nothing."""
-    found: dict[str, list[str]] = {}
+    """Refuse variants with equal trainings, for example by an explicit default."""
+    by_variant: dict[str, list[str]] = {}
     for number, cell in enumerate(cells):
-        found.setdefault(cell.variant, []).append(runs[number])
+        by_variant.setdefault(cell.variant, []).append(runs[number])
     names: dict[tuple[str, ...], str] = {}
-    for name, addresses in found.items():
+    for name, addresses in by_variant.items():
         if (other := names.setdefault(tuple(addresses), name)) != name:
             raise ConfigError(f"variants '{other}' and '{name}' are the same trainings; give each once.")
 
 
 class _Planner:
-    """Makes the tasks of cells; what several cells share is made once."""
+    """Makes the tasks of cells; cells share equal tasks."""
 
     def __init__(self, study: Study):
         self.study = study
@@ -124,12 +119,10 @@ class _Planner:
         self._files: dict[str, str] = {}
 
     def run(self, cell: Cell) -> str:
-        """Return the address of a cell's run."""
         try:
             _check_kinds(cell.settings, {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
             graph = self._graph(cell.settings)
-            scorer = self._scorer(cell, graph)
-            return self._agent(cell, graph, scorer)
+            return self._agent(cell, graph, self._scorer(cell, graph))
         except (ConfigError, SplitError) as error:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
 
@@ -144,24 +137,21 @@ class _Planner:
             if source not in self._graphs:
                 self._graphs[source] = RecipeGraph.from_book(open_book(source))
             graph, config = self._graphs[source], split_of(settings)
-            # Fails here if the split cannot be; a book that is too small for any is played without one, as elsewhere.
+            # An impossible split fails here; a book too small for the default split has none.
             split = make_split(graph, config) if given.keys() - {"book"} else default_split(graph)
             if split.config.kind == "none":
                 raise ConfigError(
                     f"the split of '{source}' holds nothing out, so there are no test tasks to compare agents on; give "
                     "a `split` such as by-recipe, and a book that is large enough for it."
                 )
-            task = Task(
-                "graphs",
-                {"defaults": DEFAULTS, "graph": graph.hash, "name": graph.name, "split": asdict(split.config)},
-                f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}",
-            )
+            described = {"defaults": DEFAULTS, "graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
+            task = Task("graphs", described, f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}")
             self._made[key] = self._add(task)
             self.books[task.address] = source
         return self._made[key]
 
     def _scorer(self, cell: Cell, graph: str) -> str | None:
-        """Return the address of a cell's scorer; one that would learn from nothing says nothing, so there is none."""
+        """Return the address of a cell's scorer; None without a scorer, or without any training recipe."""
         name = cell.settings.get(SCORER)
         if name is None:
             return None
@@ -185,16 +175,9 @@ class _Planner:
             threads, device = config.threads, config.device
             settings = _not_default(settings, CONFIG_OF[command])
         described = {"defaults": DEFAULTS, "graph": graph, "command": command, "settings": settings}
-        return self._add(
-            Task(
-                "scorers",
-                {**described, **self._content(settings.get("features"))},
-                f"{command}{_values(settings)} on {self.tasks[graph].title}",
-                (graph,),
-                threads,
-                device,
-            )
-        )
+        described |= self._content(settings.get("features"))
+        title = f"{command}{_values(settings)} on {self.tasks[graph].title}"
+        return self._add(Task("scorers", described, title, (graph,), threads, device))
 
     def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
         given = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
@@ -209,19 +192,13 @@ class _Planner:
         for kind in _PART_OF_AGENT.values():
             settings |= _not_default(given, kind)
         described = {"defaults": DEFAULTS, "graph": graph, "scorer": scorer, "settings": settings}
-        return self._add(
-            Task(
-                "runs",
-                {**described, **self._content(settings.get("features"))},
-                f"{cell.variant}{_values(cell.values)}, seed {cell.seed}",
-                (graph,) if scorer is None else (graph, scorer),
-                config.trainer.threads,
-                config.trainer.device,
-            )
-        )
+        described |= self._content(settings.get("features"))
+        title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
+        needs = (graph,) if scorer is None else (graph, scorer)
+        return self._add(Task("runs", described, title, needs, config.trainer.threads, config.trainer.device))
 
     def _content(self, features: Value | None) -> dict[str, str]:
-        """Return the hash of a file of vectors, for the address: another content is another training."""
+        """Return the hash of a file of vectors as a part of the address."""
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
         if not spec.is_path:
             return {}
@@ -238,11 +215,7 @@ class _Planner:
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
-    """Return the settings of an agent.
-
-    Raises:
-        ConfigError: for a value out of range.
-    """
+    """Return the settings of an agent; ConfigError for a value out of range."""
     parts = {
         name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
         for name, kind in _PART_OF_AGENT.items()
@@ -251,7 +224,7 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
 
 
 def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
-    """Refuse values of another type than their defaults; TOML may hold any."""
+    """Refuse values of another type than their defaults."""
     for name, value in settings.items():
         default = defaults.get(name)
         if isinstance(default, str) and not isinstance(value, str):
@@ -263,7 +236,7 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
-    """Return the settings of a kind that are not at its default, which give the same result as none."""
+    """Return the settings of a dataclass that differ from the defaults."""
     defaults = defaults_of(kind)
     return {name: settings[name] for name in defaults if name in settings and settings[name] != defaults[name]}
 

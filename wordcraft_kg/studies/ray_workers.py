@@ -1,4 +1,4 @@
-"""Tasks on the nodes of a Ray cluster that share the results folder, as the nodes of a Slurm cluster do."""
+"""Tasks on the nodes of a Ray cluster with a shared results folder."""
 
 import contextlib
 import logging
@@ -18,29 +18,28 @@ from wordcraft_kg.runs.side_by_side import CORES_VARIABLE, THREADS_VARIABLES, co
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 RETRIES = 3
-"""How often Ray begins a task again whose node or process dies; a training goes on from its checkpoint."""
+"""Restarts of a task after the loss of its node or process; trainings resume from a checkpoint."""
 PATIENCE = 60.0
-"""Seconds that trainings get to write their checkpoints after Ctrl-C."""
+"""Seconds for writing checkpoints after Ctrl-C."""
 _ANSWER = 120.0
-"""Seconds that a node gets to start its first process."""
+"""Seconds for the first process of a node."""
 
 
 class RayWorkers:
-    """Performs tasks on a Ray cluster, all of whose nodes see the results folder under the same path."""
+    """Performs tasks on a Ray cluster; all nodes share the results folder under the same path."""
 
     def __init__(self, root: Path, address: str | None, perform: Callable[[Task, Path], Outcome]):
-        """Connect to a cluster, and check each of its nodes.
+        """Connect to a cluster and check its nodes.
 
         Args:
             root: results folder.
-            address: host:port of the cluster; ``auto`` is the one that this machine is a node of; None starts one on
-                this machine, which ends with the study.
+            address: host:port of the cluster, ``auto`` for the cluster of this machine, or None for a temporary
+                cluster on this machine.
             perform: performs a task, see :func:`~wordcraft_kg.studies.perform.perform`.
 
         Raises:
-            MissingExtraError: if Ray is not installed.
-            ConfigError: if no cluster answers, or a node does not see the folder or has another version of this
-                package.
+            MissingExtraError: without Ray.
+            ConfigError: if no cluster answers, or a node has no access to the folder or another package version.
         """
         self.root, self._perform = root.resolve(), perform
         self._running: dict[Any, Task] = {}
@@ -52,7 +51,7 @@ class RayWorkers:
 
     @property
     def places(self) -> int:
-        """Cores of the cluster; Ray keeps tasks of several threads waiting until as many are free."""
+        """Cores of the cluster; Ray queues tasks of several threads."""
         return max(int(self._ray.cluster_resources().get("CPU", 0)), 1)
 
     def start(self, task: Task) -> None:
@@ -64,18 +63,18 @@ class RayWorkers:
             why = f"it needs {needs}, and no node of the cluster has that much. Change `threads` or `device`."
             self._refused.append(Outcome(task.address, "failed", why))
             return
-        there = self._ray.remote(_perform_there).options(
+        remote = self._ray.remote(_perform_there).options(
             num_cpus=task.threads,
             num_gpus=gpus,
             max_retries=RETRIES,
             scheduling_strategy="SPREAD",
-            # Libraries read once how many threads they have.
+            # Libraries read the number of threads once.
             runtime_env={"env_vars": dict.fromkeys((*THREADS_VARIABLES, CORES_VARIABLE), str(task.threads))},
         )
-        self._running[there.remote(task, self.root, self._perform, sys.argv)] = task
+        self._running[remote.remote(task, self.root, self._perform, sys.argv)] = task
 
     def wait(self, seconds: float) -> list[Outcome]:
-        """Return the outcome of a task that has ended; wait no longer than this."""
+        """Return the outcome of a finished task; wait at most ``seconds``."""
         refused, self._refused = self._refused, []
         if refused or not self._running:
             return refused
@@ -83,7 +82,7 @@ class RayWorkers:
         return [self._outcome(reference) for reference in ready]
 
     def stop(self) -> None:
-        """Ask what runs to write a checkpoint, and leave the cluster."""
+        """Request checkpoints of running tasks, and leave the cluster."""
         with self._cleanup:
             for reference in self._running:
                 self._ray.cancel(reference)
@@ -114,9 +113,9 @@ class RayWorkers:
         try:
             for node in (node for node in self._ray.nodes() if node["Alive"]):
                 on_node = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
-                there = self._ray.remote(_seen_there).options(num_cpus=0, scheduling_strategy=on_node)
+                remote = self._ray.remote(_seen_there).options(num_cpus=0, scheduling_strategy=on_node)
                 try:
-                    found = self._ray.get(there.remote(marker), timeout=_ANSWER)
+                    found = self._ray.get(remote.remote(marker), timeout=_ANSWER)
                 except RayError as error:
                     found = reason(error)
                 if found != expected:
@@ -130,12 +129,11 @@ class RayWorkers:
 
 
 def _seen_there(marker: Path) -> tuple[bool, str]:
-    """Return whether the node of this process sees a file, and its version of this package."""
     return marker.exists(), version("wordcraft-kg")
 
 
 def _perform_there(task: Task, root: Path, perform: Callable[[Task, Path], Outcome], command: list[str]) -> Outcome:
-    """Perform a task on the node of this process, with the command line of the study for the records."""
+    """Perform a task on this node, with the command line of the study for the records."""
     sys.argv = command
     if not root.is_dir():
         raise ConfigError(f"node {socket.gethostname()}, which has joined the cluster, does not see '{root}'.")
@@ -143,21 +141,21 @@ def _perform_there(task: Task, root: Path, perform: Callable[[Task, Path], Outco
 
 
 def _connected(address: str | None, cleanup: contextlib.ExitStack) -> Any:
-    """Return the module ``ray``, connected; ``cleanup`` gets what ends the connection."""
+    """Connect and return the module ``ray``; ``cleanup`` ends the connection."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     if address is None and "RAY_AUTH_MODE" not in os.environ and "ray" not in sys.modules:
-        # Ray would leave a token in the home folder, and with it a later `ray start --head` refuses other machines.
+        # A token of Ray in the home folder would let a later `ray start --head` refuse other machines.
         os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex}
     try:
         import ray
     except ImportError:
         raise missing_extra("ray", ["Ray"]) from None
     try:
-        if address not in (None, "auto"):  # Ray itself would try for minutes, and cannot be interrupted
+        if address not in (None, "auto"):  # Ray itself tries for minutes without a way to interrupt
             host, _, port = str(address).rpartition(":")
             socket.create_connection((host.strip("[]"), int(port)), timeout=5).close()
-        # What Ray says of lost nodes and processes must not stand in stdout, where the result goes.
+        # Stdout is for the result, not for Ray's messages about lost nodes.
         cleanup.enter_context(contextlib.redirect_stdout(sys.stderr))
         cleanup.callback(ray.shutdown)
         own: dict[str, Any] = {} if address else {"num_cpus": cores(), "include_dashboard": False}

@@ -1,4 +1,4 @@
-"""Figures to compare with: what the reference pack has for a graph, what is measured now, and the user's own beside."""
+"""Figures for comparison: the reference pack, scripted players measured now, and results of the user."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -27,14 +27,14 @@ from wordcraft_kg.reports.pages import render_page
 from wordcraft_kg.studies.result_readers import DRAWS, SEEN, rows_beside
 
 DISTRACTORS = (1, 2, 8)
-"""Numbers of distractors of the pack: the paper's."""
+"""Numbers of distractors of the pack, as in the paper."""
 SEED, RUNS = 0, 100
-"""Of scripted players; those of ``evaluate-agent`` and ``discover`` by default."""
+"""Seed and number of runs of scripted players, the defaults of ``evaluate-agent`` and ``discover``."""
 _CHANCE = ("random", "random, distinct", "random-no-repeat")
 _ORACLES = ("recipe oracle", "greedy", "empowerment")
 _OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
 KINDS: tuple[Kind, ...] = ("chance", "knowledge graph", "oracle", "agent", "people", "language model", "other")
-"""In the order of a table."""
+"""Kinds in the order of a table."""
 
 
 class ReferenceTable(Record, frozen=True):
@@ -43,11 +43,11 @@ class ReferenceTable(Record, frozen=True):
     Attributes:
         measure: kind of the figures of ``rows``.
         columns: numbers of distractors, or of attempts in open-ended play.
-        pack: title of the file of the pack that has this graph and split; None if there is none.
-        measured: columns that the pack does not have, for which scripted players were measured now.
-        rows: measured with this package on this graph and split, by kind of player.
-        literature: of others, in other environments: to be compared with care, or not at all.
-        out: file of the page, if it was written.
+        pack: title of the pack of this graph and split, or None.
+        measured: columns without figures in the pack, measured now with scripted players.
+        rows: figures of this package on this graph and split, by kind of player.
+        literature: figures of other environments, not directly comparable.
+        out: file of the written page.
     """
 
     graph: PlayedGraph
@@ -64,10 +64,10 @@ class ReferenceTable(Record, frozen=True):
 def view_references(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int] = DISTRACTORS, beside: Sequence[Path] = ()
 ) -> ReferenceTable:
-    """Return the figures of the pack, of scripted players where it has none, and the user's own.
+    """Return the figures of the pack, of scripted players for missing columns, and of the user's results.
 
     Args:
-        opened: graph and split, which does not matter for open-ended play.
+        opened: graph and split; open-ended play ignores the split.
         play: crafting tasks, or open-ended play.
         columns: numbers of distractors; open-ended play has the attempts of ``discover``.
         beside: folders and files of the user, see :func:`~wordcraft_kg.studies.result_readers.rows_beside`.
@@ -75,41 +75,41 @@ def view_references(
     Raises:
         ConfigError: as ``rows_beside``, or for a number out of range.
         GraphMismatchError: as ``rows_beside``.
-        TaskError: if there are no such tasks.
+        TaskError: without such tasks.
     """
-    is_open = isinstance(play, OpenPlay)
-    columns = MARKS if is_open else columns
-    pack = pack_of(opened.graph.hash, None if is_open else opened.split.hash)
-    found = pack.rows_of(play, None if is_open else columns) if pack else ()
+    measures: list[Measure] = ["success"]
+    split: str | None = opened.split.hash
+    if isinstance(play, OpenPlay):
+        columns, measures, split = MARKS, ["entities known", "new combinations"], None
+    pack = pack_of(opened.graph.hash, split)
+    known = pack.rows_of(play, columns) if pack else ()
     own = rows_beside(opened, play, columns, beside)
-    there = MARKS if is_open and found else [int(column) for row in found for column in row.figures]
-    missing = [column for column in columns if column not in there]
+    missing = [column for column in columns if not any(str(column) in row.figures for row in known)]
     now = scripted_rows(opened, play, missing) if missing else ()
     return ReferenceTable(
         graph=PlayedGraph.of(opened),
         play=play,
-        measure="entities known" if is_open else "success",
+        measure=measures[0],
         columns=tuple(columns),
         pack=pack.title if pack else None,
         measured=tuple(missing),
-        rows=in_order([*(found or now if is_open else _merged(found, now, columns)), *own]),
-        literature=literature(["entities known", "new combinations"] if is_open else ["success"]),
+        rows=in_order([*_merged(known, now, columns), *own]),
+        literature=literature(measures),
     )
 
 
 def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPlay:
-    """Return open-ended play of a graph from a base; None takes the graph's.
+    """Return open-ended play from a base; None takes the base of the graph.
 
     Raises:
-        ConfigError: if an entity of the base is unknown, or nothing can be made from the base.
+        ConfigError: for an unknown entity, or a base that makes nothing.
     """
     return OpenPlay(opened.graph.labels(Discovery(opened.graph, base).base))
 
 
 def scripted_rows(opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Let the scripted players of ``evaluate-agent``, or those of ``discover``, play, and return a row for each."""
-    rows = _task_rows(opened, play, columns) if isinstance(play, TaskPlay) else _open_rows(opened, play)
-    return tuple(rows)
+    """Evaluate the scripted players of ``evaluate-agent`` or ``discover``; return a row for each player."""
+    return tuple(_task_rows(opened, play, columns) if isinstance(play, TaskPlay) else _open_rows(opened, play))
 
 
 def _task_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> Iterator[ReferenceRow]:
@@ -142,7 +142,7 @@ def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
             player=player,
             kind=_kind(player),
             measure="entities known",
-            figures=figures_of({int(mark): (found.mean, found.low, found.high) for mark, found in known.items()}),
+            figures=figures_of({int(mark): (at.mean, at.low, at.high) for mark, at in known.items()}),
             origin="ours",
             source=f"wordcraft-kg discover {opened.graph.name} --base '{','.join(play.base)}'",
             play=play,
@@ -153,15 +153,15 @@ def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
 
 
 def in_order(rows: Sequence[ReferenceRow]) -> tuple[ReferenceRow, ...]:
-    """Return rows by kind of player, those of a kind in the order in which they come, the user's own last."""
+    """Sort rows by kind of player, results of the user last; the order within a kind stays."""
     return tuple(sorted(rows, key=lambda row: (KINDS.index(row.kind), row.origin == "beside")))
 
 
-def _merged(found: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns: Sequence[int]) -> list[ReferenceRow]:
-    """Return the pack's rows with the figures that were measured now, in the order of the columns."""
+def _merged(known: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns: Sequence[int]) -> list[ReferenceRow]:
+    """Return the rows of the pack with the figures measured now, in the order of the columns."""
     more = {row.player: row for row in now}
     rows = []
-    for row in found:
+    for row in known:
         figures = row.figures | (more.pop(row.player).figures if row.player in more else {})
         rows.append(msgspec.structs.replace(row, figures=figures).at(columns))
     return rows + list(more.values())
@@ -172,5 +172,5 @@ def _kind(player: str) -> Kind:
 
 
 def reference_page(view: ReferenceTable) -> str:
-    """Return the page of a table."""
+    """Render the page of a table."""
     return render_page("wordcraft_kg.studies/reference_page.html.j2", report=view)

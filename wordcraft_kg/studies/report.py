@@ -22,10 +22,7 @@ _SUCCESS = "greedy success on test tasks"
 
 
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
-    """Write a study's page, report.json, tables and figures, with the extra ``figures`` also as PNG and PDF.
-
-    Returns:
-        The files, the page first.
+    """Write a study's page, report.json, table and figures (PNG and PDF with the extra ``figures``); return the files.
 
     Raises:
         OutputExistsError: if the folder exists and ``force`` is False.
@@ -59,7 +56,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
 
 
 def study_figure(view: StudyView) -> str:
-    """Return the study's figure, a panel for each point of the grid, as an SVG file."""
+    """Return the figure of a study as an SVG file with a panel for each point of the grid."""
     return charts.figure(view.title, list(panels_of(view)), chart_style())
 
 
@@ -71,7 +68,7 @@ def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
 
 
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
-    """Yield a caption and a picture for each point of the grid; for "dose", for each point of what is no scorer's."""
+    """Yield caption and picture of each point of the grid; the drawing "dose" has a picture for all scorer settings."""
     if view.drawing == "dose" and view.doses:
         for title in dict.fromkeys(title_of(dose.values) for dose in view.doses):
             yield title, _dose(view, [dose for dose in view.doses if title_of(dose.values) == title])
@@ -82,7 +79,7 @@ def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
 
 
 def _curves(view: StudyView, point: PointFigures) -> Markup:
-    # A variant has the same colour at all points, those without it included.
+    # A variant keeps its colour at all points.
     names = [profile.variant for profile in view.profiles]
     series = {
         entry.variant: [(at.step, at.success, at.low, at.high) for at in entry.curve]

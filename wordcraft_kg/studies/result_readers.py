@@ -1,7 +1,6 @@
-"""Readers of the results that a user has beside the reference pack, and the reader for runs of agents.
+"""Readers of user results for reference tables, and the reader of agent runs.
 
-An app, of this distribution or another, adds a reader by an entry point of the group ``wordcraft_kg.result_readers``
-that names a :class:`ResultReader`.
+An app registers a :class:`ResultReader` by an entry point of the group ``wordcraft_kg.result_readers``.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,27 +31,27 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
 DRAWS = 5
-"""Draws of distractors for each task, of scripted players too."""
+"""Draws of distractors for each task."""
 SEEN = "knows the recipes of the test tasks"
 OVER_SEEDS = "95 %, bootstrap over seeds and tasks"
 OVER_TASKS = "95 %, bootstrap over tasks"
 _NO_RESULT = ("seed", "graph", "scorer", "threads", "device", "log_every", "eval_every", "checkpoint_every")
 _SAID = ("steps", "distractors")
-"""Settings of a training that its figures do not depend on, and those that a row says in other words."""
+"""Training settings without effect on the figures, and settings with a column or remark of their own."""
 
 
 @dataclass(frozen=True)
 class ResultReader:
-    """A kind of results that can stand beside the reference pack.
+    """A kind of user results.
 
-    Results of one player may share a row. The functions raise ConfigError for other tasks, GraphMismatchError for
-    another graph or split, and ArtefactError for a damaged file.
+    The functions raise ConfigError for other tasks, GraphMismatchError for another graph or split, and ArtefactError
+    for a damaged file.
 
     Attributes:
-        expected: names of the folders and files, for the message about an unknown path.
-        knows: whether a path, which need not exist, is of this kind.
-        task_rows: success on crafting tasks; called with paths, graph and split, tasks, and numbers of distractors.
-        open_rows: entities known in open-ended play; called with paths, graph and play. None: there are none.
+        expected: names of the folders and files, for the error about an unknown path.
+        knows: return whether a path, which need not exist, is of this kind.
+        task_rows: return success on crafting tasks from paths, graph and split, tasks, and numbers of distractors.
+        open_rows: return known entities in open-ended play from paths, graph and play; None if not supported.
     """
 
     expected: str
@@ -64,7 +63,7 @@ class ResultReader:
 def rows_beside(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int], paths: Sequence[Path]
 ) -> tuple[ReferenceRow, ...]:
-    """Return the rows of a user's own results.
+    """Return the rows of user results.
 
     Args:
         opened: graph and split of the table.
@@ -73,12 +72,10 @@ def rows_beside(
         paths: folders and files.
 
     Raises:
-        ConfigError: if no reader knows a path, or for a result of other tasks.
-        GraphMismatchError: for a result of another graph or split.
-        ArtefactError: for a damaged result.
+        ConfigError: for an unknown path, or results of other tasks.
+        GraphMismatchError: for results of another graph or split.
+        ArtefactError: for a damaged file.
     """
-    if not paths:
-        return ()
     readers = list(READERS.values())
     if isinstance(play, OpenPlay):
         readers = [reader for reader in readers if reader.open_rows]
@@ -101,7 +98,7 @@ def _rows(
 
 
 def begins_with(path: Path, form: str) -> bool:
-    """Return whether a path is a file whose first line names a format."""
+    """Return whether a path is a file with the format name in the first line."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -109,11 +106,7 @@ def begins_with(path: Path, form: str) -> bool:
 
 
 def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
-    """Refuse a result of another graph or split.
-
-    Raises:
-        GraphMismatchError: naming both hashes.
-    """
+    """Raise GraphMismatchError for a result of another graph or split."""
     if has != wanted:
         raise GraphMismatchError(
             f"--beside: '{path}' is of {name} {has[:12]}, and the table of {wanted[:12]}. Give as GRAPH what was "
@@ -122,11 +115,7 @@ def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
 
 
 def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
-    """Refuse a result of other tasks than the table's.
-
-    Raises:
-        ConfigError: naming the options that show a table of these tasks.
-    """
+    """Raise ConfigError for a result of other tasks, with the options of a table of these tasks."""
     if its != play:
         attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(
@@ -138,17 +127,17 @@ def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
 def agent_rows(
     groups: Groups, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], origin: Origin
 ) -> tuple[ReferenceRow, ...]:
-    """Let agents play greedily, as ``compare`` does, and return a row for each agent.
+    """Evaluate agents greedily, as ``compare`` does, and return a row for each agent.
 
     Args:
         groups: runs by agent, on this graph and split.
         opened: the graph and split.
         play: the tasks.
-        columns: numbers of distractors; those that a policy cannot play with are left out.
-        origin: of the rows.
+        columns: numbers of distractors; a policy may skip some of them.
+        origin: origin of the rows.
 
     Raises:
-        ConfigError: if an agent plays other tasks, or with none of these numbers of distractors.
+        ConfigError: for an agent of other tasks, or with none of these numbers of distractors.
     """
     for agent in (agent for members in groups.values() for agent in members):
         its = play_of(agent.config.tasks, play.part)
@@ -162,10 +151,8 @@ def agent_rows(
         for name, members in steps("evaluating agents", groups.items()):
             if can_play(members[0], column):
                 rates = [evaluator(PolicyPlayer(agent.policy)).success.mean(axis=1) for agent in members]
-                found[name][column] = (
-                    float(sum(map(float, (r.mean() for r in rates))) / len(rates)),
-                    *crossed_bootstrap(rates),
-                )
+                mean = sum(float(rate.mean()) for rate in rates) / len(rates)
+                found[name][column] = (mean, *crossed_bootstrap(rates))
     rows = []
     for name, members in groups.items():
         if not found[name]:
@@ -220,6 +207,5 @@ def _own_agents(
 
 
 AGENTS = ResultReader("a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents)
-"""Reader for runs of agents."""
 READERS: Registry[ResultReader] = Registry("wordcraft_kg.result_readers", {"agents": AGENTS})
 """Readers by name."""

@@ -1,7 +1,4 @@
-"""Figures of finished tasks, and of whole studies: one record, small enough to be kept beside a page that shows it.
-
-A task's ``figures.json`` is written last, so it also says that the task is done.
-"""
+"""Figures of finished tasks and studies. ``figures.json`` is written last and marks a task as done."""
 
 import hashlib
 import json
@@ -19,25 +16,25 @@ from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.study import Study, Values
 
 Curve = tuple[tuple[int, float], ...]
-"""Points of (environment steps, success)."""
+"""Points (environment steps, success)."""
 
 
 class RunResult(Record, frozen=True):
     """The figures of a training.
 
     Attributes:
-        values: the grid's values, by setting.
-        run: address of the run folder, and of its settings: equal ones have equal addresses.
-        graph: number of the graph in :attr:`StudyResults.graphs`.
+        values: grid values by setting.
+        run: address of the run folder, a hash of the settings.
+        graph: index of the graph in :attr:`StudyResults.graphs`.
         success: share of episodes in which the greedy agent made the goal, by part (train, test).
-        by_plan: share in which the last pair of a plan made it, by part.
-        endings: share of episodes on test tasks by ending, see :data:`~wordcraft_kg.agents.evaluation.ENDINGS`.
-        won: successes of each test task in the order of the tasks, a digit each: of ``draws`` draws of distractors.
+        by_plan: share of episodes in which the last pair of a plan made the goal, by part.
+        endings: share of test episodes by ending, see :data:`~wordcraft_kg.agents.evaluation.ENDINGS`.
+        won: successes of each test task among ``draws`` draws of distractors, a digit for each task.
         curve: success on test tasks during training.
-        mrr: leak-free MRR of the scorer on test triples; None without a scorer, or if it has seen them.
+        mrr: leak-free MRR of the scorer on test triples; None without a scorer, or if the scorer has seen them.
         steps: environment steps.
-        seconds: of the training.
-        steps_per_second: of acting and learning alone.
+        seconds: duration of the training.
+        steps_per_second: speed of acting and learning alone.
     """
 
     variant: str
@@ -63,7 +60,7 @@ class RunResult(Record, frozen=True):
 
 
 class Missing(Record, frozen=True):
-    """A training that has no figures, and why."""
+    """A training without figures, and the reason."""
 
     variant: str
     values: Values
@@ -75,12 +72,11 @@ class StudyResults(Record, frozen=True):
     """A study and all its figures (``results.json``).
 
     Attributes:
-        command: the command that makes it again.
-        study: the study as it was run, with all that the command line changed.
-        versions: of packages, with which the runs were made.
+        command: the command that runs the study again.
+        study: the study with all changes of the command line.
+        versions: package versions of the runs.
         runs: in the order of the study's cells.
-        missing: trainings without figures.
-        hours: of training, summed over runs and scorers.
+        hours: duration of all runs and scorers.
     """
 
     format: Literal["wordcraft-kg results 1"]
@@ -95,7 +91,7 @@ class StudyResults(Record, frozen=True):
 
 
 def results_text(results: StudyResults) -> str:
-    """Return results as JSON with a line for each run: small, and what changes can be seen."""
+    """Return results as JSON with a line for each run, for readable diffs."""
     values = as_values(results)
     runs = ",\n".join(json.dumps(run, ensure_ascii=False, separators=(",", ":")) for run in values.pop("runs"))
     return f'{json.dumps(values, ensure_ascii=False)[:-1]}, "runs": [\n{runs}\n]}}\n'
@@ -106,31 +102,21 @@ F = TypeVar("F", bound="Figures")
 
 
 class Figures(Record, frozen=True, kw_only=True):
-    """Figures of any task.
-
-    Attributes:
-        seconds: how long the training took; 0 of a graph.
-        versions: of packages.
-    """
+    """Figures of any task: duration (0 for a graph) and package versions."""
 
     seconds: float
     versions: dict[str, str]
 
 
 class ScorerFigures(Figures, frozen=True, kw_only=True):
-    """Figures of a scorer.
-
-    Attributes:
-        mrr: leak-free MRR on the test triples; None if it has seen them, or there are none.
-        kg: graph that it was trained on.
-    """
+    """Training graph of a scorer, and leak-free MRR on unseen test triples; None if there are none."""
 
     mrr: Share | None
     kg: str
 
 
 class RunFigures(Figures, frozen=True, kw_only=True):
-    """Figures of an agent's run; see :class:`~wordcraft_kg.studies.results.RunResult`."""
+    """Figures of an agent's run, see :class:`RunResult`."""
 
     graph: PlayedGraph
     success: dict[str, Share]
@@ -144,7 +130,7 @@ class RunFigures(Figures, frozen=True, kw_only=True):
 
 
 def write_figures(folder: Path, figures: Figures) -> None:
-    """Write ``figures.json``, which marks the task as done; a hash of its content comes first."""
+    """Write ``figures.json`` with a hash of the figures; the file marks the task as done."""
     values = as_values(figures)
     write_atomically(folder / FIGURES_FILE, dump_json({"sha256": _hash(values), "figures": values}), durable=True)
 
@@ -153,7 +139,7 @@ def read_figures(folder: Path, kind: type[F]) -> F:
     """Read ``figures.json``.
 
     Raises:
-        ArtefactError: if it is missing, damaged or was edited.
+        ArtefactError: for a missing, damaged or edited file.
     """
     path = folder / FIGURES_FILE
     values = read_json(path)

@@ -1,10 +1,10 @@
-"""A results folder: graphs, scorers and runs by the hash of what went into them, and the studies that asked for them.
+"""A results folder: graphs, scorers and runs, addressed by a hash of their settings, and the studies that use them.
 
 | file or folder | content |
 |---|---|
 | ``graphs/``, ``scorers/``, ``runs/`` | a folder for each task, named by its address |
 | ``studies/<name>.json`` | a study, its cells, and the address of each cell's run |
-| ``failed/<address>.txt`` | why a task failed the last time |
+| ``failed/<address>.txt`` | the last failure of a task |
 """
 
 import logging
@@ -29,7 +29,7 @@ FAILED = "failed"
 
 
 class PlannedStudy(Record, frozen=True):
-    """``studies/<name>.json``: a study as it was run, with the addresses of each cell's run, scorer and graph."""
+    """``studies/<name>.json``: a study, and the addresses of the run, scorer and graph of each cell."""
 
     format: Literal["wordcraft-kg study 1"]
     study: Study
@@ -42,10 +42,10 @@ class PlannedStudy(Record, frozen=True):
 
 @contextmanager
 def own_results(root: Path) -> Iterator[None]:
-    """Keep other engines out of a results folder, which is made if it does not exist.
+    """Lock a results folder, created if necessary, against other engines.
 
     Raises:
-        ArtefactError: if another engine works there, or the path is a file.
+        ArtefactError: if another engine has the lock, or the path is a file.
     """
     if root.is_file():
         raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")
@@ -55,7 +55,7 @@ def own_results(root: Path) -> Iterator[None]:
     except ImportError:  # Windows
         yield
         return
-    # A file that is open for writing: what shares folders between machines locks nothing else.
+    # Open for writing: network file systems lock no other files.
     handle = os.open(root / _STUDIES / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
     try:
         try:
@@ -70,7 +70,7 @@ def own_results(root: Path) -> Iterator[None]:
 
 
 def write_plan(root: Path, plan: Plan, command: str) -> None:
-    """Record what a study consists of, before anything is trained."""
+    """Record the cells and tasks of a study before any training."""
     needs = [plan.tasks[run].needs for run in plan.runs]
     record = PlannedStudy(
         format="wordcraft-kg study 1",
@@ -94,11 +94,7 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
 
 
 def studies_of(root: Path) -> list[str]:
-    """Return the names of the studies of a results folder.
-
-    Raises:
-        ArtefactError: if it is not a results folder.
-    """
+    """Return the names of the studies of a results folder; ArtefactError for another folder."""
     if not (root / _STUDIES).is_dir():
         raise ArtefactError(
             f"'{root}' is no results folder: it has no folder '{_STUDIES}'. Make one: wordcraft-kg reproduce."
@@ -107,11 +103,7 @@ def studies_of(root: Path) -> list[str]:
 
 
 def read_plan(root: Path, name: str) -> PlannedStudy:
-    """Read what a study of a results folder consists of.
-
-    Raises:
-        ArtefactError: if there is no such study, or its record is damaged.
-    """
+    """Read the record of a study; ArtefactError if it is missing or damaged."""
     known = studies_of(root)
     if name not in known:
         raise ArtefactError(
@@ -125,19 +117,19 @@ def _failure_file(root: Path, address: str) -> Path:
 
 
 def note_failure(root: Path, task: Task, outcome: Outcome) -> None:
-    """Keep why a task failed."""
+    """Record the failure of a task."""
     path = _failure_file(root, task.address)
     path.parent.mkdir(exist_ok=True)
     write_atomically(path, f"{task.title}\n{outcome.error}\n{outcome.detail}")
 
 
 def forget_failure(root: Path, address: str) -> None:
-    """Remove why a task failed once it is done."""
+    """Remove the recorded failure of a task."""
     _failure_file(root, address).unlink(missing_ok=True)
 
 
 def failure_of(root: Path, address: str) -> str | None:
-    """Return the line that says why a task failed the last time; None if it did not."""
+    """Return the recorded error of a task, or None."""
     path = _failure_file(root, address)
     if not path.exists():
         return None

@@ -1,8 +1,8 @@
-"""A study: an experiment as data, with variants of an agent, settings that are crossed with them, and seeds.
+"""A study: an experiment as data, with variants of an agent, a grid of settings, and seeds.
 
-A study is a TOML file; the built-in ones, the paper's figures among them, lie in ``builtin/``. Every setting is an
-option of a command: ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``,
-``valid_ratio``), ``train-agent``, and the training commands of scorers.
+A study is a TOML file; ``builtin/`` has the studies of the package, with those of the paper's figures. Every setting is
+an option of ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``, ``valid_ratio``), of ``train-agent``
+or of a training command of scorers.
 """
 
 import tomllib
@@ -30,12 +30,12 @@ Drawing = Literal["curves", "bars", "dose"]
 """Success by step of training; final success of each variant; final success by the MRR of the scorer."""
 
 Metric = Literal["success", "iqm", "by-plan", "train", "mrr", "steps"]
-"""Figures that lines of text can show."""
+"""Figures of the text output."""
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]
 
 BUILT_IN = files("wordcraft_kg.studies") / "builtin"
-"""Folder of the studies that come with the package."""
+"""Folder of the built-in studies."""
 OF_GRAPH = {
     "book": "book",
     "split": "kind",
@@ -43,13 +43,13 @@ OF_GRAPH = {
     "train_ratio": "train_ratio",
     "valid_ratio": "valid_ratio",
 }
-"""Settings of the graph by option: ``book``, and the field of :class:`SplitConfig`."""
+"""Settings of the graph by option: ``book``, and fields of :class:`SplitConfig`."""
 OF_AGENT = {field.name: kind for kind in (TaskConfig, PolicyConfig, ImpalaConfig) for field in fields(kind)}
-"""Settings of an agent, and which part of them each belongs to."""
+"""Settings of an agent by the class of the setting."""
 SCORER = "scorer"
-"""The setting that names a scorer of the study; ``scorer.epochs`` is a setting of the scorer itself."""
+"""The setting that names a scorer of the study; ``scorer.epochs`` is a setting of that scorer."""
 _PLAIN_SCORERS = ("facts", "neighbours", "kernel")
-"""Scorers that are made of the train recipes without training; they have no settings but ``kg``."""
+"""Untrained scorers, with the setting ``kg`` only."""
 SCORER_SETTINGS: dict[str, frozenset[str]] = {
     **{name: frozenset({"kg"}) for name in _PLAIN_SCORERS},
     **{
@@ -57,30 +57,29 @@ SCORER_SETTINGS: dict[str, frozenset[str]] = {
         for command, kind in {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}.items()
     },
 }
-"""Settings of each kind of scorer that can change a figure."""
+"""Settings of each kind of scorer."""
 NO_SETTINGS = ("seed", "checkpoint_every")
-"""Options that a study gives itself, or that change no figure."""
+"""Options that are set by the study or change no figure."""
 
 
 class Claim(Record, frozen=True, omit_defaults=True):
-    """A claim about two variants that can be compared with results.
+    """A testable claim about two variants, or a variant and a value.
 
     Attributes:
         text: the claim, in a sentence.
-        source: its author and place.
-        note: the reason why it comes out otherwise, if known.
         left: a variant.
-        right: the variant with which it is compared.
-        than: a value with which it is compared instead of a variant.
-        expected: more or less than the other; comparable (closer to it than ``by``); or varies: left is better at some
-            points of the grid, right at others.
-        by: least amount, for a claim such as "drastically", or the greatest distance of comparable, in the unit of the
-            measure.
-        measure: success at the end on test tasks; early: success after a tenth of the steps; steps: environment steps
-            until a curve reaches 95 % of the end of the right one, as a share of all steps; same_twice: share of the
-            test episodes that end with a pair of an entity with itself that does not make the goal.
-        at: some values of the points that the claim is about; empty for all points.
-        right_at: values in which the point of ``right`` differs from that of ``left``.
+        right: another variant, or empty.
+        than: a value instead of ``right``.
+        expected: more or less than the right side; comparable (closer than ``by``); or varies (left is better at some
+            points of the grid, right at others).
+        by: least difference of more and less, greatest difference of comparable, in the unit of the measure.
+        measure: success: final success on test tasks; early: success after a tenth of the steps; steps: environment
+            steps until the curve reaches 95 % of the end of the right curve, as a share of all steps; same_twice: share
+            of test episodes that end with a pair of an entity with itself without making the goal.
+        at: grid values of the claim; empty for all points.
+        right_at: grid values in which the point of ``right`` differs.
+        source: author and place of the claim.
+        note: known reason of a deviation.
     """
 
     text: str
@@ -97,21 +96,21 @@ class Claim(Record, frozen=True, omit_defaults=True):
 
 
 class Study(Record, omit_defaults=True):
-    """A study as its file has it.
+    """The content of a study file.
 
     Attributes:
         title: subject of the comparison, in a line.
-        about: its question, and how to read it.
+        variants: settings by name of the variant.
+        about: question of the study, and how to read its figures.
         source: origin of the comparison, such as a figure of the paper.
-        seeds: number of trainings of each cell, with seeds from 0; scorers without a seed of their own take the same.
-        drawing: kind of its figure.
-        reference: the variant with which the others are compared. Default: the first.
+        seeds: number of trainings of each cell, with seeds from 0; scorers without a seed use the seed of the agent.
+        drawing: kind of the figure.
+        reference: the variant of all comparisons. Default: the first.
         settings: settings of all trainings.
-        grid: settings that are crossed: a list of values for each name.
-        points: further conditions, each a table of the same settings; they are crossed with the grid.
+        grid: values of crossed settings by name.
+        points: further conditions, tables of the same settings, crossed with the grid.
         scorers: scorers by name: ``command`` (train-complex, train-links, train-recipes, facts, neighbours or kernel),
             and settings.
-        variants: settings of each variant, by its name.
         claims: claims to compare with the results.
 
     Example:
@@ -135,14 +134,7 @@ class Study(Record, omit_defaults=True):
 
 
 class Cell(Record, frozen=True):
-    """A training of a study.
-
-    Attributes:
-        variant: name of the variant.
-        values: the grid's values, by setting.
-        seed: seed of the agent, and of its scorer unless that has one of its own.
-        settings: all given settings: those of the study, of the grid and of the variant.
-    """
+    """A training of a study: variant, grid values, seed, and all given settings of study, grid and variant."""
 
     variant: str
     values: Values
@@ -151,15 +143,15 @@ class Cell(Record, frozen=True):
 
 
 def built_in() -> list[str]:
-    """Return the names of the studies that come with the package."""
+    """Return the names of the built-in studies."""
     return sorted(path.name.removesuffix(".toml") for path in BUILT_IN.iterdir() if path.name.endswith(".toml"))
 
 
 def read_study(source: str | Path) -> Study:
-    """Read a study from a TOML file, or a built-in one by its name, and check it as far as possible without its books.
+    """Read a study from a TOML file or a built-in study by name, and check everything but its books.
 
     Raises:
-        ConfigError: if there is no such study, or naming the setting that is unknown, wrong or contradictory.
+        ConfigError: for a missing study, or an unknown, wrong or contradictory setting.
 
     Example:
         >>> read_study("knowledge").drawing
@@ -180,11 +172,7 @@ def read_study(source: str | Path) -> Study:
 
 
 def parse_study(text: str, source: str) -> Study:
-    """Read a study from the text of a TOML file; ``source`` is its name in errors.
-
-    Raises:
-        ConfigError: naming what is wrong.
-    """
+    """Parse and check the text of a TOML file, called ``source`` in a ConfigError."""
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -199,29 +187,24 @@ def parse_study(text: str, source: str) -> Study:
 
 
 def adapted(study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None) -> Study:
-    """Return a study with another book, and other numbers of steps and seeds, where they are given.
+    """Return a study with another book, number of steps or number of seeds.
 
     Raises:
-        ConfigError: if what is given is varied by the study itself, or out of range.
+        ConfigError: if the study varies the setting itself, or for a number out of range.
     """
     given: Values = {name: value for name, value in (("book", book), ("steps", steps)) if value is not None}
     for name in given:
         tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]
         if any(name in table for table in tables):
             raise ConfigError(f"`{name}`: the study itself says which; change it there.")
-    found = msgspec.structs.replace(
-        study, settings={**study.settings, **given}, seeds=study.seeds if seeds is None else seeds
-    )
-    check_study(found)
-    return found
+    settings, number = {**study.settings, **given}, study.seeds if seeds is None else seeds
+    changed = msgspec.structs.replace(study, settings=settings, seeds=number)
+    check_study(changed)
+    return changed
 
 
 def check_study(study: Study, source: str = "study") -> None:
-    """Check a study's names and settings.
-
-    Raises:
-        ConfigError: naming the first that is unknown, wrong or contradictory.
-    """
+    """Raise ConfigError for the first unknown, wrong or contradictory name or setting of a study."""
     whole("seeds", study.seeds, 1, 1_000)
     if not study.variants:
         raise ConfigError(f'{source}: no variants; expected at least one table [variants."a name"].')
@@ -311,13 +294,13 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
 
 
 def points_of(study: Study) -> list[Values]:
-    """Return the points of a study's grid, in order: the conditions, each crossed with the values of the grid."""
+    """Return the grid points of a study: its conditions, each crossed with the grid."""
     crossed = [dict(zip(study.grid, point, strict=True)) for point in product(*study.grid.values())]
     return [{**point, **values} for point in study.points or [{}] for values in crossed]
 
 
 def points_at(study: Study, values: Values) -> list[Values]:
-    """Return the points that have certain values."""
+    """Return the grid points with the given values."""
     return [point for point in points_of(study) if values.items() <= point.items()]
 
 
@@ -328,20 +311,20 @@ def _known(source: str, where: str, table: Any, known: Any) -> None:
 
 
 def cells_of(study: Study) -> list[Cell]:
-    """Return the trainings of a study: the grid, in each of its points all variants, and of each all seeds.
+    """Return the trainings of a study by point, variant and seed.
 
-    Settings ``scorer.NAME`` of a cell without a scorer are left out: it is the same training for all their values.
+    A cell without a scorer omits the settings ``scorer.NAME``, because they do not change the training.
     """
-    found = []
+    cells = []
     for values in points_of(study):
         for name, settings in study.variants.items():
             merged = {**study.settings, **values, **settings}
             if SCORER not in merged:
                 merged = {key: value for key, value in merged.items() if not key.startswith(f"{SCORER}.")}
-            found += [Cell(name, values, seed, merged) for seed in range(study.seeds)]
-    return found
+            cells += [Cell(name, values, seed, merged) for seed in range(study.seeds)]
+    return cells
 
 
 def split_of(settings: Values) -> SplitConfig:
-    """Return how a cell's graph is split."""
+    """Return the split settings of a cell."""
     return SplitConfig(**{OF_GRAPH[name]: settings[name] for name in OF_GRAPH if name != "book" and name in settings})  # type: ignore[arg-type]

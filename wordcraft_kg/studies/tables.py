@@ -19,8 +19,8 @@ class Table:
 
     Attributes:
         title: the point of the grid.
-        headings: of the columns; the first is that of the variants.
-        rows: texts of each variant.
+        headings: column headings, the first for the variants.
+        rows: cells of each variant.
     """
 
     title: str
@@ -32,18 +32,17 @@ Column = tuple[str, Callable[[VariantFigures], str]]
 
 
 def tables_of(view: StudyView) -> list[Table]:
-    """Return a table for each point of the grid; columns that are empty at all points are left out."""
-    columns = [(heading, text) for heading, text in COLUMNS if any(text(at) for p in view.points for at in p.variants)]
-    return [_table(point, columns) for point in view.points]
-
-
-def _table(point: PointFigures, columns: Sequence[Column]) -> Table:
-    rows = [tuple(text(entry) for _, text in columns) for entry in point.variants]
-    return Table(point.title, tuple(heading for heading, _ in columns), tuple(rows))
+    """Return a table for each point of the grid, without columns that are empty everywhere."""
+    columns = [(heading, text) for heading, text in _COLUMNS if any(text(at) for p in view.points for at in p.variants)]
+    headings = tuple(heading for heading, _ in columns)
+    return [
+        Table(point.title, headings, tuple(tuple(text(entry) for _, text in columns) for entry in point.variants))
+        for point in view.points
+    ]
 
 
 def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> str:
-    """Return a value with the bounds of its interval.
+    """Format a value with the bounds of its interval.
 
     Example:
         >>> with_bounds(0.5, (0.4, 0.61))
@@ -53,12 +52,12 @@ def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> s
 
 
 def bounds(interval: Interval | None, form: str = ".3f") -> str:
-    """Return the bounds of an interval, or nothing."""
+    """Format the bounds of an interval; empty for None."""
     return f"[{signed(interval[0], form)}, {signed(interval[1], form)}]" if interval else ""
 
 
 def signed(value: float, form: str) -> str:
-    """Return a number with a true minus sign, and without one if it is 0 as shown."""
+    """Format a number with a true minus sign, and a rounded 0 without sign."""
     text = format(value, form)
     if not re.search("[1-9]", text):
         text = text.replace("-", "+" if "+" in form else "")
@@ -87,7 +86,7 @@ def _amount(steps: int | None) -> str:
     return "never" if steps is None else f"{steps:,}"
 
 
-COLUMNS: tuple[Column, ...] = (
+_COLUMNS: tuple[Column, ...] = (
     ("variant", lambda at: at.variant),
     ("seeds", lambda at: str(len(at.seeds))),
     ("success [seeds, tasks]", lambda at: with_bounds(at.mean, at.interval)),
@@ -100,17 +99,16 @@ COLUMNS: tuple[Column, ...] = (
     ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
     ("reached after", _reached),
 )
-"""Columns of the tables for people."""
 
 
 def notes(view: StudyView) -> list[str]:
-    """Return how to read the tables, in sentences."""
-    found = [
+    """Return sentences on how to read the tables."""
+    sentences = [
         "Success: share of episodes on test tasks in which the greedy agent makes the goal, with 95 % bootstrap "
         "intervals: over seeds and tasks, that is, for other such tasks too, and over seeds alone, for these tasks."
     ]
     if view.comparisons:
-        found += [
+        sentences += [
             f"Differences are to {view.reference}, paired by seed and task, with intervals over both; P(better): "
             "probability that a run of the variant is better than one of the other.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
@@ -118,14 +116,11 @@ def notes(view: StudyView) -> list[str]:
             f"p: of no difference, from the interval of the difference, corrected by Holm for {view.comparisons} "
             "comparisons.",
         ]
-    return found
+    return sentences
 
 
 def as_csv(view: StudyView) -> str:
-    """Return all figures, a row for each variant at each point of the grid; what is not there is empty.
-
-    Nothing is in it that the next training would change: equal results give equal bytes, wherever they were made.
-    """
+    """Return all figures but durations as CSV, a row for each variant at each point; equal results give equal bytes."""
     grid = list(dict.fromkeys(name for point in view.points for name in point.values))
     rows = [_values(point, entry, grid) for point in view.points for entry in point.variants]
     text = io.StringIO()
@@ -180,12 +175,12 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
 
 
 def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
-    """Yield a study's title, and for each point of the grid a line for each variant."""
+    """Yield the text output of a study: its title, and for each point of the grid a line for each variant."""
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
         yield f"{point.title} ({_where(point)})"
         width = max(len(entry.variant) for entry in point.variants)
-        shown = {entry.variant: SHOWN[metric](entry) for entry in point.variants}
+        shown = {entry.variant: _SHOWN[metric](entry) for entry in point.variants}
         longest = max(map(len, shown.values()))
         for entry in point.variants:
             line = f"  {entry.variant:<{width}}  {shown[entry.variant]:<{longest}}  {counted(len(entry.seeds), 'seed')}"
@@ -208,7 +203,7 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
 
 
 def _p_value(p: float) -> str:
-    """Return a p-value; below a thousandth its size says nothing that the data could tell."""
+    """Format a p-value; values below .001 are not distinguished."""
     return "<.001" if p < 0.001 else f"{p:.2g}"
 
 
@@ -234,7 +229,7 @@ _TITLES: dict[Metric, str] = {
     "mrr": "leak-free MRR of the scorer, with the least and the greatest",
     "steps": "environment steps until the mean curve reaches where the reference's ends",
 }
-SHOWN: dict[Metric, Callable[[VariantFigures], str]] = {
+_SHOWN: dict[Metric, Callable[[VariantFigures], str]] = {
     "success": lambda at: with_bounds(at.mean, at.interval),
     "iqm": lambda at: with_bounds(at.iqm, at.iqm_interval),
     "by-plan": lambda at: with_bounds(at.by_plan, None),

@@ -1,4 +1,4 @@
-"""The tasks of a study, each addressed by its inputs and settings, and the interface of those who perform them."""
+"""The tasks of a study, addressed by inputs and settings, and the interface of workers."""
 
 import hashlib
 import json
@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 Kind = Literal["graphs", "scorers", "runs"]
-"""What a task makes, which is also the folder of the results folder that holds it."""
+"""Kind of a task, and subfolder of the results folder."""
 Ending = Literal["done", "failed", "interrupted"]
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A piece of work: a graph folder, a model folder or the run folder of an agent.
+    """A task: a graph folder, a model folder or the run folder of an agent.
 
     Attributes:
-        settings: everything that decides the outcome, as plain values; inputs by their addresses.
+        settings: all settings that determine the outcome, and addresses of inputs.
         title: a line for people; not part of the address.
-        needs: addresses of the tasks whose folders it reads.
+        needs: addresses of the inputs.
         threads: CPU threads.
         device: torch device.
     """
@@ -33,23 +33,23 @@ class Task:
 
     @cached_property
     def address(self) -> str:
-        """Folder inside the results folder: the kind, and a hash of the settings."""
+        """Folder relative to the results folder: kind and hash of the settings."""
         text = json.dumps(self.settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
         return f"{self.kind}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def folder(self, root: Path) -> Path:
-        """Return its folder inside a results folder."""
+        """Return the folder of the task in a results folder."""
         return root / self.address
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The end of a task: interrupted means that it can go on.
+    """The outcome of a task; an interrupted task can be resumed.
 
     Attributes:
-        error: a line.
-        detail: the traceback of an error that is no user's.
-        disk_full: whether the disk was full, so that there is no point in going on.
+        error: the error in a line.
+        detail: traceback of an unexpected error.
+        disk_full: whether the disk was full, which ends the study.
     """
 
     address: str
@@ -60,17 +60,17 @@ class Outcome:
 
 
 class Workers(Protocol):
-    """Performs tasks whose inputs are there; results lie in the results folder when a task is reported as done."""
+    """Performs tasks with finished inputs; files of a task are in the results folder before its outcome."""
 
     @property
     def places(self) -> int:
-        """Number of tasks that can be performed at once; may change while a cluster grows or shrinks."""
+        """Number of parallel tasks; may change with the size of a cluster."""
 
     def start(self, task: Task) -> None:
-        """Begin a task; returns at once."""
+        """Start a task and return at once."""
 
     def wait(self, seconds: float) -> list[Outcome]:
-        """Return the outcomes of tasks that have ended since the last call; wait for one, but no longer than this."""
+        """Return the outcomes since the last call; wait for the first one at most ``seconds``."""
 
     def stop(self) -> None:
-        """End all that runs: trainings keep their last checkpoint where the folder is within reach."""
+        """End running tasks; trainings keep their last checkpoint."""

@@ -1,4 +1,4 @@
-"""The figures of a variant of a study at a point of the grid: means, intervals, and differences to the reference."""
+"""Figures of a variant at a point of the grid: means, intervals, and differences to the reference."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ Interval = tuple[float, float]
 
 
 class StudyCurvePoint(Record, array_like=True):
-    """Mean success on test tasks after a number of steps, and its interval over seeds."""
+    """Mean success on test tasks after a number of steps, with the interval over seeds."""
 
     step: int
     success: float
@@ -40,12 +40,12 @@ class Comparison(Record):
 
     Attributes:
         difference: of mean success on test tasks.
-        interval: over seeds and tasks, resampled as pairs: the same seed, and the same task.
-        pairs: number of seeds that both have.
-        p_better: probability that a run of the variant is better than one of the reference.
+        interval: over pairs of seed and task.
+        pairs: number of shared seeds.
+        p_better: probability that a run of the variant beats a run of the reference.
         p_better_interval: over seeds; None for a single seed.
-        p_value: of no difference, from the interval.
-        p_corrected: the same by Holm, over all comparisons of the study.
+        p_value: p-value of no difference, from the interval.
+        p_corrected: corrected by Holm over all comparisons of the study.
     """
 
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -62,17 +62,17 @@ class VariantFigures(Record):
 
     Attributes:
         success: success of each run on test tasks, in the order of ``seeds``.
-        iqm: mean of the middle half of them.
-        seed_interval: of the mean over seeds, for the same tasks; None for a single seed.
+        iqm: mean of the middle half of ``success``.
+        seed_interval: of the mean over seeds; None for a single seed.
         interval: of the mean over seeds and tasks; over tasks alone for a single seed.
         iqm_interval: of the IQM over seeds; None for a single seed.
         by_plan: share of episodes in which the last pair of a plan made the goal.
-        train: mean success on train tasks; None if it was not measured.
-        mrr: mean leak-free MRR of the scorers on test triples; None without a scorer that has not seen them.
-        mrr_range: the least and the greatest of them.
-        comparison: against the reference; None for the reference itself, and if there is nothing to pair.
-        reached: steps until the mean curve reaches the final success of the reference's; None for never.
-        reached_interval: over seeds, None for never; None for a single seed.
+        train: mean success on train tasks; None if not measured.
+        mrr: mean leak-free MRR of the scorers on test triples, or None.
+        mrr_range: least and greatest MRR.
+        comparison: against the reference; None for the reference itself and without pairs.
+        reached: steps until the mean curve reaches the final success of the reference; None for never.
+        reached_interval: over seeds, with None for never; None for a single seed.
         curve: success during training.
         runs: addresses of the run folders.
         seconds: mean duration of a training.
@@ -103,10 +103,10 @@ class PointFigures(Record):
     """All variants with runs at a point of the grid, in the order of the study.
 
     Attributes:
-        values: the grid's values, by setting; ``title`` has them in words.
-        graphs: graphs that were played on, in the order of the variants; usually one.
+        values: grid values by setting, with ``title`` in words.
+        graphs: graphs of the runs, usually one.
         tasks: number of test tasks.
-        draws: draws of distractors for each.
+        draws: draws of distractors for each task.
     """
 
     values: Values
@@ -118,7 +118,7 @@ class PointFigures(Record):
 
 
 def figures_of(results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]) -> VariantFigures:
-    """Return the figures of a variant's runs, and against the runs of the reference, which may be the same ones."""
+    """Return the figures of a variant's runs, and of the comparison with the runs ``base`` of the reference."""
     success = [run.success["test"] for run in members]
     table = _table(members)
     train = [run.success["train"] for run in members if "train" in run.success]
@@ -131,7 +131,7 @@ def figures_of(results: StudyResults, variant: str, members: list[RunResult], ba
         mean=mean_of(success),
         iqm=interquartile_mean(success),
         seed_interval=stratified_bootstrap(success, np.mean),
-        # Where nothing varies, Wilson's interval of the tasks.
+        # Wilson's interval over tasks if no run varies.
         interval=crossed_bootstrap(table) if np.ptp(table) else wilson_interval(float(table[0].sum()), table.shape[1]),
         iqm_interval=stratified_bootstrap(success, interquartile_mean),
         by_plan=mean_of([run.by_plan["test"] for run in members]),
@@ -159,7 +159,7 @@ def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
 
 
 def _comparison(results: StudyResults, members: list[RunResult], base: list[RunResult]) -> Comparison | None:
-    """Compare runs on the same tables and with the same seeds; None if there are none, or both are the reference."""
+    """Compare runs of equal tables and seeds; None without such pairs and for the reference itself."""
     by_seed = {run.seed: run for run in base}
     pairs = [(run, by_seed[run.seed]) for run in members if run.seed in by_seed]
     if members is base or not pairs or _played(results, members[0]) != _played(results, base[0]):
@@ -185,7 +185,7 @@ def _played(results: StudyResults, run: RunResult) -> tuple[str, str, int, int]:
 
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
-    """Return the steps at which all runs have a point, and their success, shape (S, T)."""
+    """Return the steps shared by all curves, and the success, shape (S, T)."""
     rows = [dict(run.curve) for run in members]
     steps = sorted(set.intersection(*map(set, rows)))
     return steps, np.array([[row[step] for step in steps] for row in rows])
@@ -205,7 +205,7 @@ def _curve(members: Sequence[RunResult]) -> tuple[StudyCurvePoint, ...]:
 def _reached(
     members: list[RunResult], base: list[RunResult]
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
-    """Return when the mean curve reaches the last point of the reference's mean curve, and the interval over seeds."""
+    """Return the steps until the mean curve reaches the end of the reference curve, and the interval over seeds."""
     if not base:
         return None, None
     steps, table = _curves(members)
@@ -221,7 +221,7 @@ def _reached(
     seen = first(table.mean(axis=0)[None], goal.mean(axis=0)[-1:])[0]
     if len(members) == 1 or len(base) == 1:
         return _steps(seen), None
-    # The same runs are resampled for the goal and the curve where a variant is compared with itself.
+    # For the reference itself, goal and curve use the same resamples.
     goals = resampled_means(goal[:, -1:], seed=0)[:, 0]
     drawn = np.sort(first(resampled_means(table, seed=0 if members is base else 1), goals))
     low, high = np.quantile(drawn, [0.025, 0.975], method="nearest")

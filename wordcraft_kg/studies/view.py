@@ -1,4 +1,4 @@
-"""The figures of a study: every variant at every point of the grid, with intervals, and against the reference."""
+"""The figures of a study: variants at all points of the grid, with intervals and differences to the reference."""
 
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
@@ -16,15 +16,15 @@ from wordcraft_kg.studies.study import Drawing, Value, Values
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures, figures_of
 
 TAUS = tuple(i / 50 for i in range(51))
-"""Levels of success at which profiles are given."""
+"""Success levels of the profiles."""
 
 
 class Profile(Record):
-    """Share of a variant's runs whose success is above each of the study's taus; each run of any point counts once.
+    """Share of a variant's runs with success above each tau, over all points of the grid.
 
     Attributes:
         shares: by tau.
-        low: lower bound of the 95 % band over seeds at each tau; empty for a single seed.
+        low: lower bound of the 95 % band over seeds by tau; empty for a single seed.
         high: upper bound.
     """
 
@@ -38,11 +38,11 @@ class StudyView(Record):
     """The report of a study (``report.json``).
 
     Attributes:
-        reference: the variant with which the others are compared.
+        reference: the variant of all comparisons.
         points: points of the grid that have runs.
-        taus: levels of the profiles, of which each variant has one.
-        doses: for the drawing "dose": one for each way of scoring train tasks and each point of the other settings.
-        comparisons: number of comparisons that p-values are corrected for.
+        taus: levels of the profiles, one profile for each variant.
+        doses: for the drawing "dose": an entry for each way of scoring train tasks and each point of other settings.
+        comparisons: number of comparisons in the correction of p-values.
     """
 
     format: Literal["wordcraft-kg study report 1"]
@@ -72,7 +72,7 @@ def view_study(results: StudyResults) -> StudyView:
     """Compute all figures of a study.
 
     Raises:
-        ConfigError: if there are no runs, or runs of one cell were played on different graphs, splits or tasks.
+        ConfigError: without runs, or if runs of a cell have different graphs, splits or tasks.
     """
     study = results.study
     reference = study.reference or next(iter(study.variants))
@@ -94,7 +94,7 @@ def view_study(results: StudyResults) -> StudyView:
         profiles=tuple(_profiles([runs for _, runs in cells])),
         doses=tuple(doses_of(results, points, reference)) if study.drawing == "dose" else (),
         comparisons=len(compared),
-        claims=view_claims(results).claims,
+        claims=view_claims(results),
         missing=results.missing,
         versions=results.versions,
         hours=results.hours,
@@ -102,7 +102,7 @@ def view_study(results: StudyResults) -> StudyView:
 
 
 def title_of(values: Values) -> str:
-    """Return a point of the grid in words.
+    """Format a point of the grid.
 
     Example:
         >>> title_of({"distractors": 8, "split": "by-goal", "scorer.share": 0.5})
@@ -120,21 +120,21 @@ def _worded(name: str, value: Value) -> str:
 
 
 def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
-    """Return the points of the grid in the order of their runs, each with its runs by variant in the study's order."""
+    """Return the points of the grid in the order of runs, with runs by variant in the order of the study."""
     if not results.runs:
         why = f" The first: {results.missing[0].why.rstrip('.')}." if results.missing else ""
         raise ConfigError(
             f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{why} Run it first: "
             f"{results.command}"
         )
-    found: dict[bytes, tuple[Values, Runs]] = {}
+    points: dict[bytes, tuple[Values, Runs]] = {}
     for run in results.runs:
-        _, runs = found.setdefault(msgspec.json.encode(run.values, order="sorted"), (run.values, {}))
+        _, runs = points.setdefault(msgspec.json.encode(run.values, order="sorted"), (run.values, {}))
         runs.setdefault(run.variant, []).append(run)
     order = {name: number for number, name in enumerate(results.study.variants)}
     cells = [
         (values, dict(sorted(runs.items(), key=lambda item: order.get(item[0], len(order)))))
-        for values, runs in found.values()
+        for values, runs in points.values()
     ]
     for values, runs in cells:
         for variant, members in runs.items():
@@ -143,7 +143,7 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
 
 
 def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
-    """Refuse to average runs that did not play the same tasks, or one run twice."""
+    """Refuse to average runs of different tasks, or the same seed twice."""
     first = members[0]
     for run in members[1:]:
         one, other = results.graphs[first.graph], results.graphs[run.graph]
@@ -185,9 +185,9 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
 
 
 def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
-    """Return the points with p-values corrected over all of them."""
-    found = [entry.comparison for point in points for entry in point.variants]
-    corrected = iter(holm([comparison.p_value for comparison in found if comparison is not None]))
+    """Return the points with p-values corrected over all points."""
+    p_values = [entry.comparison.p_value for point in points for entry in point.variants if entry.comparison]
+    corrected = iter(holm(p_values))
 
     def with_p(entry: VariantFigures) -> VariantFigures:
         if entry.comparison is None:
@@ -199,15 +199,15 @@ def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
 
 
 def _profiles(cells: Sequence[Runs]) -> Iterator[Profile]:
-    """Yield the profile of each variant over all points where it has runs, with the seeds that all of these have."""
+    """Yield the profile of each variant over its points, with the seeds of all these points."""
     for variant in dict.fromkeys(name for runs in cells for name in runs):
-        # The same trainings may stand at several points, such as those of agents without a scorer.
+        # Several points may share the same trainings, such as agents without a scorer.
         distinct = {tuple(run.run for run in runs[variant]): runs[variant] for runs in cells if variant in runs}
         of = [{run.seed: run.success["test"] for run in members} for members in distinct.values()]
         seeds = sorted(set.intersection(*map(set, of)))
         if not seeds:
             continue
-        table = [[found[seed] for found in of] for seed in seeds]
+        table = [[by_seed[seed] for by_seed in of] for seed in seeds]
         band = performance_profile_band(table, TAUS)
         low, high = ((), ()) if band is None else band.tolist()
         yield Profile(variant, tuple(performance_profile(table, TAUS).tolist()), tuple(low), tuple(high))

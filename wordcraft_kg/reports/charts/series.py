@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import chain
 
 from markupsafe import Markup
 
@@ -139,7 +140,7 @@ def scatter(
         level: name and share of a dashed horizontal line.
     """
     drawn = {name: sorted(points, key=lambda point: point[1][0]) for name, points in series.items() if points}
-    everything = [point for points in drawn.values() for point in points]
+    everything = list(chain.from_iterable(drawn.values()))
     xs, ys = _values(x for _, x, _ in everything), _values(y for *_, y in everything)
     lines = [level] if level else []
     ticks = round_ticks(min(xs, default=0), max(xs, default=1))
@@ -151,16 +152,16 @@ def scatter(
     for name, share in lines:
         plot.polyline([(ticks[0], share), (right, share)], "diagonal", f"{name}: {share:.1%}")
     taken, named = Labels(10.05), set[str]()
+    ends = [(right, share, name, "") for name, share in lines]
     for number, name in enumerate(series):
-        for _, x, y in drawn.get(name, ()):
+        points = drawn.get(name, [])
+        for _, x, y in points:
             plot.whiskers(x, y, number)
-        for label, x, y in drawn.get(name, ()):
+        for label, x, y in points:
             title = f"{name}, {label}: {estimate(y, True)} at {estimate(x, False)}"
             plot.marker(plot.x(x[0]), plot.y(y[0]), number, title)
             _label_point(plot, taken, named, label, x[0], y, below=number % 2 == 1)
-    ends = [(right, share, name, "") for name, share in lines]
-    for number, name in enumerate(series):
-        ends += [(x[0], y[0], name, style_of(number)) for _, x, y in drawn.get(name, ())[-1:]]
+        ends += [(x[0], y[0], name, style_of(number)) for _, x, y in points[-1:]]
     plot.end_labels(ends)
     plot.titles(x_title, y_title)
     return plot.done()

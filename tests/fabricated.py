@@ -4,6 +4,10 @@ from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.results import RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Study, Values
 
+NO_GRAPH = ["00000", "50000", "05000", "00500", "55000"]
+GUIDED = ["55500", "55550", "55055", "05555", "55555"]
+"""Successes of each seed on five tasks, of five draws each."""
+
 
 def fabricate(
     won: dict[str, list[str]] | list[tuple[Values, dict[str, list[str]]]],
@@ -50,3 +54,14 @@ def fabricate(
     return StudyResults(
         "wordcraft-kg results 1", "made-up", command, study, (graph,), {"torch": "2"}, tuple(runs), (), 0.5
     )
+
+
+def dosed() -> StudyResults:
+    """Return results of three shares of the recipes, with scores out of sample (folds) and in-sample (memory)."""
+    rows = {0.2: ["50000", "50000"], 0.5: ["55000", "55500"], 1.0: ["55500", "55550"]}
+    points = [
+        ({"scorer.share": share}, {"no graph": ["50000", "00000"], "folds": won, "memory": rows[0.2]})
+        for share, won in rows.items()
+    ]
+    mrr = {f"{name}@{i}": 0.1 * (i + 1) for i in range(3) for name in ("folds", "memory")}
+    return fabricate(points, mrr=mrr, drawing="dose", settings={"memory": {"in_sample": True}})

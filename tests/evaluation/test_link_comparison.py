@@ -51,6 +51,12 @@ def opened_kitchen():
 
 
 @pytest.fixture
+def noises(opened_kitchen):
+    """Four models of random scores."""
+    return [model(noise(opened_kitchen, seed), opened_kitchen) for seed in range(4)]
+
+
+@pytest.fixture
 def frequency(opened_kitchen):
     return model(FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial), opened_kitchen)
 
@@ -79,10 +85,8 @@ def test_a_model_that_knows_the_answers_is_surely_better(facts, frequency):
 
 def test_the_difference_is_that_of_the_mean_reciprocal_ranks(facts, frequency, opened_kitchen):
     queries = opened_kitchen.split.held_out("test")
-    metrics = [
-        ranking_metrics(rank_triples(opened.scorer, queries, opened_kitchen.graph.triples))
-        for opened in (facts, frequency)
-    ]
+    ranks = (rank_triples(opened.scorer, queries, opened_kitchen.graph.triples) for opened in (facts, frequency))
+    metrics = [ranking_metrics(one) for one in ranks]
     values = compared(facts, frequency)
     other = values.models[1]
     assert values.queries == metrics[0].queries == 2 * len(queries) == 2 * values.triples
@@ -101,8 +105,8 @@ def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(frequency, o
     assert (found.triples, found.queries, found.sampled_from) == (40, 80, everything)
 
 
-def test_swapping_the_models_turns_the_signs(opened_kitchen):
-    one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
+def test_swapping_the_models_turns_the_signs(noises):
+    _, one, two, _ = noises
     there, back = second(one, two), second(two, one)
     assert there.difference == pytest.approx(-back.difference)
     assert there.difference_ci == pytest.approx([-back.difference_ci[1], -back.difference_ci[0]])
@@ -128,15 +132,14 @@ def test_the_interval_of_a_model_is_that_of_its_report(frequency, opened_kitchen
     assert compared(frequency, frequency, resamples=300, seed=1).models[0].mrr_ci == expected
 
 
-def test_the_comparison_is_determined_by_its_seed(opened_kitchen):
-    one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
+def test_the_comparison_is_determined_by_its_seed(noises):
+    _, one, two, _ = noises
     assert compared(one, two, seed=3) == compared(one, two, seed=3)
     assert second(one, two, seed=3).difference_ci != second(one, two, seed=4).difference_ci
 
 
-def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(opened_kitchen):
-    several = [model(noise(opened_kitchen, seed), opened_kitchen) for seed in range(4)]
-    two, four = compared(*several[:2]), compared(*several)
+def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(noises):
+    two, four = compared(*noises[:2]), compared(*noises)
     assert (two.pairs, four.pairs) == (1, 6)
     assert two.models[0] == four.models[0]
     one, other = two.models[1], four.models[1]
@@ -144,8 +147,8 @@ def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(
     assert other.difference_ci[0] < one.difference_ci[0] < one.difference_ci[1] < other.difference_ci[1]
 
 
-def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(facts, frequency, opened_kitchen):
-    one, two = (model(noise(opened_kitchen, seed), opened_kitchen) for seed in (1, 2))
+def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(facts, noises):
+    _, one, two, _ = noises
     values = compared(one, facts, two, facts)
     assert values.best == facts.scorer.name
     assert values.not_told_apart == (facts.scorer.name,)
@@ -182,17 +185,11 @@ def test_seeds_with_other_settings_are_refused(frequency, opened_kitchen):
         compare([Contender("frequency", [frequency]), Contender("noise", runs)])
 
 
-def test_models_of_different_splits_are_refused(frequency, opened_kitchen):
-    graph = opened_kitchen.graph
-    other = OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "other")
+@pytest.mark.parametrize("other", [("kitchen", SplitConfig(seed=1)), ("paper-examples",)], ids=["split", "graph"])
+def test_models_of_different_graphs_or_splits_are_refused(frequency, other):
+    opened = open_graph(*other)
     with pytest.raises(GraphMismatchError):
-        compared(frequency, model(FrequencyScorer(graph, other.split.partial), other))
-
-
-def test_models_of_different_graphs_are_refused(frequency):
-    other = open_graph("paper-examples")
-    with pytest.raises(GraphMismatchError):
-        compared(frequency, model(FrequencyScorer(other.graph, other.graph.triples), other))
+        compared(frequency, model(FrequencyScorer(opened.graph, opened.graph.triples), opened))
 
 
 def test_a_split_without_unseen_triples_is_refused(opened_kitchen):
@@ -220,7 +217,5 @@ def test_the_page_holds_every_model_and_needs_no_other_file(frequency, facts, op
         assert shown in page
     for found in values.models:
         assert f"{found.mrr:.3f}" in page
-    assert "<b> &" not in page
-    assert "://" not in page
-    assert page.count("<svg") == 2
-    assert page.count('class="whisker') == 4 + 3
+    assert not any(text in page for text in ("<b> &", "://"))
+    assert (page.count("<svg"), page.count('class="whisker')) == (2, 4 + 3)

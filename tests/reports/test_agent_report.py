@@ -1,6 +1,7 @@
 """The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be compared."""
 
 import re
+from collections import Counter
 from dataclasses import replace
 
 import jsonschema
@@ -8,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 import torch
-from html_page import Page
+from html_page import Page, text_of
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
@@ -58,12 +59,20 @@ def report(agents):
     return make_agent_report(group_agents(agents), draws=2)
 
 
+@pytest.fixture(scope="module")
+def entry(report):
+    """The entry of the attention agent."""
+    return report.view.agents[0]
+
+
+@pytest.fixture(scope="module")
+def world(agents):
+    return World(agents[0].opened, TASKS.environment("test"))
+
+
 def test_runs_that_differ_in_the_seed_are_one_agent(agents):
-    groups = group_agents(agents)
-    assert {name: [agent.name for agent in members] for name, members in groups.items()} == {
-        "plain": ["plain-0", "plain-1"],
-        "mlp": ["mlp"],
-    }
+    groups = {name: [agent.name for agent in members] for name, members in group_agents(agents).items()}
+    assert groups == {"plain": ["plain-0", "plain-1"], "mlp": ["mlp"]}
 
 
 def test_a_run_given_twice_is_an_error(agents):
@@ -71,16 +80,16 @@ def test_a_run_given_twice_is_an_error(agents):
         group_agents([agents[0], agents[0]])
 
 
-def test_the_numbers_are_those_of_the_evaluation(agents, report):
+def test_the_numbers_are_those_of_the_evaluation(agents, entry):
     for amount in (1, 2, 8):
         evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test", amount)), draws=2)
         found = [evaluator(PolicyPlayer(agent.policy)) for agent in agents[:2]]
-        figures = report.view.agents[0].success[str(amount)]
+        figures = entry.success[str(amount)]
         assert figures.seeds == tuple(result.success.mean() for result in found)
         assert figures.mean == pytest.approx(np.mean(figures.seeds))
         assert figures.iqm == pytest.approx(figures.mean)  # of two seeds nothing is trimmed
         assert min(figures.seeds) <= figures.seed_ci[0] <= figures.seed_ci[1] <= max(figures.seeds)
-        outcomes = report.view.agents[0].outcomes[str(amount)]
+        outcomes = entry.outcomes[str(amount)]
         assert outcomes["goal"] == pytest.approx(figures.mean)
         assert sum(outcomes.values()) == pytest.approx(1)
 
@@ -96,8 +105,7 @@ def test_the_probability_of_improvement_counts_pairs_of_runs(report):
     assert plain.p_better is None
 
 
-def test_slices_hold_every_task_once_and_average_to_the_whole(report):
-    entry = report.view.agents[0]
+def test_slices_hold_every_task_once_and_average_to_the_whole(report, entry):
     for name in ("train_recipes", "layer"):
         rows = entry.slices[name]
         assert sum(row.tasks for row in rows) == report.view.tasks
@@ -105,12 +113,10 @@ def test_slices_hold_every_task_once_and_average_to_the_whole(report):
         assert mean == pytest.approx(entry.success["2"].mean)
 
 
-def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents, report):
-    graph, split = agents[0].opened.graph, agents[0].opened.split
-    evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test")), draws=1)
-    results = graph.recipes[split.is_in("train"), 2].tolist()
-    alone = sum(results.count(goal) == 1 for goal in evaluator.engine.world.tasks.goals.tolist())
-    row = next((row for row in report.view.agents[0].slices["train_recipes"] if row.slice == "1"), None)
+def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents, entry, world):
+    results = world.graph.recipes[agents[0].opened.split.is_in("train"), 2].tolist()
+    alone = sum(results.count(goal) == 1 for goal in world.tasks.goals.tolist())
+    row = next((row for row in entry.slices["train_recipes"] if row.slice == "1"), None)
     assert (row.tasks if row else 0) == alone
 
 
@@ -121,15 +127,14 @@ def test_curves_are_means_over_seeds(agents, report):
         assert low <= mean <= high
 
 
-def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report):
+def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report, entry):
     for figure in ("loss", "entropy", "return", "grad_norm", "baseline_loss", "test_success"):
-        curves = report.view.agents[0].training[figure]
+        curves = entry.training[figure]
         assert [curve.seed for curve in curves] == [0, 1]
         for agent, curve in zip(agents[:2], curves, strict=True):
             logged = [(row.step, row.figures[figure]) for row in agent.metrics if figure in row.figures]
             assert list(curve.points) == logged
-    page = render(report)
-    assert "plain, seed 1" in page
+    assert "plain, seed 1" in render(report)
 
 
 def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents):
@@ -140,10 +145,8 @@ def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents):
     assert [step for step, _ in training["test_success"][0].points] == [100, 200, 210]
 
 
-def test_confusions_name_what_was_needed_and_what_was_picked(agents, report):
-    world = World(agents[0].opened, TASKS.environment("test"))
-    graph, entry = world.graph, report.view.agents[0]
-    counts: dict[tuple[str, str], int] = {}
+def test_confusions_name_what_was_needed_and_what_was_picked(agents, entry, world):
+    graph, counts = world.graph, Counter()
     for agent in agents[:2]:
         found = Evaluator(world, draws=2)(PolicyPlayer(agent.policy))
         for task, draw in np.argwhere(found.endings == ENDINGS.index("one_right_part")).tolist():
@@ -152,24 +155,22 @@ def test_confusions_name_what_was_needed_and_what_was_picked(agents, report):
             pair = graph.recipes[plan[-1], :2].tolist()
             right, wrong = (a, b) if a in pair else (b, a)
             wanted = pair[1] if pair[0] == right else pair[0]
-            key = graph.entities[wanted], graph.entities[wrong]
-            counts[key] = counts.get(key, 0) + 1
+            counts[graph.entities[wanted], graph.entities[wrong]] += 1
     assert entry.confusions
     for row in entry.confusions:
         assert counts[row.wanted, row.picked] == row.episodes
     assert [row.episodes for row in entry.confusions] == sorted(counts.values(), reverse=True)[: len(entry.confusions)]
 
 
-def test_the_last_pair_of_an_episode_that_made_the_goal_makes_it(agents):
-    world = World(agents[0].opened, TASKS.environment("test"))
+def test_the_last_pair_of_an_episode_that_made_the_goal_makes_it(world):
     found = Evaluator(world, draws=2)(recipe_oracle)
     for task in range(len(world.tasks)):
         pair = world.graph.labels(found.last[task, 0].tolist())
         assert world.tasks.goals[task] in world.graph.results(*pair)
 
 
-def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, report):
-    facts = report.view.agents[0].provenance["plain-1"]
+def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, report, entry):
+    facts = entry.provenance["plain-1"]
     run = agents[1].run
     assert facts["trained by"] == " ".join(run.argv)
     assert run.outputs["policy.safetensors"] in facts["weights"]
@@ -180,15 +181,14 @@ def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, 
 
 
 def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents, report):
-    def first_line(page: str) -> str:
-        text = re.sub(r"<[^>]+>", "", page[page.index("<b>In short") : page.index("</div>", page.index("<b>In short"))])
-        return re.sub(r"\s+", " ", text)
+    def first_line(report: AgentReport) -> str:
+        return text_of(re.search(r"<b>In short.*?</div>", render(report), re.DOTALL)[0])
 
     mlp = report.view.agents[1].success["2"]
     verdict = "above" if mlp.difference_ci[0] > 0 else "below" if mlp.difference_ci[1] < 0 else "level with"
-    assert f"mlp is {verdict} plain: paired difference" in first_line(render(report))
-    assert "difference between agents may be due to the seeds" in first_line(render(report))
-    alone = first_line(render(make_agent_report({"one": [agents[0]]}, draws=1, episodes=0)))
+    assert re.search(f"mlp is {verdict} +plain: +paired difference", first_line(report))
+    assert "difference between agents may be due to the seeds" in first_line(report)
+    alone = first_line(make_agent_report({"one": [agents[0]]}, draws=1, episodes=0))
     assert "difference" not in alone
     assert "One seed: another seed may give another figure." in alone
 
@@ -230,16 +230,12 @@ def test_it_is_written_whole_or_not_at_all(report, tmp_path):
     assert not (tmp_path / "broken").exists()
 
 
-def test_agents_of_another_split_cannot_be_compared(agents):
-    other = replace(agents[1], opened=open_graph("kitchen", SplitConfig(seed=5)))
-    with pytest.raises(GraphMismatchError):
-        make_agent_report({"a": [agents[0]], "b": [other]})
-
-
-def test_agents_of_another_depth_cannot_be_compared(agents):
-    other = replace(agents[1], config=replace(agents[1].config, tasks=TaskConfig(depth=2, distractors=2)))
-    with pytest.raises(ConfigError, match="plays with depth 2"):
-        make_agent_report({"a": [agents[0]], "b": [other]})
+def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
+    elsewhere = replace(agents[1], opened=open_graph("kitchen", SplitConfig(seed=5)))
+    deeper = replace(agents[1], config=replace(agents[1].config, tasks=TaskConfig(depth=2, distractors=2)))
+    for other, error, why in ((elsewhere, GraphMismatchError, "split"), (deeper, ConfigError, "plays with depth 2")):
+        with pytest.raises(error, match=why):
+            make_agent_report({"a": [agents[0]], "b": [other]})
 
 
 def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_says_how(tmp_path):

@@ -21,12 +21,11 @@ def parsed(markup: str) -> ElementTree.Element:
 
 def box_of(root: ElementTree.Element) -> dict[str, tuple[float, float, float, float]]:
     """The boxes by their labels, as left, top, right and bottom."""
-    found = {}
+    boxes = {}
     for link in root.iter("a"):
-        rect, text = link.find("rect"), link.find("text")
-        x, y, width, height = (float(rect.get(name)) for name in ("x", "y", "width", "height"))
-        found[text.text] = (x, y, x + width, y + height)
-    return found
+        x, y, width, height = (float(link.find("rect").get(name)) for name in ("x", "y", "width", "height"))
+        boxes[link.find("text").text] = (x, y, x + width, y + height)
+    return boxes
 
 
 def made(label: str, layer: int, *of: str, **more: str) -> Made:
@@ -93,9 +92,8 @@ def test_what_is_given_is_in_bold_under_the_craft_and_what_is_not_drawn_is_not()
 
 def test_long_labels_are_cut_with_a_tooltip_and_markup_stays_text():
     long = "a very long label of an entity that nobody would write"
-    root = parsed(
-        layered([made(long, 1, HOSTILE, "b", title=f"{long} = x"), made(HOSTILE, 2, long, long)], ["b"], "<i>")
-    )
+    things = [made(long, 1, HOSTILE, "b", title=f"{long} = x"), made(HOSTILE, 2, long, long)]
+    root = parsed(layered(things, ["b"], "<i>"))
     texts = [text.text for text in root.iter("text") if text.text]
     assert "a very long lab…" in texts
     assert [title.text for title in root.iter("title") if title.text == f"{long} = x"]
@@ -109,12 +107,8 @@ def test_a_thing_without_an_address_is_no_link():
     assert [text.text for text in root.iter("text")][1] == "b"
 
 
-DOTS = [
-    Dot(label, f"/map?entity={label}", x, y, 1 + number % 5, "series-0", f"{label} · layer 1")
-    for number, (label, x, y) in enumerate(
-        [("first", 100, 100), ("second", 105, 103), ("third", 600, 700), (HOSTILE, 300, 300)]
-    )
-]
+PLACES = {"first": (100, 100), "second": (105, 103), "third": (600, 700), HOSTILE: (300, 300)}
+DOTS = [Dot(name, f"/map?entity={name}", *at, 2, "series-0", f"{name} · layer 1") for name, at in PLACES.items()]
 
 
 def map_with(**more: object) -> tuple[ElementTree.Element, dict[str, list[list[int]]]]:

@@ -52,7 +52,7 @@ def results_of(*runs, points=(8,), claims=(), missing=()):
         name="fabricated",
         command="none",
         study=study,
-        graphs=(GRAPH,),
+        graphs=(GRAPH, msgspec.structs.replace(GRAPH, kind="by-goal", split="c" * 64)),
         versions={"torch": "2"},
         runs=runs,
         missing=missing,
@@ -101,20 +101,40 @@ def test_a_verdict_follows_from_where_the_interval_lies(left, right, changed, ex
     assert verdict(both(left, right), **changed) == expected
 
 
-def test_an_interval_that_is_too_wide_decides_nothing():
-    assert verdict(both(0.33, 0.3, seeds=2)) == "undecided"
+OF_VALUE = {"right": "", "expected": "less"}
+OTHER_POINT = {"right": "left", "expected": "less", "at": {"distractors": 8}, "right_at": {"distractors": 1}}
+EARLY = {"curve": ((0, 0.9), (110, 0.5), (1000, 0.3))}
 
 
-def test_a_difference_smaller_than_two_hundredths_is_none():
-    alike = both(1.0, 1.0)
-    assert verdict(alike) == "not reproduced"
-    assert verdict(alike, expected="less") == "not reproduced"
-
-
-def test_a_claim_may_compare_with_a_value():
-    results = both(0.9, 0.1)
-    assert verdict(results, right="", than=1.0, expected="less", by=0.02) == "reproduced"
-    assert verdict(results, right="", than=0.95, expected="more") == "not reproduced"
+@pytest.mark.parametrize(
+    ("sides", "more", "changed", "expected"),
+    [
+        pytest.param((0.33, 0.3), {"seeds": 2}, {}, "undecided", id="too wide"),
+        pytest.param((1.0, 1.0), {}, {}, "not reproduced", id="smaller than two hundredths"),
+        pytest.param((1.0, 1.0), {}, {"expected": "less"}, "not reproduced", id="the same for less"),
+        pytest.param((0.9, 0.1), {}, {**OF_VALUE, "than": 1.0, "by": 0.02}, "reproduced", id="value"),
+        pytest.param((0.9, 0.1), {}, {"right": "", "than": 0.95}, "not reproduced", id="larger value"),
+        pytest.param(({8: 0.3, 1: 0.6}, 0.4), {"points": (8, 1)}, OTHER_POINT, "reproduced", id="another point"),
+        pytest.param((0.3, 0.3), EARLY, {"measure": "early"}, "reproduced", id="nearest to a tenth of the steps"),
+        pytest.param((0.6, 0.3), {"seeds": 1}, {}, "undecided", id="one seed, though sure over tasks"),
+        pytest.param((0.6, 0.3), {"seeds": 1}, {"measure": "early"}, "undecided", id="one seed, early"),
+    ]
+    + [
+        pytest.param((left, 0.4), {"points": (8, 1)}, {"expected": "varies"}, expected, id=f"varies {left}")
+        for left, expected in (
+            ({8: 0.6, 1: 0.2}, "reproduced"),
+            ({8: 0.8, 1: 0.5}, "differs"),
+            ({8: 0.6, 1: 0.6}, "not reproduced"),
+            ({8: 0.4, 1: 0.6}, "undecided"),
+        )
+    ]
+    + [
+        pytest.param((0.1, 0.4), {"same_twice": 0.7}, {"right": "", "than": than, "measure": "same_twice"}, expected)
+        for than, expected in ((0.5, "reproduced"), (0.8, "not reproduced"))
+    ],
+)
+def test_a_claim_has_the_verdict_of_its_measure_and_points(sides, more, changed, expected):
+    assert verdict(both(*sides, **more), **changed) == expected
 
 
 def test_a_claim_about_all_points_is_judged_at_each():
@@ -126,48 +146,13 @@ def test_a_claim_about_all_points_is_judged_at_each():
     assert len(judge(results, msgspec.structs.replace(CLAIM, at={"distractors": 1}))) == 1
 
 
-def test_the_right_side_may_be_at_another_point():
-    results = both({8: 0.3, 1: 0.6}, 0.4, points=(8, 1))
-    change = {"right": "left", "expected": "less", "at": {"distractors": 8}, "right_at": {"distractors": 1}}
-    assert verdict(results, **change) == "reproduced"
-
-
-@pytest.mark.parametrize(
-    ("left", "expected"),
-    [
-        ({8: 0.6, 1: 0.2}, "reproduced"),
-        ({8: 0.8, 1: 0.5}, "differs"),
-        ({8: 0.6, 1: 0.6}, "not reproduced"),
-        ({8: 0.4, 1: 0.6}, "undecided"),
-    ],
-)
-def test_what_varies_is_ahead_here_and_behind_there(left, expected):
-    assert verdict(both(left, 0.4, points=(8, 1)), expected="varies") == expected
-
-
-def test_steps_are_counted_until_the_curve_of_the_other_is_reached():
-    quick = ((0, 0.0), (100, 0.39), (1000, 0.6))
-    results = both(0.6, 0.4, curve=quick)
-    (judged,) = judge(results, msgspec.structs.replace(CLAIM, measure="steps", expected="less"))
+def test_steps_are_counted_until_the_curve_of_the_other_is_reached_or_else_are_all():
+    of_steps = msgspec.structs.replace(CLAIM, measure="steps", expected="less")
+    (judged,) = judge(both(0.6, 0.4, curve=((0, 0.0), (100, 0.39), (1000, 0.6))), of_steps)
     assert (judged.measured[0].left, judged.measured[0].right) == pytest.approx((0.1, 1.0))
-    assert judged.verdict == "reproduced"
-    assert judged.measured[0].tasks == 0
-
-
-def test_a_level_that_is_never_reached_takes_all_steps():
-    results = both(0.2, 0.4)
-    (judged,) = judge(results, msgspec.structs.replace(CLAIM, measure="steps", expected="less"))
+    assert (judged.verdict, judged.measured[0].tasks) == ("reproduced", 0)
+    (judged,) = judge(both(0.2, 0.4), of_steps)
     assert judged.measured[0].left == 1.0
-
-
-def test_early_is_the_point_of_the_curve_nearest_to_a_tenth_of_the_steps():
-    assert verdict(both(0.3, 0.3, curve=((0, 0.9), (110, 0.5), (1000, 0.3))), measure="early") == "reproduced"
-
-
-def test_pairs_of_an_entity_with_itself_are_counted_by_how_episodes_ended():
-    results = both(0.1, 0.4, same_twice=0.7)
-    assert verdict(results, right="", than=0.5, measure="same_twice") == "reproduced"
-    assert verdict(results, right="", than=0.8, measure="same_twice") == "not reproduced"
 
 
 def test_the_interval_over_seeds_is_students():
@@ -185,37 +170,24 @@ def test_the_interval_over_seeds_is_students():
     assert judged.verdict == "undecided"
 
 
-def test_one_seed_decides_nothing():
-    """Over tasks alone the difference would be sure; a claim is about agents, not about two trainings."""
-    results = both(0.6, 0.3, seeds=1)
-    assert verdict(results) == "undecided"
-    assert verdict(results, measure="early") == "undecided"
+LOST = Missing("right", {"distractors": 8}, 0, "the disk was full")
+ON_ANOTHER_SPLIT = msgspec.structs.replace(a_run("right", 0.5), graph=1)
 
 
-def test_a_claim_without_runs_says_why():
-    lost = Missing("right", {"distractors": 8}, 0, "the disk was full")
-    (judged,) = judge(results_of(a_run("left", 0.5), missing=(lost,)), CLAIM)
+@pytest.mark.parametrize(
+    ("results", "at", "why"),
+    [
+        (results_of(a_run("left", 0.5), missing=(LOST,)), {}, "the disk was full"),
+        (both(0.6, 0.3), {"distractors": 2}, "the study was run without such points"),
+        (results_of(a_run("left", 0.5, tasks=10), a_run("right", 0.5, tasks=11)), {}, "different tasks"),
+        (results_of(a_run("left", 0.5), ON_ANOTHER_SPLIT), {}, "different tasks"),
+    ],
+    ids=["missing", "no such point", "other tasks", "as many tasks of another split"],
+)
+def test_a_claim_that_was_not_run_says_why(results, at, why):
+    (judged,) = judge(results, msgspec.structs.replace(CLAIM, at=at))
     assert judged.verdict == "not run"
-    assert "the disk was full" in judged.why
-
-
-def test_a_claim_about_points_that_were_not_run_says_so():
-    (judged,) = judge(both(0.6, 0.3), msgspec.structs.replace(CLAIM, at={"distractors": 2}))
-    assert (judged.verdict, judged.why) == ("not run", "the study was run without such points")
-
-
-def test_variants_that_played_other_tasks_are_not_compared():
-    (judged,) = judge(results_of(a_run("left", 0.5, tasks=10), a_run("right", 0.5, tasks=11)), CLAIM)
-    assert judged.verdict == "not run"
-    assert "different tasks" in judged.why
-
-
-def test_as_many_tasks_of_another_split_are_others():
-    results = results_of(a_run("left", 0.5), msgspec.structs.replace(a_run("right", 0.5), graph=1))
-    other = PlayedGraph("kitchen", "a" * 64, "by-goal", 0, "c" * 64)
-    (judged,) = judge(msgspec.structs.replace(results, graphs=(GRAPH, other)), CLAIM)
-    assert judged.verdict == "not run"
-    assert "different tasks" in judged.why
+    assert why in judged.why
 
 
 def test_only_seeds_that_both_have_are_compared():

@@ -20,10 +20,10 @@ from wordcraft_kg.studies.collect import collect_runs, collect_study
 from wordcraft_kg.studies.engine import FullDiskError, run_plan
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import make_graph, perform
-from wordcraft_kg.studies.plan import agent_config, make_plan
+from wordcraft_kg.studies.plan import Plan, agent_config, make_plan
 from wordcraft_kg.studies.results import Figures, RunFigures, read_figures, write_figures
 from wordcraft_kg.studies.store import failure_of
-from wordcraft_kg.studies.study import adapted, parse_study
+from wordcraft_kg.studies.study import adapted
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 NO_FIGURES = Figures(seconds=1.0, versions={})
@@ -39,6 +39,28 @@ def done(tmp_path_factory):
     root = tmp_path_factory.mktemp("study") / "results"
     run_small(root)
     return root
+
+
+def the(kind: str, plan: Plan) -> Task:
+    """The first task of a kind."""
+    return next(task for task in plan.tasks.values() if task.kind == kind)
+
+
+def record(folder: Path) -> dict:
+    return json.loads((folder / "run.json").read_text())
+
+
+def interrupted(task: Task, done: Path, root: Path) -> Path:
+    """Copy a study, and leave a run of it interrupted; return its folder."""
+    from wordcraft_kg.agents.training import train_agent
+
+    shutil.copytree(done, root, dirs_exist_ok=True)
+    shutil.rmtree(folder := task.folder(root))
+    graph, *scorer = (str(root / address) for address in task.needs)
+    config = agent_config(task.settings["settings"], graph, scorer[0] if scorer else None)
+    train_agent(config, folder, progress=lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    assert record(folder)["status"] == "interrupted"
+    return folder
 
 
 def figures(root: Path) -> list[dict]:
@@ -86,11 +108,11 @@ def test_two_studies_share_what_is_equal(done):
 
 def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
     run_small(tmp_path, small_plan(name="silent"), pretend)
-    said = TEXT.replace("steps", 'policy = "attention"\nsteps') + '[variants.other]\nscorer = "partial"\nuse = "u"'
-    run_small(tmp_path, make_plan(parse_study(said.replace("seeds = 2", "seeds = 3"), "x"), "telling"), pretend)
-    found = collect_runs(tmp_path, ["scorer"])
-    assert found.study.grid == {"distractors": [2, 1], "use": ["u,v", "u"]}
-    assert len(found.runs) == 18
+    text = TEXT.replace("steps", 'policy = "attention"\nsteps').replace("seeds = 2", "seeds = 3")
+    run_small(tmp_path, small_plan('[variants.other]\nscorer = "partial"\nuse = "u"', "explicit", text), pretend)
+    results = collect_runs(tmp_path, ["scorer"])
+    assert results.study.grid == {"distractors": [2, 1], "use": ["u,v", "u"]}
+    assert len(results.runs) == 18
     by_use = collect_runs(tmp_path, ["scorer", "use"]).study.variants
     assert list(by_use) == ["none, none", "partial, u,v", "partial, u"]
 
@@ -103,17 +125,10 @@ def test_processes_give_the_figures_of_one(done, tmp_path):
 
 
 def test_a_training_that_was_interrupted_goes_on_and_ends_the_same(done, tmp_path):
-    from wordcraft_kg.agents.training import train_agent
-
     plan = small_plan()
-    task = plan.tasks[plan.runs[0]]
-    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
-    shutil.rmtree(task.folder(tmp_path))
-    config = agent_config(task.settings["settings"], str(tmp_path / task.needs[0]), None)
-    train_agent(config, task.folder(tmp_path), progress=lambda *_: os.kill(os.getpid(), signal.SIGINT))
-    assert json.loads((task.folder(tmp_path) / "run.json").read_text())["status"] == "interrupted"
+    folder = interrupted(plan.tasks[plan.runs[0]], done, tmp_path)
     run_small(tmp_path)
-    assert json.loads((task.folder(tmp_path) / "run.json").read_text())["resumed"], "it went on"
+    assert record(folder)["resumed"], "it went on"
     assert figures(tmp_path) == figures(done)
 
 
@@ -130,7 +145,7 @@ def test_damaged_figures_are_noticed_and_made_again(done, tmp_path, caplog):
 
 def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
     plan = small_plan()
-    scorer = next(task for task in plan.tasks.values() if task.kind == "scorers")
+    scorer = the("scorers", plan)
     (scorer.folder(done) / "model.safetensors").write_bytes(b"damaged")
     assert run_small(done).began == [], "nobody needs it any more"
     (done / plan.runs[2] / "figures.json").unlink()
@@ -138,26 +153,21 @@ def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
 
 
 def test_a_run_whose_scorer_was_made_again_with_other_weights_is_begun_again(done, tmp_path):
-    from wordcraft_kg.agents.training import train_agent
-
     plan = small_plan()
     task = plan.tasks[plan.runs[2]]
-    shutil.copytree(done, tmp_path, dirs_exist_ok=True)
-    shutil.rmtree(folder := task.folder(tmp_path))
-    config = agent_config(task.settings["settings"], *(str(tmp_path / address) for address in task.needs))
-    train_agent(config, folder, progress=lambda *_: os.kill(os.getpid(), signal.SIGINT))
-    record = json.loads((folder / "run.json").read_text())
-    record["inputs"]["scorer"] = "0" * 64
-    (folder / "run.json").write_text(json.dumps(record))
+    folder = interrupted(task, done, tmp_path)
+    values = record(folder)
+    values["inputs"]["scorer"] = "0" * 64
+    (folder / "run.json").write_text(json.dumps(values))
     outcome = perform(task, tmp_path)
     assert outcome.ending == "done", outcome.error
-    assert "resumed" not in json.loads((folder / "run.json").read_text())
+    assert "resumed" not in record(folder)
 
 
 def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
     plan = small_plan()
     (done / plan.runs[0] / "figures.json").unlink()
-    graph = next(task for task in plan.tasks.values() if task.kind == "graphs").folder(done) / "graph.json"
+    graph = the("graphs", plan).folder(done) / "graph.json"
     before = graph.read_bytes()
     graph.write_bytes(b"{")
     assert run_small(done).began == ["none, distractors 2, seed 0"]
@@ -166,8 +176,7 @@ def test_a_damaged_graph_that_is_still_needed_is_made_again(done):
 
 
 def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
-    plan = small_plan(text=TRAINED)
-    task = next(task for task in plan.tasks.values() if task.kind == "scorers")
+    task = the("scorers", small_plan(text=TRAINED))
     shutil.copytree(done / "graphs", tmp_path / "graphs")
     folder = task.folder(tmp_path)
     folder.mkdir(parents=True)
@@ -180,7 +189,7 @@ def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
 
 def test_a_training_that_another_process_still_works_on_is_left_alone(tmp_path):
     plan = small_plan(text=TRAINED)
-    task = next(task for task in plan.tasks.values() if task.kind == "scorers")
+    task = the("scorers", plan)
     make_graph(plan.tasks[task.needs[0]], tmp_path, plan.books[task.needs[0]])
     (folder := task.folder(tmp_path)).mkdir(parents=True)
     (folder / "checkpoints").mkdir()
@@ -192,7 +201,7 @@ def test_a_training_that_another_process_still_works_on_is_left_alone(tmp_path):
 
 def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
     plan = small_plan()
-    broken = next(address for address, task in plan.tasks.items() if task.kind == "scorers")
+    broken = the("scorers", plan).address
 
     def work(task: Task, root: Path) -> Outcome:
         assert failure_of(root, task.address) is None, "what went wrong the last time is forgotten"
@@ -235,22 +244,18 @@ def test_a_full_disk_is_recognised_behind_the_error_that_names_the_run(done, tmp
     assert outcome.error == "cannot be written"
 
 
-def test_ctrl_c_ends_a_study_and_its_workers(tmp_path):
-    workers = Inline(tmp_path, lambda task, root: Outcome(task.address, "interrupted"))
-    with pytest.raises(KeyboardInterrupt):
-        run_plan(small_plan(), tmp_path, lambda: workers)
-    assert workers.stopped
-    assert len(workers.began) == 1
+@pytest.mark.parametrize("again", [False, True])
+def test_ctrl_c_once_or_again_ends_a_study_and_its_workers_and_says_what_is_done(tmp_path, monkeypatch, again):
+    def stop(self):
+        self.stopped = True
+        if again:
+            raise KeyboardInterrupt
 
-
-def test_a_second_ctrl_c_says_which_tasks_are_done_too(tmp_path, monkeypatch):
-    def pressed_again(self):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Inline, "stop", pressed_again)
+    monkeypatch.setattr(Inline, "stop", stop)
     workers = Inline(tmp_path, lambda task, root: Outcome(task.address, "interrupted"))
     with pytest.raises(KeyboardInterrupt, match="the same command goes on"):
         run_plan(small_plan(), tmp_path, lambda: workers)
+    assert (workers.stopped, len(workers.began)) == (True, 1)
 
 
 def _hold(root: Path, ready, release) -> None:
@@ -277,7 +282,6 @@ def test_two_engines_do_not_work_in_one_folder(tmp_path):
 
 
 def die_once(task: Task, root: Path) -> Outcome:
-    """Be killed in the middle of the first task."""
     if not (root / "died").exists():
         (root / "died").touch()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -336,9 +340,8 @@ def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
 
     run_small(tmp_path, plan, work)
     results = collect_study(tmp_path, "small")
-    assert [(gap.variant, gap.seed, gap.why) for gap in results.missing] == [
-        ("none", 0, "the split has no test tasks of this kind")
-    ]
+    (gap,) = results.missing
+    assert (gap.variant, gap.seed, gap.why) == ("none", 0, "the split has no test tasks of this kind")
     assert len(results.runs) == 7
 
 

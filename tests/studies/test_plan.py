@@ -34,8 +34,7 @@ def test_what_cells_share_is_planned_once_and_before_what_needs_it():
 
 
 def test_a_scorer_with_a_seed_of_its_own_is_shared_by_all_seeds():
-    text = TEXT.replace("folds = 3", "folds = 3\nseed = 7")
-    assert kinds(make_plan(parse_study(text, "x"), "x"))["scorers"] == 1
+    assert kinds(small_plan(text=TEXT.replace("folds = 3", "folds = 3\nseed = 7")))["scorers"] == 1
 
 
 def test_equal_trainings_have_one_address_in_all_studies():
@@ -62,7 +61,7 @@ def test_a_file_of_vectors_that_changes_makes_other_trainings(tmp_path, scorer):
 
 def test_a_split_counts_for_the_default_book_too():
     text = 'title = "x"\nseeds = 1\n[grid]\nsplit = ["by-recipe", "by-goal"]\n[variants.none]'
-    tasks = make_plan(parse_study(text, "x"), "x").tasks.values()
+    tasks = small_plan(text=text).tasks.values()
     assert [task.settings["split"]["kind"] for task in tasks if task.kind == "graphs"] == ["by-recipe", "by-goal"]
 
 
@@ -78,16 +77,12 @@ def test_all_variants_come_with_their_first_seed_first():
 def test_defaults_are_those_that_addresses_stand_for():
     """An address leaves out what is at its default: where one changes, DEFAULTS has to change too."""
     assert DEFAULTS == 1
+    policy = ("attention", "glove", "mean", False, 300, 300, 300, 50, "u,v", False, "free", "ranks", "observed", False)
+    trainer = (3_000_000, 128, 2, 0, 0.99, 0.001, 0.99, 0.01, 0.0, 0.01, 0.5, 40.0, 0, "cpu", 1, False)
     expected = {
         TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all"),
-        PolicyConfig: (
-            *("attention", "glove", "mean", False, 300, 300, 300, 50, "u,v"),
-            *(False, "free", "ranks", "observed", False, "softmax"),
-        ),
-        ImpalaConfig: (
-            *(3_000_000, 128, 2, 0, 0.99, 0.001, 0.99, 0.01, 0.0, 0.01, 0.5, 40.0, 0, "cpu", 1, False),
-            *(10_000, 100_000, 100_000),
-        ),
+        PolicyConfig: (*policy, "softmax"),
+        ImpalaConfig: (*trainer, 10_000, 100_000, 100_000),
         SplitConfig: ("by-recipe", 0.8, 0.0, 0),
     }
     for kind, values in expected.items():
@@ -129,7 +124,7 @@ def test_what_cannot_be_is_refused_before_anything_starts(more, said):
 def test_variants_that_differ_in_words_alone_are_refused(more):
     text = 'title = "x"\n[settings]\nbook = "kitchen"\n[variants.plain]\n[variants.same]\n'
     with pytest.raises(ConfigError, match="'plain' and 'same' are the same trainings"):
-        make_plan(parse_study(text + more, "x"), "x")
+        small_plan(more, text=text)
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "../a", ".."])

@@ -17,7 +17,9 @@ from wordcraft_kg.evaluation.discovery import view_discovery
 from wordcraft_kg.evaluation.reference import (
     PACK,
     OpenPlay,
+    ReferenceRow,
     TaskPlay,
+    figures_of,
     literature,
     pack_of,
     play_of,
@@ -67,23 +69,25 @@ def test_another_distribution_adds_a_reader_of_results(everyday, monkeypatch, tm
         rows_beside(everyday, DEPTH_1, [1], [tmp_path / "other"])
 
 
+def row_of(play: TaskPlay | OpenPlay, player: str) -> ReferenceRow:
+    (row,) = (row for row in read_pack(PACK / "everyday.json").rows_of(play) if row.player == player)
+    return row
+
+
 def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
     world = World(everyday, WordCraftConfig(part="test", num_distractors=2))
     (measured,) = play_all(world, {"random, distinct": random_distinct}, [2])
-    (row,) = (row for row in read_pack(PACK / "everyday.json").rows_of(DEPTH_1) if row.player == "random, distinct")
-    found = row.figures["2"]
-    assert (found.value, found.low, found.high) == tuple(
-        round(value, 6) for value in (measured.success, measured.low, measured.high)
-    )
+    row = row_of(DEPTH_1, "random, distinct")
+    expected = figures_of({2: (measured.success, measured.low, measured.high)})
+    assert row.figures["2"] == expected["2"]
     assert measured.episodes == row.tasks * row.draws
 
 
 def test_open_ended_play_has_exactly_the_figures_of_the_pack(everyday):
     view, _ = view_discovery(everyday.graph, ["random"])
-    (row,) = (row for row in read_pack(PACK / "everyday.json").rows_of(OpenPlay(view.base)) if row.player == "random")
-    assert {mark: round(known.mean, 6) for mark, known in view.players["random"].items()} == {
-        mark: found.value for mark, found in row.figures.items()
-    }
+    row = row_of(OpenPlay(view.base), "random")
+    means = {mark: round(known.mean, 6) for mark, known in view.players["random"].items()}
+    assert means == {mark: figure.value for mark, figure in row.figures.items()}
 
 
 def test_agents_of_little_alchemy_2_are_those_of_the_committed_studies():
@@ -93,14 +97,10 @@ def test_agents_of_little_alchemy_2_are_those_of_the_committed_studies():
     for variant in ("partial, u v", "partial, u v w"):
         (row,) = (row for row in pack.rows if row.player == variant)
         for distractors in (1, 8):
-            runs = [
-                run
-                for run in results["runs"]
-                if run["variant"] == variant and run["values"] == {"distractors": distractors}
-            ]
-            mean = sum(run["success"]["test"] for run in runs) / len(runs)
-            assert row.figures[str(distractors)].value == pytest.approx(mean, abs=2e-6)
-            assert row.seeds == len(runs)
+            of = {"variant": variant, "values": {"distractors": distractors}}
+            success = [run["success"]["test"] for run in results["runs"] if of.items() <= run.items()]
+            assert row.figures[str(distractors)].value == pytest.approx(sum(success) / len(success), abs=2e-6)
+            assert row.seeds == len(success)
 
 
 def test_people_are_the_same_in_the_pack_and_in_discover():
@@ -130,11 +130,7 @@ def test_every_row_of_the_literature_says_what_was_played_and_where_it_is_printe
         ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].update(low=0.9, high=0.1), "two ends in their order"),
         ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].pop("high"), "two ends in their order"),
         ("everyday", lambda pack: pack["rows"][0].pop("interval"), "does not say what the interval at 1 is"),
-        (
-            "everyday",
-            lambda pack: pack["rows"][0]["figures"].update(many={"value": 0}),
-            "'many', which is not a number",
-        ),
+        ("everyday", lambda pack: pack["rows"][0]["figures"].update(many={"value": 0}), "'many', which is not a"),
         ("literature", lambda pack: pack["rows"][0].update(origin="ours"), "of no graph"),
         ("literature", lambda pack: pack["rows"][0].pop("year"), "of no graph"),
         ("literature", lambda pack: pack["rows"][0].pop("environment"), "of no graph"),

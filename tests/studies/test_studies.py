@@ -1,11 +1,9 @@
 """The figures of a study, from made-up results whose figures are known."""
 
-from collections.abc import Callable
-
 import msgspec
 import numpy as np
 import pytest
-from fabricated import fabricate
+from fabricated import GUIDED, NO_GRAPH, dosed, fabricate
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
@@ -14,9 +12,7 @@ from wordcraft_kg.studies.results import Missing, StudyResults
 from wordcraft_kg.studies.variants import VariantFigures
 from wordcraft_kg.studies.view import TAUS, StudyView, title_of, view_study
 
-Fabricate = Callable[..., StudyResults]
-NO_GRAPH = ["00000", "50000", "05000", "00500", "55000"]
-GUIDED = ["55500", "55550", "55055", "05555", "55555"]
+BOTH = {"no graph": NO_GRAPH, "guided": GUIDED}
 
 
 def of(view: StudyView, variant: str, point: int = 0) -> VariantFigures:
@@ -24,7 +20,7 @@ def of(view: StudyView, variant: str, point: int = 0) -> VariantFigures:
 
 
 def test_means_of_a_variant_are_those_of_its_runs():
-    found = of(view_study(fabricate({"no graph": NO_GRAPH, "guided": GUIDED})), "guided")
+    found = of(view_study(fabricate(BOTH)), "guided")
     assert found.success == (0.6, 0.8, 0.8, 0.8, 1.0)
     assert (found.mean, found.iqm, found.by_plan, found.train) == pytest.approx((0.8, 0.8, 0.4, 0.5))
     assert found.seed_interval[0] < 0.8 < found.seed_interval[1]
@@ -33,7 +29,7 @@ def test_means_of_a_variant_are_those_of_its_runs():
 
 
 def test_a_variant_is_compared_with_the_reference_on_the_same_seeds_and_tasks():
-    view = view_study(fabricate({"no graph": NO_GRAPH, "guided": GUIDED}))
+    view = view_study(fabricate(BOTH))
     assert of(view, "no graph").comparison is None
     found = of(view, "guided").comparison
     assert found.difference == pytest.approx(0.8 - 0.2)
@@ -49,14 +45,12 @@ def test_only_seeds_that_both_have_are_paired():
 
 
 def test_the_reference_is_the_one_that_the_study_names():
-    view = view_study(fabricate({"no graph": NO_GRAPH, "guided": GUIDED}, reference="guided"))
-    found = of(view, "no graph").comparison
-    assert found.difference == pytest.approx(-0.6)
+    view = view_study(fabricate(BOTH, reference="guided"))
+    assert of(view, "no graph").comparison.difference == pytest.approx(-0.6)
 
 
 def test_p_values_are_corrected_over_all_points_of_the_grid():
-    cells = {"no graph": NO_GRAPH, "guided": GUIDED}
-    view = view_study(fabricate([({"distractors": 8}, cells), ({"distractors": 1}, cells)]))
+    view = view_study(fabricate([({"distractors": 8}, BOTH), ({"distractors": 1}, BOTH)]))
     assert view.comparisons == 2
     for point in (0, 1):
         found = of(view, "guided", point).comparison
@@ -110,19 +104,8 @@ def test_profiles_count_runs_of_all_points():
     assert all(low <= share <= high for low, share, high in zip(profile.low, profile.shares, profile.high, strict=True))
 
 
-def dosed() -> StudyView:
-    shares = (0.2, 0.5, 1.0)
-    rows = {0.2: ["50000", "50000"], 0.5: ["55000", "55500"], 1.0: ["55500", "55550"]}
-    points = [
-        ({"scorer.share": share}, {"no graph": ["50000", "00000"], "folds": rows[share], "memory": rows[0.2]})
-        for share in shares
-    ]
-    mrr = {f"{name}@{i}": 0.1 * (i + 1) for i in range(3) for name in ("folds", "memory")}
-    return view_study(fabricate(points, mrr=mrr, drawing="dose", settings={"memory": {"in_sample": True}}))
-
-
 def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks():
-    folds, memory = dosed().doses
+    folds, memory = view_study(dosed()).doses
     assert (folds.in_sample, memory.in_sample) == (False, True)
     assert [(at.label, at.mrr, at.success) for at in folds.points] == [
         ("share 0.2", pytest.approx(0.105), pytest.approx(0.2)),
@@ -175,53 +158,48 @@ def test_trainings_that_stand_at_several_points_count_once_in_a_profile():
     assert once == twice
 
 
-def test_a_view_has_a_place_for_each_of_its_values():
-    view = dosed()
+def test_a_view_has_a_place_for_each_of_its_values_and_equal_results_have_equal_ones():
+    view = view_study(dosed())
     assert msgspec.convert(checked_values(view), StudyView) == view
+    assert as_values(view_study(dosed())) == as_values(view)
 
 
-def test_equal_results_have_equal_figures():
-    assert as_values(dosed()) == as_values(dosed())
+def moved(results: StudyResults, number: int, key: str) -> StudyResults:
+    """Return results with a run on another graph or split."""
+    other, runs = msgspec.structs.replace(results.graphs[0], **{key: "c" * 64}), list(results.runs)
+    runs[number] = msgspec.structs.replace(runs[number], graph=1)
+    return msgspec.structs.replace(results, graphs=(*results.graphs, other), runs=tuple(runs))
 
 
 @pytest.mark.parametrize("key", ["hash", "split"])
 def test_runs_of_a_cell_on_different_graphs_are_not_averaged(key):
-    results = fabricate({"no graph": NO_GRAPH})
-    other = msgspec.structs.replace(results.graphs[0], **{key: "c" * 64})
-    moved = msgspec.structs.replace(results.runs[3], graph=1)
-    results = msgspec.structs.replace(
-        results, graphs=(*results.graphs, other), runs=(*results.runs[:3], moved, *results.runs[4:])
-    )
+    results = moved(fabricate({"no graph": NO_GRAPH}), 3, key)
     with pytest.raises(ConfigError, match=r"'no graph': seeds 0 and 3 were played on different (graphs|splits).*cccc"):
         view_study(results)
 
 
 def test_variants_on_different_graphs_are_not_compared():
-    results = fabricate({"no graph": NO_GRAPH[:1], "guided": GUIDED[:1]})
-    other = msgspec.structs.replace(results.graphs[0], split="c" * 64)
-    runs = (results.runs[0], msgspec.structs.replace(results.runs[1], graph=1))
-    view = view_study(msgspec.structs.replace(results, graphs=(*results.graphs, other), runs=runs))
+    view = view_study(moved(fabricate({"no graph": NO_GRAPH[:1], "guided": GUIDED[:1]}), 1, "split"))
     assert of(view, "guided").comparison is None
     assert len(view.points[0].graphs) == 2
 
 
-def test_runs_that_were_judged_on_other_tasks_are_not_averaged():
-    with pytest.raises(ConfigError, match="5 tasks of 5 draws and on 4 of 5"):
-        view_study(fabricate({"no graph": ["50000", "5000"]}))
+RUNS = fabricate({"no graph": NO_GRAPH[:1]}).runs
+LOST = (Missing("no graph", {}, 0, "the disk was full"),)
 
 
-def test_a_seed_that_is_there_twice_is_refused():
-    results = fabricate({"no graph": NO_GRAPH})
-    results = msgspec.structs.replace(results, runs=(*results.runs, results.runs[0]))
-    with pytest.raises(ConfigError, match="seed 0 is there twice"):
-        view_study(results)
-
-
-def test_results_without_runs_are_refused_with_the_reason():
-    results = fabricate({"no graph": []})
-    results = msgspec.structs.replace(results, missing=(Missing("no graph", {}, 0, "the disk was full"),))
-    with pytest.raises(ConfigError, match=r"no finished run, 1 missing.*disk was full.*kg reproduce made-up"):
-        view_study(results)
+@pytest.mark.parametrize(
+    ("won", "more", "why"),
+    [
+        (["50000", "5000"], {}, "5 tasks of 5 draws and on 4 of 5"),
+        ([], {"runs": RUNS * 2}, "seed 0 is there twice"),
+        ([], {"missing": LOST}, r"no finished run, 1 missing.*disk was full.*kg reproduce made-up"),
+    ],
+    ids=["other tasks", "a seed twice", "no runs"],
+)
+def test_runs_that_cannot_be_averaged_are_refused(won, more, why):
+    with pytest.raises(ConfigError, match=why):
+        view_study(msgspec.structs.replace(fabricate({"no graph": won}), **more))
 
 
 def test_points_of_the_grid_in_words():

@@ -25,24 +25,15 @@ CLAIM = '\n[[claims]]\ntext = "Guided is better."\nleft = "guided"\n'
 @pytest.mark.parametrize("name", built_in())
 def test_a_built_in_study_is_read_and_says_what_it_compares(name):
     study = read_study(name)
-    assert study.title
-    assert study.about
-    assert study.source
-    assert study.claims, "a study without a claim has nothing to find out"
+    assert all((study.title, study.about, study.source, study.claims))
     assert len(cells_of(study)) == len(points_of(study)) * len(study.variants) * study.seeds
 
 
 def test_points_are_crossed_with_the_grid_and_keep_their_order():
-    study = parse_study(
-        SMALL + '[[points]]\nsplit = "by-goal"\ntrain_ratio = 0.1\n[[points]]\nsplit = "by-slot"\ntrain_ratio = 0.8',
-        "x",
-    )
-    assert [tuple(point.values()) for point in points_of(study)] == [
-        ("by-goal", 0.1, 2),
-        ("by-goal", 0.1, 1),
-        ("by-slot", 0.8, 2),
-        ("by-slot", 0.8, 1),
-    ]
+    more = '[[points]]\nsplit = "by-goal"\ntrain_ratio = 0.1\n[[points]]\nsplit = "by-slot"\ntrain_ratio = 0.8'
+    study = parse_study(SMALL + more, "x")
+    expected = [(*split, amount) for split in (("by-goal", 0.1), ("by-slot", 0.8)) for amount in (2, 1)]
+    assert [tuple(point.values()) for point in points_of(study)] == expected
     assert cells_of(study)[0].settings == {"book": "kitchen", "split": "by-goal", "train_ratio": 0.1, "distractors": 2}
 
 

@@ -139,8 +139,10 @@ def _results(
                 run=address,
                 graph=graphs.setdefault(figures.graph, len(graphs)),
                 mrr=scorers[scorer].mrr if scorer is not None else None,
+                success=_rounded(figures.success),
+                by_plan=_rounded(figures.by_plan),
+                endings=_rounded(figures.endings),
                 **{name: getattr(figures, name) for name in _KEPT},
-                **{name: _rounded(getattr(figures, name)) for name in ("success", "by_plan", "endings")},
             )
         )
         if scorer is not None:

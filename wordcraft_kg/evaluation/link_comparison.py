@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -28,14 +28,14 @@ Bounds = tuple[float, float]
 
 
 class ComparedModel(RankingMetrics, kw_only=True):
-    """A model's metrics on the shared queries; those of several seeds are averaged.
+    """The metrics of a model on the shared queries, averaged over seeds.
 
     Attributes:
-        has_seen_the_test_recipes: whether the queries are no test of it.
-        mrr_of_seeds: MRR with each of the seeds of its training.
-        difference: difference of MRR to the first model; None for the first.
-        difference_ci: its interval; those of all pairs of models hold together with a probability of 95 %.
-        probability_better: share of resamples in which it is ahead of the first; ties count half.
+        has_seen_the_test_recipes: whether training includes the queries.
+        mrr_of_seeds: MRR of each training seed.
+        difference: difference of MRR to the first model; None for the first model.
+        difference_ci: interval with a joint confidence of 95 % over all pairs of models.
+        probability_better: share of resamples with a higher MRR than the first model; ties count half.
     """
 
     name: str
@@ -52,12 +52,12 @@ class LinkComparison(Record, omit_defaults=True):
 
     Attributes:
         split: hash of the split.
-        triples: unseen test triples that are ranked.
-        sampled_from: number of triples of which they are a uniform sample; left out if all are ranked.
-        pairs: number of pairs of models, for which the intervals of differences are corrected (Bonferroni).
-        best: the model with the highest MRR, of those that have not seen the test recipes.
-        not_told_apart: models whose interval of the difference to the best includes 0.
-        out: file of the page, if it was written.
+        triples: number of ranked unseen test triples.
+        sampled_from: number of all unseen test triples if a uniform sample is ranked.
+        pairs: number of pairs of models in the Bonferroni correction of difference intervals.
+        best: model with the highest MRR among those that have not seen the test recipes.
+        not_told_apart: models with 0 in the interval of the difference to the best.
+        out: file of the written page.
     """
 
     graph: str
@@ -83,21 +83,20 @@ class Contender:
 
 
 def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
-    """Rank the unseen test triples, of very many a uniform sample, and bootstrap differences of reciprocal ranks.
+    """Rank the unseen test triples (a uniform sample if very many) and bootstrap differences of reciprocal ranks.
 
-    All models are resampled together, one recipe pair at a time: a difference on the same queries is much more precise
-    than two separate intervals. Of several seeds, the mean reciprocal rank of each query counts; intervals are over
-    recipes.
+    All models share the resamples of ingredient pairs: a paired difference is more precise than two separate intervals.
+    Reciprocal ranks are averaged over the seeds of a model.
 
     Args:
         contenders: two or more; the first is the reference.
         resamples: bootstrap resamples.
-        seed: seed of the bootstrap, and of the sample.
+        seed: seed of the bootstrap and of the sample.
 
     Raises:
-        ConfigError: if a setting is out of range, or the seeds of a model were trained with different settings.
+        ConfigError: for a setting out of range, or different training settings of a model's seeds.
         GraphMismatchError: for models of different graphs or splits.
-        SplitError: if the split leaves too few unseen triples.
+        SplitError: for too few unseen triples.
     """
     whole("resamples", resamples, 1, MAX_SIZE)
     whole("seed", seed, 0)
@@ -157,7 +156,7 @@ def _with_intervals(
 
 
 def _check_alike(reference: Model, contender: Contender) -> None:
-    """Refuse a contender that was trained on other data than the reference, or whose runs differ beside the seed."""
+    """Refuse a contender with other training data than the reference, or with differing settings of its seeds."""
     for run in contender.runs:
         for what, left, right in (
             ("graphs", reference.opened.graph.hash, run.opened.graph.hash),
@@ -175,22 +174,15 @@ def _check_alike(reference: Model, contender: Contender) -> None:
 
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
-    """Return a model's metrics, and the reciprocal rank of each query; both are means over its seeds."""
+    """Return the metrics of a model, and the reciprocal rank of each query, averaged over its seeds."""
     known = contender.runs[0].opened.graph.triples
     ranks = [rank_triples(run.scorer, queries, known) for run in contender.runs]
     metrics = [ranking_metrics(one) for one in ranks]
-
-    def mean(name: str) -> float:
-        return float(np.mean([getattr(one, name) for one in metrics]))
-
+    averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
+    means: dict[str, Any] = {name: float(np.mean([getattr(one, name) for one in metrics])) for name in averaged}
     model = ComparedModel(
         queries=metrics[0].queries,
-        mrr=mean("mrr"),
-        hits_at_1=mean("hits_at_1"),
-        hits_at_3=mean("hits_at_3"),
-        hits_at_10=mean("hits_at_10"),
-        mean_rank=mean("mean_rank"),
-        amri=mean("amri"),
+        **means,
         name=contender.name,
         has_seen_the_test_recipes=contender.runs[0].kg == "full",
         seeds=tuple(run.seed for run in contender.runs if run.seed is not None),

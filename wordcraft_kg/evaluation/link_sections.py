@@ -1,4 +1,4 @@
-"""Where a link predictor works and where it does not: slices, lists of triples, and play by its scores."""
+"""Strengths and weaknesses of a link predictor: slices, lists of triples, and play by its scores."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
@@ -32,9 +32,9 @@ class Comparison(Record):
     """The model against a baseline on the same queries.
 
     Attributes:
-        difference: MRR of the model minus that of the baseline.
-        ci: its 95 % interval, by bootstrap over recipes.
-        verdict: ``level with`` if the interval holds 0.
+        difference: MRR of the model minus MRR of the baseline.
+        ci: 95 % interval, by bootstrap over recipes.
+        verdict: ``level with`` if the interval includes 0.
     """
 
     baseline: str
@@ -50,13 +50,13 @@ class SliceMetrics(RankingMetrics, kw_only=True):
 
 
 class DrillDown(Record):
-    """Metrics of slices of the queries; slices without queries are left out.
+    """Metrics of non-empty slices of the queries.
 
     Attributes:
-        seen_in_train: by the number of training triples of the entity asked for.
-        layer: by the crafting rounds to the entity asked for.
-        self_combination: combinesWith of an entity with itself, and with another.
-        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and the others.
+        seen_in_train: by number of training triples of the target entity.
+        layer: by crafting rounds to the target entity.
+        self_combination: combinesWith of an entity with itself, and with another entity.
+        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and the rest.
     """
 
     seen_in_train: tuple[SliceMetrics, ...]
@@ -66,7 +66,7 @@ class DrillDown(Record):
 
 
 class RankedTriple(Record):
-    """A query: the rank and score of the true entity, and the best candidate."""
+    """A query with rank and score of the true entity, and the best candidate."""
 
     head: str
     relation: Relation
@@ -78,7 +78,7 @@ class RankedTriple(Record):
 
 
 class ScoredPair(Record):
-    """A triple that is not in the graph."""
+    """The score of a triple outside the graph."""
 
     head: str
     relation: Relation
@@ -87,7 +87,7 @@ class ScoredPair(Record):
 
 
 class SelfEdges(Record):
-    """Share of entities whose best combinesWith answer is the entity itself, and of those that combine with it."""
+    """Share of entities with themselves as the best combinesWith answer, and share that combine with themselves."""
 
     top_answer_is_itself: Share
     really_combines_with_itself: Share
@@ -109,7 +109,7 @@ def comparisons_of(judged: RankedLinks, seed: int) -> tuple[Comparison, ...]:
 
 
 def drill_down_of(judged: RankedLinks, seed: int) -> DrillDown:
-    """Return the metrics of slices of the queries; ``seed`` is that of the bootstrap."""
+    """Return the metrics of slices of the queries; ``seed`` is the seed of the bootstrap."""
     graph, ranks, trained_on = judged.graph, judged.ranks, judged.trained_on
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
     seen = np.bincount(np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities)[target]
@@ -138,21 +138,21 @@ def _near_synonyms(judged: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
     graph = judged.graph
     recipes = near_synonym_recipes(judged.opened.split, glove_features(graph.entities))
     repeats = np.tile(near_synonym_triples(graph, recipes, judged.queries), 2)
-    if not repeats.any():  # split by goal, no result is in both parts; and labels may have no word vectors
+    if not repeats.any():  # as in a split by goal, or without word vectors
         return []
     return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
 
 
 def listed_triples(judged: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
-    """Return the queries of the best ranks (ascending) or the worst."""
+    """Return the queries of the best ranks (ascending) or the worst ranks."""
     order = judged.ranks.sort_values(["rank", "score"], ascending=[ascending, not ascending], kind="stable")
     shown = labelled(judged.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
     return tuple(RankedTriple(*row) for row in zip(*(shown[name].tolist() for name in shown), strict=True))
 
 
 def perhaps_missing_of(judged: RankedLinks) -> tuple[ScoredPair, ...]:
-    """Return the best-scored triples that are not in the graph, without self edges, half of them of each relation."""
-    graph, found = judged.graph, []
+    """Return the best-scored triples outside the graph, equally many of each relation, without self edges."""
+    graph, pairs = judged.graph, []
     for relation, name in enumerate(RELATIONS):
         scores = judged.table[relation].copy()
         if relation == COMBINES_WITH:
@@ -162,12 +162,12 @@ def perhaps_missing_of(judged: RankedLinks) -> tuple[ScoredPair, ...]:
         np.fill_diagonal(scores, -np.inf)
         for flat in np.argsort(-scores, axis=None, kind="stable")[: LISTED // 2].tolist():
             head, tail = divmod(flat, len(scores))
-            found.append(ScoredPair(graph.entities[head], name, graph.entities[tail], float(scores[head, tail])))
-    return tuple(pair for pair in found if np.isfinite(pair.score))
+            pairs.append(ScoredPair(graph.entities[head], name, graph.entities[tail], float(scores[head, tail])))
+    return tuple(pair for pair in pairs if np.isfinite(pair.score))
 
 
 def self_edges_of(judged: RankedLinks) -> SelfEdges:
-    """Return how often an entity is its own best combinesWith answer, and how often it should be."""
+    """Return the share of entities with themselves as the best combinesWith answer, and the true share."""
     graph, scores = judged.graph, judged.table[COMBINES_WITH]
     symmetric = graph.triples[graph.triples[:, 1] == COMBINES_WITH]
     return SelfEdges(
@@ -177,7 +177,7 @@ def self_edges_of(judged: RankedLinks) -> SelfEdges:
 
 
 def play_by_scores(judged: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
-    """Return the success of players that use the scorer alone, on test tasks of depth 1 with 1 and 8 distractors."""
+    """Evaluate players that use the scorer alone, on test tasks of depth 1 with 1 and 8 distractors."""
     try:
         players = {
             **scorer_players(judged.graph, judged.scorer, judged.observed),
@@ -186,5 +186,5 @@ def play_by_scores(judged: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
         }
         return play_all(World(judged.opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)
     except WordCraftKGError:
-        # No test task, too few entities for distractors, or a scorer that fails the checks.
+        # Without test tasks, with too few entities for distractors, or with a scorer that fails the checks.
         return ()

@@ -1,4 +1,4 @@
-"""The figures of a link predictor: metrics, baselines, slices and checks, as the report shows them."""
+"""The figures of a link predictor: metrics, baselines, slices and checks."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
@@ -49,7 +49,7 @@ Slices = dict[str, RankingMetrics]
 
 
 class JudgedModel(Record):
-    """The model; one of the full graph has seen the triples that it is evaluated on."""
+    """The model; a model of the full graph has seen the evaluation triples."""
 
     name: str
     kg: Taught
@@ -76,7 +76,7 @@ class Check(Record):
 
 
 class Ties(Record):
-    """Metrics with ties broken for and against the model, and with unfiltered ranks, where all entities compete."""
+    """Metrics with ties broken for and against the model, and with unfiltered ranks."""
 
     optimistic: RankingMetrics
     pessimistic: RankingMetrics
@@ -88,7 +88,7 @@ class Memory(Record):
 
     Attributes:
         folds: number of folds of the train recipes.
-        queries: number of queries for train triples that no recipe outside their fold gives.
+        queries: number of queries for train triples without a recipe outside their fold.
         in_sample_mrr: MRR of the model of all train recipes.
         left_out_mrr: MRR of the models without the fold: a forecast of ``test_mrr``.
     """
@@ -105,15 +105,14 @@ class LinkView(Record):
 
     Attributes:
         queries: number of queries, two for each of ``triples``.
-        sampled_from: number of triples of which the ranked ones are a uniform sample; None if all are ranked.
-        without_pairs: whether the graph has too many entities for the parts that need the scores of all pairs, which
-            are empty or None then.
-        leaked_left_out: number of triples of the test recipes that are not evaluated, because training contains them.
+        sampled_from: number of all triples if a uniform sample is ranked, else None.
+        without_pairs: whether the graph is too large for the scores of all pairs; dependent parts are empty or None.
+        leaked_left_out: number of triples of the test recipes that are also in training.
         metrics: filtered metrics with realistic ties.
-        memory: of a cross-fitted model, as ``probabilities``; None or empty for others.
+        memory: of a cross-fitted model, like ``probabilities``, else None or empty.
         with_leaked: metrics with the leaked triples.
         comparisons: the model against each baseline, the best baseline first.
-        perhaps_missing: the best-scored triples that are not in the graph.
+        perhaps_missing: the best-scored triples outside the graph.
         kg_play: success of players that use the scorer alone.
         trace: a row for each epoch of the training.
         provenance: facts about the training.
@@ -150,7 +149,7 @@ class LinkView(Record):
 
 
 class LinkSummary(Record):
-    """The headline of a report; dictionaries are by slice, with None for a slice without queries."""
+    """The headline of a report; metrics by slice, None without queries."""
 
     mrr: dict[str, Share | None]
     hits_at_1: dict[str, Share | None] = msgspec.field(name="hits@1")
@@ -178,15 +177,7 @@ def view_links(
     trace: Sequence[TraceRow] = (),
     seed: int = 0,
 ) -> LinkView:
-    """Return all numbers of the report.
-
-    Args:
-        judged: the ranking.
-        name: name of the scorer.
-        provenance: facts about the training.
-        trace: a row for each epoch.
-        seed: seed of the bootstrap and the players.
-    """
+    """Return all numbers of the report; ``seed`` is the seed of the bootstrap and the players."""
     graph, ranks = judged.graph, judged.ranks
     split = split_summary(judged.opened.split)
 
@@ -227,7 +218,7 @@ def view_links(
 
 
 def summarise_links(view: LinkView, report: str) -> LinkSummary:
-    """Return the headline of a view, and where its report is."""
+    """Return the headline of a view and the path of its report."""
     slices = ("all", *RELATIONS)
     metrics = {name: view.metrics[name] for name in slices}
     by_slice: dict[str, Any] = {
@@ -252,12 +243,12 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
 
 
 def _checks(judged: RankedLinks) -> Iterator[Check]:
-    """Yield the checks; a model of the full graph is not checked for leaks."""
+    """Yield the checks, without leak checks for a model of the full graph."""
     graph = judged.graph
     yield Check(
         "graph", "the model was trained on the graph that is evaluated", judged.scorer.graph_hash == graph.hash, ""
     )
-    if judged.kg != "none":  # without training there is nothing to occur in
+    if judged.kg != "none":  # coverage of an untrained model is undefined
         uncovered = np.setdiff1d(np.arange(graph.num_entities) if not judged.is_full else [], judged.dose.recipes)
         listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
         covered = not len(uncovered)
@@ -277,7 +268,6 @@ def _checks(judged: RankedLinks) -> Iterator[Check]:
 
 
 def _ties(judged: RankedLinks) -> Ties:
-    # Unfiltered, all entities compete.
     unfiltered = judged.ranks.assign(candidates=judged.graph.num_entities)
     optimistic, pessimistic = (ranking_metrics(judged.ranks, ties) for ties in ("optimistic", "pessimistic"))
     return Ties(optimistic, pessimistic, ranking_metrics(unfiltered, "raw_rank"))
@@ -288,13 +278,13 @@ def _by_slice(ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.b
 
 
 def _with_leaked(judged: RankedLinks) -> RankingMetrics:
-    """Return the metrics of all triples of the test recipes, including those in training; of as many as are ranked."""
+    """Return the metrics of all triples of the test recipes, leaked triples included."""
     if judged.is_full:
         return ranking_metrics(judged.ranks)
     split, size = judged.opened.split, judged.graph.num_entities
     everything = split.triples_of("test")
     leaked = everything[~is_in(everything, split.held_out("test"), size)]
-    # The same share of them as of the others, so that both together are a uniform sample too.
+    # Equal shares of leaked and other triples make a uniform sample.
     leaked = sampled(leaked, round(len(leaked) * len(judged.queries) / judged.population))
     ranks = rank_triples(judged.scorer, leaked, judged.graph.triples)
     return ranking_metrics(pd.concat([judged.ranks, ranks], ignore_index=True) if len(ranks) else judged.ranks)

@@ -1,4 +1,4 @@
-"""Success of an agent or of scripted players on all tasks of a part, and why an agent picked what it picked."""
+"""Success of an agent or of scripted players on all tasks of a part, and explained episodes."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success of a run's agent, or of another player on its tasks.
+    """Success of a run's agent, or of another player on the same tasks.
 
     Attributes:
-        checkpoint: checkpoint of the trained agent's weights; None for other players.
-        scores: origin of the scorer's values, if it played alone; None for other players.
-        success: by the number of distractors, as ``outcomes``, the share of each ending.
+        checkpoint: checkpoint of the trained agent; None for other players.
+        scores: origin of the scores of a scorer alone; None for other players.
+        success: by number of distractors, like ``outcomes``, the share of each ending.
     """
 
     run: str
@@ -50,16 +50,7 @@ class Explanation(Record):
 def view_evaluation(
     run: Path, trained: OpenedAgent, agent: str, part: TaskPart, distractors: Sequence[int], draws: int
 ) -> AgentEvaluation:
-    """Let an agent, see :func:`~wordcraft_kg.agents.evaluation.player_of`, play all tasks of a part.
-
-    Args:
-        run: folder of ``trained``.
-        trained: the agent whose tasks are played.
-        agent: name of the player.
-        part: part of the tasks.
-        distractors: numbers of distractors.
-        draws: draws of distractors for each task.
-    """
+    """Evaluate the player called ``agent``, see :func:`~wordcraft_kg.agents.evaluation.player_of`, on a run's tasks."""
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
     world = World(trained.opened, tasks.environment(part, distractors[0]))
     found = {
@@ -91,8 +82,8 @@ class Baselines(Record):
     """Success of scripted players, a row for each number of distractors and player.
 
     Attributes:
-        tasks: number of tasks; every player plays each of them ``draws`` times with each number of distractors.
-        intervals: what the intervals of the rows are.
+        tasks: number of tasks, each played ``draws`` times with each number of distractors.
+        intervals: kind of the intervals.
     """
 
     graph: str
@@ -116,14 +107,14 @@ def view_baselines(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> Baselines:
-    """Let scripted players play, and those of a model if one is given.
+    """Evaluate scripted players, and players of a model if given.
 
     Args:
         opened: graph and split.
-        graph: the graph as the user named it.
+        graph: name of the graph from the user.
         config: part and depth of the tasks.
         distractors: numbers of distractors.
-        model: name of a link predictor, and the predictor.
+        model: name and link predictor.
         draws: draws of distractors for each task.
         seed: seed of the draws and of ties.
         progress: see :func:`~wordcraft_kg.agents.players.play_all`.

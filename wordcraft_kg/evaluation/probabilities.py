@@ -1,4 +1,4 @@
-"""How the probabilities of a cross-fitted scorer agree with what the recipes outside train give."""
+"""Calibration of the probabilities of a cross-fitted scorer on recipes outside train."""
 
 from typing import Literal
 
@@ -16,11 +16,11 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 _BINS = 8
 """Most points of a curve."""
 LEAST = 5.0
-"""Expected number of true triples of a point, if there are as many."""
+"""Least expected number of true triples of a point, if possible."""
 
 
 class ReliabilityBin(Record):
-    """Triples of similar probability: their mean probability, the share that is true, and its 95 % interval."""
+    """Triples of similar probability: mean probability, and share of true triples with its 95 % interval."""
 
     probability: Share
     observed: Share
@@ -30,17 +30,17 @@ class ReliabilityBin(Record):
 
 
 class Reliability(Record):
-    """Predicted against observed: triples of a relation that training does not contain, those of combinesWith once.
+    """Predicted against observed triples of a relation outside training; combinesWith counts one direction.
 
     Attributes:
         pairs: of different entities, or of an entity with itself.
-        expected: number of true triples by the probabilities.
-        observed: number of true triples: recipes outside train give them.
-        base_rate: the probability without scores.
+        expected: expected number of true triples.
+        observed: number of true triples, from recipes outside train.
+        base_rate: probability without scores.
         ece: expected calibration error over ``bins``.
         log_loss: mean of ``-log P(truth)``, nats; ``base_log_loss`` for the base rate.
-        reason: why all have the base rate, else empty.
-        bins: by probability, each with about the same expected number of true triples.
+        reason: reason for a constant base rate, or empty.
+        bins: by probability, with about equal expected numbers of true triples.
     """
 
     relation: Relation
@@ -57,7 +57,7 @@ class Reliability(Record):
 
 
 def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids) -> tuple[Reliability, ...]:
-    """Compare predicted and observed for all triples outside training; empty for a scorer without probabilities."""
+    """Compare predicted and observed triples outside training; empty for a scorer without probabilities."""
     if scorer.probabilities is None:
         return ()
     size = graph.num_entities
@@ -67,12 +67,12 @@ def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids)
     rows = []
     for relation, name in enumerate(RELATIONS):
         chances = scorer.probability(everything[:, None], relation, everything[None, :]).cpu().numpy()
-        asked = ~known[relation]
+        candidates = ~known[relation]
         if relation == COMBINES_WITH:  # both directions are the same fact
-            asked &= np.tri(size, dtype=bool)
+            candidates &= np.tri(size, dtype=bool)
         curves = scorer.probabilities.relations[relation]
         for pairs, mask, curve in (("distinct", ~itself, curves.distinct), ("itself", itself, curves.itself)):
-            chosen = asked & mask
+            chosen = candidates & mask
             predicted, is_true = chances[chosen].astype(np.float64), given[relation][chosen]
             if not len(predicted):
                 continue
@@ -96,9 +96,9 @@ def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids)
 
 
 def _cells(triples: Ids, size: int) -> NDArray[np.bool_]:
-    found = np.zeros((len(RELATIONS), size, size), dtype=bool)
-    found[triples[:, 1], triples[:, 0], triples[:, 2]] = True
-    return found
+    cells = np.zeros((len(RELATIONS), size, size), dtype=bool)
+    cells[triples[:, 1], triples[:, 0], triples[:, 2]] = True
+    return cells
 
 
 def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[ReliabilityBin, ...]:
@@ -109,11 +109,8 @@ def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[R
     rows = []
     for group in np.split(order, np.flatnonzero(np.diff(number)) + 1):
         true = int(is_true[group].sum())
-        rows.append(
-            ReliabilityBin(
-                float(predicted[group].mean()), true / len(group), *wilson_interval(true, len(group)), len(group)
-            )
-        )
+        mean, bounds = float(predicted[group].mean()), wilson_interval(true, len(group))
+        rows.append(ReliabilityBin(mean, true / len(group), *bounds, len(group)))
     return tuple(rows)
 
 

@@ -1,4 +1,4 @@
-"""A link predictor's ranking of the triples that it is evaluated on."""
+"""The ranking of evaluation triples by a link predictor."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,14 +26,14 @@ MAP_LIMIT = 3_000
 
 @dataclass(frozen=True)
 class RankedLinks:
-    """A ranking of the triples that a scorer is evaluated on.
+    """A ranking of evaluation triples.
 
     Attributes:
-        kg: knowledge graph of the scorer's training, if any.
-        population: number of triples that it could be evaluated on.
-        queries: those that it is evaluated on, shape (T, 3): all of them, or a uniform sample.
+        kg: training graph of the scorer.
+        population: number of all evaluation triples.
+        queries: ranked triples, shape (T, 3): all of them, or a uniform sample.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
-        dose: the recipes of the training.
+        dose: training recipes.
     """
 
     scorer: TripleScorer
@@ -56,12 +56,12 @@ class RankedLinks:
 
     @property
     def trained_on(self) -> Ids:
-        """The triples that the scorer has seen, shape (T, 3)."""
+        """Training triples, shape (T, 3)."""
         return self.dose.triples
 
     @property
     def observed(self) -> Ids:
-        """The triples that it holds to be true, shape (T, 3): those of its training, or of its opinions."""
+        """Triples that the scorer takes as true, shape (T, 3): of its training, or of its opinions."""
         observed: Ids | None = getattr(self.scorer, "observed", None)
         return self.trained_on if observed is None else observed
 
@@ -77,17 +77,14 @@ class RankedLinks:
 
     @cached_property
     def clusters(self) -> Ids:
-        """The pair of each query, by which intervals are resampled; shape (2 T,)."""
+        """Resampling unit of each query, its pair of ingredients; shape (2 T,)."""
         split = self.opened.split
         sources = np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
         return np.tile(recipe_clusters(self.graph, sources, self.queries), 2)
 
     @cached_property
     def baseline_ranks(self) -> dict[str, pd.DataFrame]:
-        """Rankings of the same queries by baselines that know the same triples, by name.
-
-        Beside a scorer that was taught no recipe, they know those of the train recipes.
-        """
+        """Rankings by baselines of the same training triples, by name; train recipes for an untrained scorer."""
         known = self.opened.dose("partial") if self.kg == "none" else self.dose
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
         if self.has_table:
@@ -110,22 +107,22 @@ def rank_links(
     max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> RankedLinks:
-    """Rank the triples that a scorer is evaluated on.
+    """Rank the evaluation triples of a scorer.
 
-    A scorer of the partial graph is evaluated on the test triples that training does not contain; one of the full graph
-    on the graph's own triples, which measures memory and is marked as such.
+    Evaluation triples of the partial graph are the test triples outside training; of the full graph all triples, which
+    measures memory and is marked as such.
 
     Args:
         scorer: a scorer of the graph.
         opened: graph and split.
-        kg: knowledge graph of its training.
-        dose: the recipes of its training, if these are not all of that graph; they change neither triples nor filter.
+        kg: training graph.
+        dose: training recipes; None takes all recipes of ``kg``. They change neither triples nor filter.
         max_queries: most queries to rank, two for each triple of a uniform sample; 0 ranks all.
-        seed: seed of that sample.
+        seed: seed of the sample.
 
     Raises:
         ConfigError: if ``max_queries`` is too small for a meaningful figure.
-        SplitError: if fewer than 30 triples are left.
+        SplitError: if fewer than 30 triples remain.
     """
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")

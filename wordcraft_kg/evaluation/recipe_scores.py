@@ -1,4 +1,4 @@
-"""The scores of recipes: what a pair makes, or what goes with an ingredient, and which train recipes say so."""
+"""Scores of recipes: results of a pair, partners of an ingredient, and the supporting train recipes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,19 +20,19 @@ from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 Key = tuple[int, int, int]
 _SPEAKING = 3
-"""Recipes that are named for each one."""
+"""Supporting recipes of each recipe."""
 _LEAST_SHARE = 0.01
-"""The least share of the evidence that is told."""
+"""Least share of the shown evidence."""
 
 
 class ScoredRecipe(Record):
-    """A recipe's score, higher for a more plausible one.
+    """The score of a recipe, higher for a more plausible recipe.
 
     Attributes:
-        known: its part, or ``new`` if the book does not have it; None without the graph.
-        memory: whether the scorer was trained on it.
-        because: the recipes that speak for it, those of most weight first.
-        probability: of this result of the pair, if it makes something; None for other slots, or without calibration.
+        known: part of the recipe, or ``new``; None without the graph.
+        memory: whether the scorer was trained on the recipe.
+        because: supporting recipes by descending weight.
+        probability: calibrated probability of this result of the pair, or None.
     """
 
     ingredient_a: str
@@ -46,11 +46,7 @@ class ScoredRecipe(Record):
 
 
 class RankedRecipe(ScoredRecipe):
-    """A recipe's score and its unfiltered ranks when one of the three is asked for.
-
-    Attributes:
-        trained_on: see :class:`~wordcraft_kg.evaluation.scores.ScoredTriple`.
-    """
+    """The score of a recipe, and its unfiltered rank for each slot."""
 
     rank_as_result: Count
     rank_as_ingredient_a: Count
@@ -59,7 +55,7 @@ class RankedRecipe(ScoredRecipe):
 
 
 class OpenRecipe(Record):
-    """The best entities for the open slot of a recipe, which is None."""
+    """The best entities for the open slot of a recipe, given as None."""
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -69,7 +65,7 @@ class OpenRecipe(Record):
 
 
 class ScoredRecipeRow(Record):
-    """A row of a file of scores; ``rank`` is the place in the list for an open slot, None for a recipe without one."""
+    """A row of a file of scores; ``rank`` is the rank in the list of an open slot, or None."""
 
     line: int
     ingredient_a: str
@@ -83,13 +79,13 @@ class ScoredRecipeRow(Record):
 
 @dataclass(frozen=True)
 class RecipeScoring:
-    """A scorer of recipes, and what the book knows.
+    """A scorer of recipes and the recipes of the book.
 
     Attributes:
         model: the opened model.
-        scorer: its scorer of recipes; of a cross-fitted one that of all train recipes.
-        parts: the part of each recipe of the book; empty without the graph.
-        seen: the recipes that the scorer was trained on.
+        scorer: the recipe scorer; of a cross-fitted model the scorer of all train recipes.
+        parts: part of each recipe; empty without the graph.
+        seen: training recipes of the scorer.
     """
 
     model: ScoringModel
@@ -99,11 +95,7 @@ class RecipeScoring:
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
-        """Take the recipe scores of a model.
-
-        Raises:
-            ConfigError: if it has scores of links only.
-        """
+        """Return the recipe scorer of a model; ConfigError for a model of links."""
         scorer, split = whole_of(model.scorer), model.split
         if not isinstance(scorer, RecipeScores):
             raise ConfigError(
@@ -117,7 +109,7 @@ class RecipeScoring:
         return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
 
     def rows(self, query: RecipeQuery) -> Ids:
-        """Return the recipes that a query asks for, shape (n, 3): one, or that of each entity in the open slot."""
+        """Return the recipes of a query, shape (n, 3): one, or one for each entity in the open slot."""
         everything = np.arange(len(self.scorer.entities))
         ids = (everything if slot is None else [self.scorer.entities.index(slot)] for slot in query.slots)
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
@@ -135,7 +127,7 @@ class RecipeScoring:
         return [key in self.seen for key in _keys(rows)]
 
     def best(self, query: RecipeQuery, top: int, *, new_only: bool = False) -> tuple[Ids, list[float]]:
-        """Return the recipes of the best entities for an open slot and their scores, best first."""
+        """Return recipes and scores of the best entities for an open slot, best first."""
         rows = self.rows(query)
         scores = self.scores(rows)
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
@@ -144,7 +136,7 @@ class RecipeScoring:
         return rows[order[:top]], scores[order[:top].copy()].tolist()
 
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
-        """Yield recipes with what is known of them and what speaks for them."""
+        """Yield recipes with their parts and supporting recipes."""
         for row, score, known, memory in zip(rows, scores, self.known(rows), self.memory(rows), strict=True):
             a, b, result = self.labels(row)
             because = tuple(self.scorer.speaking_for(a, b, result, limit=_SPEAKING))
@@ -157,7 +149,7 @@ class RecipeScoring:
 
 
 def _keys(rows: Ids) -> list[Key]:
-    """Return a key for each recipe, shape (n, 3), in which the order of a pair is no matter."""
+    """Return a key for each recipe, shape (n, 3), with the pair in sorted order."""
     return [(min(a, b), max(a, b), result) for a, b, result in rows.tolist()]
 
 
@@ -194,7 +186,7 @@ def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, ne
 def score_recipe_queries(
     scoring: RecipeScoring, queries: Sequence[RecipeQuery], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRecipeRow]:
-    """Yield the scores of queries in their order: a row for a recipe, the ``top`` best for an open slot."""
+    """Yield scores in the order of the queries: a row for a recipe, ``top`` rows for an open slot."""
     recipes = [scoring.rows(query) for query in queries if not query.is_open]
     scores = iter(scoring.scores(np.concatenate(recipes)).tolist() if recipes else ())
     for query in queries:
@@ -211,14 +203,10 @@ def score_recipe_queries(
 
 
 def told(witnesses: Sequence[Witness]) -> Sequence[Witness]:
-    """Return the recipes that speak for another one, but for those that hardly say anything beside the first."""
+    """Return supporting recipes without those of negligible share."""
     return [one for one in witnesses if one.share >= _LEAST_SHARE] or witnesses[:1]
 
 
 def because(witnesses: Sequence[Witness]) -> str:
-    """Return recipes that speak for another one, with their weights and shares.
-
-    Returns:
-        such as ``river + wood -> driftwood 0.41 (80%)``.
-    """
+    """Format supporting recipes with weights and shares, as ``river + wood -> driftwood 0.41 (80%)``."""
     return ", ".join(f"{one.recipe} {one.weight:.2g} ({one.share:.0%})" for one in told(witnesses))

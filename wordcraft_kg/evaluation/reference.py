@@ -1,4 +1,4 @@
-"""The reference pack: figures of players and agents to compare with, ours and those of others, kept apart."""
+"""The reference pack: published figures of players and agents, of this package and of the literature."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
@@ -16,18 +16,18 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
 PACK = Path(__file__).parent / "references"
-"""Folder of the files that come with the package."""
+"""Folder of the pack."""
 FORMAT = "wordcraft-kg references 1"
 Kind = Literal["chance", "knowledge graph", "oracle", "agent", "people", "language model", "other"]
-"""What a player is."""
+"""Kind of a player."""
 Measure = Literal["success", "entities known", "new combinations"]
-"""Share of tasks whose goal was made; entities known after n attempts; pairs that made something new in n attempts."""
+"""Share of solved tasks; entities known after n attempts; pairs with a new result in n attempts."""
 Origin = Literal["ours", "literature", "beside"]
-"""Measured by this package, taken from a publication, or given by the user beside the rest."""
+"""Measured by this package, taken from a publication, or given by the user."""
 Estimate = tuple[float, float | None, float | None]
-"""A value, and the lower and upper end of its interval."""
+"""A value, and the ends of its interval."""
 TRAINED_WITH = "trained with"
-"""Name among the settings of an agent: the distractors on the tables of its training."""
+"""Setting of an agent: number of distractors in training."""
 _DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}
 
 
@@ -56,13 +56,13 @@ class TaskPlay(Record, frozen=True, tag="tasks"):
 
 
 class OpenPlay(Record, frozen=True, tag="open-ended"):
-    """Open-ended play from the entities that are known at the start, by label in alphabetical order."""
+    """Open-ended play; ``base`` has the labels known at the start, in alphabetical order."""
 
     base: tuple[str, ...]
 
 
 class Figure(Record, frozen=True, omit_defaults=True):
-    """A value and the ends of its interval, None without one."""
+    """A value, and the ends of its interval or None."""
 
     value: float
     low: float | None = None
@@ -73,17 +73,17 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     """The figures of one player under one condition.
 
     Attributes:
-        figures: by the number of distractors (success) or of attempts (the other measures).
-        source: the command that measures them, the publication, or the user's folder or file.
+        figures: by number of distractors (success) or of attempts (other measures).
+        source: command, publication, or folder or file of the user.
         play: None in the literature.
         interval: kind of the intervals; empty without intervals.
         draws: draws of distractors for each task.
         seeds: number of trainings.
         runs: number of runs of open-ended play.
-        settings: settings that the figures depend on, by name.
-        environment: of the literature: the environment, and how it differs from this package's.
-        year: of the publication.
-        notes: further remarks for a reader.
+        settings: settings of the player by name.
+        environment: environment of a publication, and its differences to this package.
+        year: year of a publication.
+        notes: further remarks.
     """
 
     player: str
@@ -105,41 +105,38 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     notes: str = ""
 
     def at(self, columns: Iterable[int]) -> "ReferenceRow":
-        """Return the row with the figures of these columns alone; there may be none, which a pack does not allow."""
+        """Return the row with the figures of these columns only; there may be none."""
         kept = {str(column): self.figures[str(column)] for column in columns if str(column) in self.figures}
         return msgspec.structs.replace(self, figures=kept)
 
     def shown(self, column: int) -> str:
-        """Return the figure of a column with its interval, or nothing; the literature's as it is printed."""
-        found = self.figures.get(str(column))
-        if found is None:
+        """Format the figure of a column with its interval; empty without a figure."""
+        figure = self.figures.get(str(column))
+        if figure is None:
             return ""
-        if self.origin == "literature":
-            return f"{found.value:g}"
+        if self.origin == "literature":  # as printed
+            return f"{figure.value:g}"
         digits = _DIGITS[self.measure]
-        value = f"{found.value:.{digits}f}"
-        if found.low is None or found.high is None or found.low == found.high:
+        value = f"{figure.value:.{digits}f}"
+        if figure.low is None or figure.high is None or figure.low == figure.high:
             return value
-        return f"{value} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+        return f"{value} [{figure.low:.{digits}f}, {figure.high:.{digits}f}]"
 
     @property
     def in_words(self) -> str:
-        """All figures with what they are of, for a table with other columns."""
+        """All figures with their conditions, for a table of other columns."""
         figures = {int(column): self.shown(int(column)) for column in self.figures}
         if self.measure == "success":
             return ", ".join(f"{shown} with {counted(column, 'distractor')}" for column, shown in figures.items())
         return ", ".join(f"{shown} {self.measure} after {counted(at, 'attempt')}" for at, shown in figures.items())
 
     def fits(self, measure: Measure) -> bool:
-        """Whether the figures can stand in the columns of a table of this measure.
-
-        Success in the literature cannot: the conditions differ in more than the number of distractors.
-        """
+        """Return whether a table of this measure has columns for the figures; success in the literature has none."""
         return self.measure == measure and (self.origin != "literature" or measure != "success")
 
     @property
     def remark(self) -> str:
-        """Of our rows and the user's: how an agent was trained, how many people there were, and the notes."""
+        """Training of an agent, number of people, and notes, for rows of this package and the user."""
         settings = dict(self.settings)
         steps, trained_with = settings.pop("steps", ""), settings.pop(TRAINED_WITH, "")
         parts = [
@@ -154,18 +151,13 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def reference(self) -> str:
-        """Of the literature: the source, what was played there, and what else a reader has to know."""
+        """Source, environment and notes of a publication."""
         environment = f"{self.environment[:1].upper()}{self.environment[1:]}"
         return ". ".join(part for part in (self.source, environment, self.notes) if part)
 
 
 class ReferencePack(Record, frozen=True, omit_defaults=True):
-    """A file of the pack: rows of one graph and split, measured by this package, or rows of the literature.
-
-    Attributes:
-        graph: graph and split that were played on; None for the literature.
-        versions: of packages, with which the figures were measured.
-    """
+    """A file of the pack: rows of a graph and split, with package versions, or of the literature (no graph)."""
 
     format: Literal["wordcraft-kg references 1"]
     title: str
@@ -174,20 +166,16 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
     versions: dict[str, str] = msgspec.field(default_factory=dict)
 
     def rows_of(self, play: TaskPlay | OpenPlay, columns: Iterable[int] | None = None) -> tuple[ReferenceRow, ...]:
-        """Return the rows of a condition; with columns, only those that have one of them, and only these figures."""
-        rows = (row for row in self.rows if row.play == play)
+        """Return the rows of a condition, with the figures of ``columns`` only if given."""
+        rows = tuple(row for row in self.rows if row.play == play)
         if columns is None:
-            return tuple(rows)
+            return rows
         wanted = list(columns)
         return tuple(kept for row in rows if (kept := row.at(wanted)).figures)
 
 
 def read_pack(path: Path) -> ReferencePack:
-    """Read a file of the pack.
-
-    Raises:
-        ArtefactError: if it is missing or damaged, or a row of it contradicts itself; naming the row.
-    """
+    """Read a file of the pack; ArtefactError for a missing or damaged file or a contradictory row."""
     pack = read_record(path, ReferencePack)
     for number, row in enumerate(pack.rows, 1):
         if wrong := _contradiction(pack, row):
@@ -196,22 +184,18 @@ def read_pack(path: Path) -> ReferencePack:
 
 
 def read_packs(folder: Path = PACK) -> tuple[ReferencePack, ...]:
-    """Return all files of the pack, in the order of their names.
-
-    Raises:
-        ArtefactError: as :func:`read_pack` does.
-    """
+    """Read all files of a folder with :func:`read_pack`, in the order of names."""
     return tuple(read_pack(path) for path in sorted(folder.glob("*.json")))
 
 
 @cache
 def packs() -> tuple[ReferencePack, ...]:
-    """Return the files that come with the package; they are read once."""
+    """Return the files of the package."""
     return read_packs()
 
 
 def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
-    """Return our rows of a graph and split (None: any split of the graph); None if there are none."""
+    """Return the pack of a graph and split (None: any split), or None."""
     for pack in packs():
         if pack.graph is not None and pack.graph.hash == graph and split in (None, pack.graph.split):
             return pack
@@ -219,14 +203,14 @@ def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
 
 
 def literature(measures: Sequence[Measure]) -> tuple[ReferenceRow, ...]:
-    """Return the rows of others that have one of these measures."""
+    """Return the rows of the literature with one of these measures."""
     return tuple(row for pack in packs() if pack.graph is None for row in pack.rows if row.measure in measures)
 
 
 def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
-    """Return what agents with these settings play, None if it is not what the rows of a pack are about.
+    """Return the play of agents with these settings; None for rules other than those of the pack.
 
-    Rewards and the number of distractors do not matter; any other setting has to be at its default.
+    Rewards and the number of distractors may differ from the defaults.
     """
     config, usual = tasks.environment(part), WordCraftConfig
     rules = ("distractor_weighting", "distractor_policy", "ambiguity", "task_weighting")
@@ -236,16 +220,15 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
 
 
 def figures_of(values: Mapping[int, Estimate]) -> dict[str, Figure]:
-    """Return figures by column, rounded to the six digits that a file of the pack has."""
-    figures = {}
-    for column, (value, low, high) in values.items():
-        bounds = (None if end is None else round(end, 6) for end in (low, high))
-        figures[str(column)] = Figure(round(value, 6), *bounds)
-    return figures
+    """Return figures by column, rounded to six digits."""
+    return {
+        str(column): Figure(round(value, 6), *(None if end is None else round(end, 6) for end in bounds))
+        for column, (value, *bounds) in values.items()
+    }
 
 
 def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
-    """Return a description of the fault of a row, empty if it is sound."""
+    """Return the fault of a row, or an empty text."""
     if pack.graph is None:
         if row.origin != "literature" or not row.environment or row.year is None:
             return "is of no graph, so it has to be of the literature, with an 'environment' and a 'year'"

@@ -1,4 +1,4 @@
-"""The scores of triples, also of new words, and the best entities for an open slot."""
+"""Scores of triples, also of new words, and the best entities for an open slot."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,17 +23,17 @@ from wordcraft_kg.models.scorers.queries import OPEN, Query, RecipeQuery
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 Known = Literal["train", "valid", "test", "new"]
-"""The part whose recipes give a triple (train if several do), or ``new`` if no recipe does."""
+"""The part whose recipes give a triple (train before others), or ``new`` without such a recipe."""
 
 
 class ScoredTriple(Record):
-    """A triple's score, with its unfiltered rank among all tails and all heads.
+    """The score of a triple, and its unfiltered ranks among all tails and all heads.
 
     Attributes:
         known: see :data:`Known`; None without the graph.
-        probability: of a triple that training does not contain; None for others, and without a calibration.
-        trained_on: ``full`` or ``partial`` recipes; None if that is not recorded.
-        by_words: entities of the query that are not in the graph and were scored by their words alone.
+        probability: calibrated probability of a triple outside training, or None.
+        trained_on: ``full`` or ``partial`` recipes; None if not recorded.
+        by_words: new entities, scored by their words alone.
     """
 
     head: str
@@ -49,7 +49,7 @@ class ScoredTriple(Record):
 
 
 class ScoredEntity(Record):
-    """An entity in an open slot."""
+    """An entity for an open slot."""
 
     entity: str
     score: float
@@ -69,12 +69,7 @@ class OpenSlot(Record):
 
 
 class ScoredRow(Record):
-    """A row of a file of scores.
-
-    Attributes:
-        line: line of the query.
-        rank: place in the list for an open slot; None for a triple.
-    """
+    """A row of a file of scores: line of the query, and rank in the list of an open slot (None for a triple)."""
 
     line: int
     head: str
@@ -87,7 +82,7 @@ class ScoredRow(Record):
 
 
 class ScoredFile(Record, omit_defaults=True):
-    """The scores of a file of queries, of links or of recipes; ``rows`` is left out if they were written to ``out``."""
+    """The scores of a file of queries; ``rows`` is omitted if ``out`` is the file of the scores."""
 
     queries: Count
     found: Count
@@ -99,12 +94,12 @@ class ScoredFile(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class ScoringModel:
-    """A scorer and, if its graph is at hand, the split of its recipes.
+    """A scorer and, if its graph is available, the split of its recipes.
 
     Attributes:
-        kg: recipes of its training; None if that is not recorded.
-        missing: why there is no graph.
-        by_words: entities that are not in the graph, the last ones of the scorer; see :func:`with_new_words`.
+        kg: training recipes; None if not recorded.
+        missing: the reason of a missing graph.
+        by_words: new entities, the last entities of the scorer, see :func:`with_new_words`.
     """
 
     scorer: Scorer
@@ -115,10 +110,10 @@ class ScoringModel:
 
     @classmethod
     def open(cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False) -> "ScoringModel":
-        """Open a model folder, without its graph if that is not found and neither given nor needed.
+        """Open a model folder; a missing graph is an error only if given or needed.
 
         Raises:
-            ArtefactError: if there is no scorer, or no graph where one is given or needed.
+            ArtefactError: for a missing scorer or graph.
         """
         try:
             model = open_model(folder, graph)
@@ -129,26 +124,26 @@ class ScoringModel:
         return cls(model.scorer, model.opened.split, model.kg)
 
     def known(self, triples: Ids) -> list[Known | None]:
-        """Return which recipes know each of the triples, shape (T, 3); None for each without the graph."""
+        """Return :data:`Known` of each triple, shape (T, 3); None for each without the graph."""
         if self.split is None:
             return [None] * len(triples)
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
-        # An entity that the graph does not have is in no recipe; -1 is the last name.
+        # New entities are in no recipe: index -1 is "new".
         is_in_graph = (triples < self.split.graph.num_entities).all(axis=1)
         part = np.full(len(triples), -1)
         part[is_in_graph] = self.split.part_of(triples[is_in_graph])
         return [names[number] for number in part.tolist()]
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
-        """Return the probability of each of the triples, shape (T, 3); None for those of train recipes, see `known`."""
+        """Return the probability of each triple, shape (T, 3); None for triples of train recipes."""
         folds = self.scorer.folds
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
-        found = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()
-        return [None if part == "train" else value for value, part in zip(found, known, strict=True)]
+        values = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()
+        return [None if part == "train" else value for value, part in zip(values, known, strict=True)]
 
     def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
-        """Return the best entities for an open slot, best first; with ``new_only`` those that no recipe gives."""
+        """Return the best entities for an open slot, best first; ``new_only`` omits known triples."""
         everything = torch.arange(len(self.scorer.entities))
         head, tail = (everything if slot is None else slot for slot in (query.head, query.tail))
         scores = self.scorer.score(head, query.relation, tail).cpu()
@@ -160,13 +155,13 @@ class ScoringModel:
         )
         triples = _triples(heads, RELATIONS.index(query.relation), tails)
         known = self.known(triples)
-        found = zip(order.tolist(), known, self.probabilities(triples, known), strict=True)
-        kept = [(entity, *rest) for entity, *rest in found if not new_only or rest[0] == "new"][:top]
+        rows = zip(order.tolist(), known, self.probabilities(triples, known), strict=True)
+        kept = [(entity, *rest) for entity, *rest in rows if not new_only or rest[0] == "new"][:top]
         return [ScoredEntity(self.scorer.entities[entity], float(scores[entity]), *rest) for entity, *rest in kept]
 
 
 def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
-    """Return ids that broadcast against each other as triples, shape (T, 3)."""
+    """Broadcast ids to triples, shape (T, 3)."""
     return np.stack(np.broadcast_arrays(np.atleast_1d(heads), relation, tails), axis=1).astype(np.int64)
 
 
@@ -198,7 +193,7 @@ def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: boo
 def score_queries(
     model: ScoringModel, queries: Sequence[Query], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRow]:
-    """Yield the scores of queries in their order: a row for a triple, the ``top`` best for an open slot."""
+    """Yield scores in the order of the queries: a row for a triple, ``top`` rows for an open slot."""
     scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
     for query in queries:
         line = query.line or 0
@@ -215,7 +210,7 @@ def score_queries(
 def _scores(
     model: ScoringModel, triples: Sequence[tuple[str, str, str]]
 ) -> list[tuple[float, Known | None, float | None]]:
-    """Return score, part and probability of each triple, all at once."""
+    """Return score, :data:`Known` and probability of each triple."""
     if not triples:
         return []
     head, relation, tail = zip(*triples, strict=True)
@@ -230,8 +225,8 @@ def _scores(
 def view_file(
     model: ScoringModel, queries: Sequence[Query | RecipeQuery], rows: Sequence[Record], out: Path | None = None
 ) -> ScoredFile:
-    """Return the scores of a file of queries, or where they are."""
-    # Scores of recipes are from words anyway.
+    """Return the scores of a file of queries, or the file ``out`` of the scores."""
+    # Recipe scores always use words.
     by_words = model.by_words if any(isinstance(query, Query) for query in queries) else ()
     view = ScoredFile(len(queries), len(rows), model.kg, by_words, tuple(rows))
     return view if out is None else msgspec.structs.replace(view, rows=(), out=str(out))
@@ -244,39 +239,39 @@ def _labels(query: Query) -> tuple[str, str, str]:
 
 
 class AnyLabel(Collection[str]):
-    """The entities that a query may name if a model can tell something of any: all labels, but not an open slot."""
+    """All labels except the symbols of an open slot: the entities of queries to a model that scores any words."""
 
     def __init__(self, entities: Sequence[str]):
-        """Take the entities of the graph, one of which may be called like an open slot."""
+        """Set the entities of the graph, which may include a symbol of an open slot."""
         self._entities = frozenset(entities)
 
     def __contains__(self, label: object) -> bool:
-        """Return whether it is a label."""
+        """Return whether a text is a label."""
         return label in self._entities or label not in ("", *OPEN)
 
     def __iter__(self) -> Iterator[str]:
-        """Iterate over the labels that are known."""
+        """Iterate over the entities of the graph."""
         return iter(self._entities)
 
     def __len__(self) -> int:
-        """Return how many labels are known."""
+        """Return the number of entities of the graph."""
         return len(self._entities)
 
 
 def with_new_words(
     model: ScoringModel, folder: Path, queries: Sequence[Query | RecipeQuery], file: Path | None = None
 ) -> ScoringModel:
-    """Return a model with the entities of queries that its graph does not have, described by their words alone.
+    """Extend a model by the new entities of queries, described by their words.
 
     Args:
         model: the model.
-        folder: its folder.
+        folder: folder of the model.
         queries: the queries.
-        file: their file.
+        file: file of the queries, for errors.
 
     Raises:
-        UnknownEntityError: if the model has no scores for one of them, with the reason.
-        QueryFileError: the same for a file, with the line.
+        UnknownEntityError: if the model cannot score a new entity.
+        QueryFileError: the same with the line, for queries of a file.
     """
     lines: dict[str, int | None] = {}
     known = frozenset(model.scorer.entities)
@@ -299,18 +294,18 @@ def _where(file: Path | None, line: int | None) -> str:
     return "" if file is None else f"{file}, line {line}: "
 
 
-LISTED = 5
-"""Entities that a note names."""
+_LISTED = 5
+"""Most entities of a note."""
 
 
 def note_of_words(model: ScoringModel) -> list[str]:
-    """Return what must be said about scores of entities that are not in the graph."""
+    """Return the note on new entities, scored by their words."""
     words = model.by_words
     if not words:
         return []
     if len(words) == 1:  # a misspelt word may have a vector, too
         known = model.scorer.entities[: -len(words)]
         return [f"'{words[0]}' is not in the graph: scored by its words alone.{nearest(words[0], known)}"]
-    listed = ", ".join(f"'{label}'" for label in words[:LISTED])
-    more = f" and {len(words) - LISTED:,} more" if len(words) > LISTED else ""
+    listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
+    more = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
     return [f"{listed}{more} are not in the graph: scored by their words alone."]

@@ -1,4 +1,4 @@
-"""The number of a graph's tasks, and some of them as an agent sees them."""
+"""Number and examples of a graph's tasks."""
 
 import numpy as np
 
@@ -23,9 +23,9 @@ class TaskListing(Record):
 
     Attributes:
         tasks: number of tasks.
-        complete: whether these are all tasks there are.
-        mixed: number of tasks that belong to no part.
-        shown: some of the tasks.
+        complete: whether all tasks are enumerated.
+        mixed: number of tasks without a part.
+        shown: examples.
     """
 
     graph: str
@@ -38,8 +38,8 @@ class TaskListing(Record):
 
 
 def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
-    """Count an environment's tasks and show up to ``limit`` of them, in a random order."""
-    # Only the first episode is seeded, as in training: if each were, all tables would have similar distractors.
+    """Count the tasks of an environment, with up to ``limit`` examples in random order."""
+    # Seeding only the first episode, as in training, keeps the distractors of tables different.
     env.reset(seed=seed)
     order = np.random.default_rng(seed).permutation(len(env.tasks))[:limit].tolist()
     return TaskListing(

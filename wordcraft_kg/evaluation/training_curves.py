@@ -1,4 +1,4 @@
-"""Curves of trainings: success, figures and λ over steps, of one run or of several seeds; also of runs not yet done."""
+"""Training curves of one or several seeds: success, training figures and λ; also of unfinished runs."""
 
 from collections.abc import Sequence
 from typing import Literal, get_args
@@ -11,10 +11,10 @@ from wordcraft_kg.base.statistics import stratified_bootstrap
 from wordcraft_kg.models.policies.sources import ALPHA, source_names
 
 CURVE_POINTS = 100
-"""About the most points of a curve of training figures."""
+"""Approximate limit of points of a curve."""
 Figure = Literal["test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"]
 FIGURES: tuple[Figure, ...] = get_args(Figure)
-"""Figures of the training that are shown for each seed."""
+"""Training figures shown for each seed."""
 
 
 class CurvePoint(Record, array_like=True):
@@ -27,7 +27,7 @@ class CurvePoint(Record, array_like=True):
 
 
 class LambdaCurve(Record):
-    """A source's mean λ in training as (step, λ), for the first or the second pick."""
+    """Mean λ of a source in training as (step, λ), for the first or the second pick."""
 
     source: str
     pick: Literal["first", "second"]
@@ -35,15 +35,15 @@ class LambdaCurve(Record):
 
 
 class SeedCurve(Record):
-    """A figure of one training as (step, value)."""
+    """A figure of a training as (step, value)."""
 
     seed: int
     points: tuple[tuple[int, float], ...]
 
 
 def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
-    """Success over training by part: means over seeds, with the interval of the mean."""
-    found = {}
+    """Return mean success over training by part, with the interval over seeds."""
+    curves = {}
     for part in ("test", "train"):
         rows = _shared_rows(members, f"{part}_success")
         points = [
@@ -51,29 +51,29 @@ def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, .
             for step, seeds in rows
         ]
         if points:
-            found[part] = tuple(points)
-    return found
+            curves[part] = tuple(points)
+    return curves
 
 
 def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
-    """λ over training, by source and pick, the mean over seeds, in about :data:`CURVE_POINTS` points."""
-    found = []
+    """Return mean λ over seeds by source and pick, in about :data:`CURVE_POINTS` points."""
+    curves = []
     picks: tuple[Literal["first", "second"], ...] = ("first", "second")
     for source in (ALPHA.name, *source_names()):
         for pick in picks:
             rows = _shared_rows(members, f"lambda_{source}_{pick}")
             points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // CURVE_POINTS)]]
             if points:
-                found.append(LambdaCurve(source, pick, tuple(points)))
-    return found
+                curves.append(LambdaCurve(source, pick, tuple(points)))
+    return curves
 
 
 def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurve, ...]]:
-    """Figures of each training that has them, in about :data:`CURVE_POINTS` points.
+    """Return the logged figures of each training, in about :data:`CURVE_POINTS` points.
 
-    A trainer's figures are means since the line before; lines shortly after another are mostly noise and left out.
+    Figures are means since the previous line; a line after a short interval is mostly noise and omitted.
     """
-    found: dict[Figure, tuple[SeedCurve, ...]] = {}
+    by_figure: dict[Figure, tuple[SeedCurve, ...]] = {}
     for figure in FIGURES:
         curves = []
         for agent in members:
@@ -84,16 +84,16 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
                 for row, long in zip(agent.metrics, is_long, strict=True)
                 if figure in row.figures and (long or figure == "test_success")
             ]
-            # Counted from the end, because the last point matters most.
+            # Every n-th point counted from the end, because the last point matters most.
             thinned = points[:: -max(1, len(points) // CURVE_POINTS)][::-1]
             if thinned:
                 curves.append(SeedCurve(agent.config.trainer.seed, tuple(thinned)))
         if curves:
-            found[figure] = tuple(curves)
-    return found
+            by_figure[figure] = tuple(curves)
+    return by_figure
 
 
 def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
-    """Return the steps at which all runs have a figure, and the figures."""
+    """Return the steps shared by all runs with their figures."""
     rows = [{row.step: row.figures[key] for row in agent.metrics if key in row.figures} for agent in members]
     return [(step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))]

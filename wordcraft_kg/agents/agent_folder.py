@@ -17,7 +17,7 @@ from wordcraft_kg.runs.folder import RunKind
 from wordcraft_kg.runs.record import RunRecord, run_name
 
 AGENTS = RunKind(AgentConfig.commands, "agent", unit="step", progress=AgentProgress)
-METRICS = "metrics.jsonl"
+_METRICS = "metrics.jsonl"
 INPUTS = ("policy.json", "constants.safetensors")
 """Files that exist from the start and never change; their hashes are in ``run.json``."""
 
@@ -78,19 +78,18 @@ def read_agent_run(folder: str | Path) -> AgentRun:
     """
     folder = Path(folder)
     files = RunFiles(folder, AGENTS.read_record(folder))
-    config, name = _read_config(files), run_name(folder)
+    for name in (CONFIG_FILE, "policy.json"):
+        files.bytes(name)  # unchanged since the start
+    config, name = AgentConfig.read(folder), run_name(folder)
     if files.run.status == "done":
-        metrics = read_metrics(files.bytes(METRICS), folder / METRICS)
+        metrics = read_metrics(files.bytes(_METRICS), folder / _METRICS)
         return AgentRun(name, "final", config, files.run, metrics, read_summary(files))
     last = next(iter(AGENTS.checkpoints(folder).records()), None)
     checkpoint = "" if last is None else _step(last)
-    return AgentRun(name, checkpoint, config, files.run, _lines_so_far(folder / METRICS), None)
-
-
-def _lines_so_far(path: Path) -> list[MetricsRow]:
-    """Read the complete lines of an unfinished run."""
+    path = folder / _METRICS
     lines = read_small_file(path) if path.exists() else b""
-    return read_metrics(lines[: lines.rfind(b"\n") + 1], path)
+    metrics = read_metrics(lines[: lines.rfind(b"\n") + 1], path)  # the last line may be incomplete
+    return AgentRun(name, checkpoint, config, files.run, metrics, None)
 
 
 def _step(number: int) -> str:
@@ -113,15 +112,15 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
         8
     """
     folder = Path(folder)
-    found = read_agent_run(folder)
-    files, checkpoint = RunFiles(folder, found.run), found.checkpoint
-    opened = files.graph(graph or found.config.graph)
-    if found.run.status == "done":
+    records = read_agent_run(folder)
+    files, checkpoint = RunFiles(folder, records.run), records.checkpoint
+    opened = files.graph(graph or records.config.graph)
+    if records.run.status == "done":
         policy = read_policy(folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors"))
     else:
         last = AGENTS.checkpoints(folder).load()
         policy, checkpoint = policy_at(files, last), _step(last.number)
-    return OpenedAgent(found.name, checkpoint, found.config, found.run, found.metrics, found.evaluation, policy, opened)
+    return OpenedAgent(**{**vars(records), "checkpoint": checkpoint}, policy=policy, opened=opened)
 
 
 def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
@@ -133,10 +132,3 @@ def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
     files.bytes("policy.json")
     parameters = with_prefix(checkpoint.tensors, "policy.")
     return read_policy(files.folder, files.bytes("constants.safetensors"), parameters)
-
-
-def _read_config(files: RunFiles) -> AgentConfig:
-    """Read settings and verify that they are unchanged since the start."""
-    for name in (CONFIG_FILE, "policy.json"):
-        files.bytes(name)
-    return AgentConfig.read(files.folder)

@@ -261,21 +261,20 @@ def make_discoverers(
         ConfigError: for an unknown name, or ``empowerment-scorer`` without a scorer or with too many entities.
         GraphMismatchError: if the scorer belongs to another graph.
     """
-    players: dict[str, Discoverer] = {}
+    makers: dict[str, Callable[[], Discoverer]] = {
+        "random": RandomDiscoverer,
+        "random-no-repeat": NoRepeatDiscoverer,
+        "greedy": lambda: GreedyDiscoverer(graph),
+        "empowerment": lambda: EmpowermentDiscoverer(graph),
+    }
+    if scorer is not None:
+        makers["empowerment-scorer"] = lambda: ScorerDiscoverer(graph, scorer)
+    players = {}
     for name in names:
         one_of("players", name, tuple(DISCOVERERS))
-        if name == "random":
-            players[name] = RandomDiscoverer()
-        elif name == "random-no-repeat":
-            players[name] = NoRepeatDiscoverer()
-        elif name == "greedy":
-            players[name] = GreedyDiscoverer(graph)
-        elif name == "empowerment":
-            players[name] = EmpowermentDiscoverer(graph)
-        elif scorer is None:
+        if name not in makers:
             raise ConfigError(f"player '{name}' needs a `scorer`; train one with `wordcraft-kg train-complex`.")
-        else:
-            players[name] = ScorerDiscoverer(graph, scorer)
+        players[name] = makers[name]()
     return players
 
 

@@ -20,7 +20,7 @@ from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import Taught
-from wordcraft_kg.graphs.recipe_graph import Entity
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.graphs.tasks import Rows, TaskSet
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
@@ -30,13 +30,11 @@ from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_models
 from wordcraft_kg.models.scorers.recipes import Witness
 
-TOLD = 3
-"""Pairs of each pick for which the recipes that speak for them are told."""
+_MOST_PAIRS = 3  # with evidence, for each pick
 MOST_ON_TABLE = 64
-"""Most entities on a table of one's own; the time of an answer grows with their square."""
+"""Maximum size of a custom table; time grows with the square."""
 Model = Literal["no_scorer", "no_recipes", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"]
-"""Model of the agent's scorer that answers, by its training recipes; ``no_knowledge``: every model has been trained on
-a recipe of the plan, so none answers."""
+"""Answering model by training recipes; ``no_knowledge``: every model was trained on a recipe of the plan."""
 
 
 class SlotEvidence(Record):
@@ -86,7 +84,7 @@ class ExplainedStep(Record):
     made: tuple[str, ...]
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
-    def told(self, limit: int = TOLD) -> list[tuple[str, SlotEvidence]]:
+    def told(self, limit: int = _MOST_PAIRS) -> list[tuple[str, SlotEvidence]]:
         """Return the entities with the highest logits and their evidence, each pair once."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
@@ -195,6 +193,7 @@ class Explainer:
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
         self._exact = _exact(self._policy)
+        self._names = [label.name for label in self._exact.labels]
         with torch.no_grad():
             self._weights, self._exact_weights = self._policy.weights(), self._exact.weights()
         self._tables = EvaluationTables(world)
@@ -266,7 +265,8 @@ class Explainer:
         asked = _Asked(self._policy, None, self.world.graph.labels(table), plans, goal, table)
         if folds is None or not plans:
             return asked
-        posed = _posed(self.world, goal, table, plans)
+        start = np.array([sorted(table)])
+        posed = TaskSet(self.world.graph, self.world.config.depth, "all", np.array([goal]), start, (plans,), False, 0)
         if not 0 < models_of_tasks(folds, posed)[0] < len(seen_by_models(folds)) - 1:
             # Every model has seen a recipe of plans of several folds; then the one that knows most tells most.
             return asked
@@ -337,53 +337,34 @@ class Explainer:
         task = None if asked.task is None else torch.tensor([asked.task])
         steps: list[ExplainedStep] = []
         while attempts and not is_made and len(steps) != self._most_picks:
-            slots = torch.tensor([[*table, *[nothing] * (room - len(table))]])
-            state = States(torch.tensor([asked.goal]), torch.tensor([nothing if held is None else held]), slots, task)
-            picked, output, evidence = self._decide(asked.policy, state)
+            padded = torch.tensor([[*table, *[nothing] * (room - len(table))]])
+            state = States(torch.tensor([asked.goal]), torch.tensor([nothing if held is None else held]), padded, task)
+            picked, output = self._decide(asked.policy, state)
+            slots = _slots(self._names, output, graph.labels(table), parts, _evidence(asked.policy, state, graph))
             entity, made = table[picked], []
-            before = graph.labels(table)
             if held is not None:
                 results = world.outcomes.get((min(held, entity), max(held, entity)), ())
                 made = [result for result in results if result not in table]
                 table += made
                 is_made, attempts = asked.goal in results, attempts - 1
-            steps.append(
-                ExplainedStep(
-                    held=None if held is None else graph.entities[held],
-                    value=float(output.value[0]),
-                    lambdas=self._lambdas(output),
-                    picked=graph.entities[entity],
-                    made=graph.labels(made),
-                    slots=_slots(self._exact, output, before, parts, evidence),
-                )
-            )
+            hand = None if held is None else graph.entities[held]
+            lambdas = {} if output.lambdas is None else dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
+            value, label = float(output.value[0]), graph.entities[entity]
+            steps.append(ExplainedStep(hand, value, lambdas, label, graph.labels(made), slots))
             held = entity if held is None else None
-        return ExplainedEpisode(
-            goal=graph.entities[asked.goal],
-            start=asked.start,
-            plans=tuple(self._recipes(plan) for plan in asked.plans),
-            outcome=OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS],
-            steps=tuple(steps),
-        )
-
-    def _recipes(self, plan: Rows) -> tuple[str, ...]:
-        recipes = self.world.graph.recipe_labels(self.world.graph.recipes[list(plan)])
-        return tuple(f"{one} + {other} -> {result}" for one, other, result in recipes)
+        recipes = [graph.recipe_labels(graph.recipes[list(plan)]) for plan in asked.plans]
+        plans = tuple(tuple(f"{one} + {other} -> {result}" for one, other, result in plan) for plan in recipes)
+        outcome = OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS]
+        return ExplainedEpisode(graph.entities[asked.goal], asked.start, plans, outcome, tuple(steps))
 
     @torch.no_grad()
-    def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput, list[SlotEvidence | None]]:
-        """Return the picked slot, the output in double precision, and the evidence for each slot."""
+    def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
+        """Return the picked slot and the output in double precision."""
         goal, selection, table, task = state
         opinions = policy.opinions(goal, selection, table, task)
         picked = int(self._policy(goal, selection, table, self._weights, task, opinions).logits.argmax(1))
         exact = None if opinions is None else opinions.double()
-        output = self._exact(goal, selection, table, self._exact_weights, task, exact)
-        return picked, output, _evidence(policy, state, self.world.graph.entities)
-
-    def _lambdas(self, output: PolicyOutput) -> dict[str, float]:
-        if output.lambdas is None:
-            return {}
-        return dict(zip((label.name for label in self._exact.labels), output.lambdas[0].tolist(), strict=True))
+        return picked, self._exact(goal, selection, table, self._exact_weights, task, exact)
 
 
 def _own(policy: Policy) -> Policy:
@@ -396,12 +377,6 @@ def _exact(policy: Policy) -> Policy:
     exact = copy.deepcopy(policy, {id(policy.sources): nn.ModuleDict()}).double()
     exact.sources = policy.sources
     return exact
-
-
-def _posed(world: World, goal: int, table: Iterable[int], plans: tuple[Rows, ...]) -> TaskSet:
-    """Return a table as a task set with one task."""
-    start = np.array([sorted(table)])
-    return TaskSet(world.graph, world.config.depth, "all", np.array([goal]), start, (plans,), False, 0)
 
 
 def explain_episodes(
@@ -441,39 +416,37 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
     return rows[numbers % len(rows)], numbers // len(rows)
 
 
-def _evidence(policy: Policy, state: States, entities: Sequence[str]) -> list[SlotEvidence | None]:
+def _evidence(policy: Policy, state: States, graph: RecipeGraph) -> list[SlotEvidence | None]:
     """Return evidence for each slot, from the first source that provides any."""
-    told: list[SlotEvidence | None] = [None] * state.table.shape[1]
+    result: list[SlotEvidence | None] = [None] * state.table.shape[1]
     for name, source in policy.sources.items():
         assert isinstance(source, Source)
-        for slot, found in enumerate(source.evidence(*state)):
-            if found is not None and told[slot] is None:
-                because = tuple(Witness.of(speaking, entities) for speaking in found.speaking)
-                told[slot] = SlotEvidence(name, entities[found.partner], because)
-    return told
+        for slot, evidence in enumerate(source.evidence(*state)):
+            if evidence is not None and result[slot] is None:
+                because = tuple(Witness.of(recipe, graph.entities) for recipe in evidence.speaking)
+                result[slot] = SlotEvidence(name, graph.entities[evidence.partner], because)
+    return result
 
 
 def _slots(
-    exact: Policy,
+    names: Sequence[str],
     output: PolicyOutput,
     labels: tuple[str, ...],
     parts: set[str],
     evidence: Sequence[SlotEvidence | None],
 ) -> tuple[ExplainedSlot, ...]:
-    size = len(labels)
-    logits = output.logits[0, :size]
-    probabilities = torch.softmax(output.logits[0], dim=0)[:size]
+    logits, probabilities = output.logits[0].tolist(), torch.softmax(output.logits[0], dim=0).tolist()
+    values, lambdas = output.logits, [1.0]
+    if output.sources is None or output.lambdas is None:
+        names = [ALPHA.name]
+    else:
+        values, lambdas = output.sources[0], output.lambdas[0].tolist()
     rows = []
     for i, label in enumerate(labels):
-        if output.sources is None or output.lambdas is None:
-            sources = {ALPHA.name: float(logits[i])}
-            contributions = dict(sources)
-        else:
-            values, lambdas = output.sources[0, :, i].tolist(), output.lambdas[0].tolist()
-            sources = dict(zip((label.name for label in exact.labels), values, strict=True))
-            contributions = {
-                name: value * weight for (name, value), weight in zip(sources.items(), lambdas, strict=True)
-            }
-        logit, probability = float(logits[i]), float(probabilities[i])
-        rows.append(ExplainedSlot(label, label in parts, sources, contributions, logit, probability, evidence[i]))
+        sources = dict(zip(names, values[:, i].tolist(), strict=True))
+        terms = [weight * value for weight, value in zip(lambdas, sources.values(), strict=True)]
+        contributions = dict(zip(names, terms, strict=True))
+        rows.append(
+            ExplainedSlot(label, label in parts, sources, contributions, logits[i], probabilities[i], evidence[i])
+        )
     return tuple(rows)

@@ -23,10 +23,9 @@ from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
-"""Figures of the learner in an update: sums over the batch, and the norm of the gradient before clipping."""
+"""Losses of an update, summed over the batch, and the gradient norm before clipping."""
 FIGURES = (*LOSSES, "rewards", "episodes", "successes", "updates")
-"""All figures of an update, which are summed until they are read: also the sum of rewards, and the numbers of episodes
-that ended, of goals made, and of updates, 1."""
+"""Figures that are summed until they are read: losses, rewards, and numbers of finished episodes, goals and updates."""
 
 
 class _Unroll(NamedTuple):
@@ -77,13 +76,8 @@ class Impala:
         self._flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters]))
         self._flat.grad = torch.zeros_like(self._flat)
         self._make_views()
-        self.optimizer = torch.optim.RMSprop(
-            [self._flat],
-            lr=config.learning_rate,
-            alpha=config.rms_decay,
-            eps=config.rms_epsilon,
-            momentum=config.momentum,
-        )
+        rate, decay, epsilon = config.learning_rate, config.rms_decay, config.rms_epsilon
+        self.optimizer = torch.optim.RMSprop([self._flat], rate, decay, epsilon, momentum=config.momentum)
         lag = min(config.policy_lag, config.updates)
         check_memory("policy_lag", config.policy_lag, "that many policies", 4 * len(self._flat) * lag)
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
@@ -184,9 +178,8 @@ class Impala:
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
         tensors: dict[str, Tensor] = {f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()}
-        tensors |= {
-            f"optimizer.{name}": torch.as_tensor(value) for name, value in self.optimizer.state[self._flat].items()
-        }
+        for name, value in self.optimizer.state[self._flat].items():
+            tensors[f"optimizer.{name}"] = torch.as_tensor(value)
         tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.envs.saved().items()}
         for i, snapshot in enumerate(self._snapshots):
             tensors |= {f"snapshot.{i}.{name}": tensor for name, tensor in snapshot.items()}
@@ -216,8 +209,6 @@ class Impala:
         self._sums.copy_(state["sums"])
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
-
-    # --- acting ------------------------------------------------------------------------------------------------------
 
     @torch.no_grad()
     def _collect(self, weights: Weights) -> bool:
@@ -256,8 +247,6 @@ class Impala:
         actions = (shares <= noise * shares[-1]).sum(0)
         return actions, log_probs.gather(0, actions[None])[0]
 
-    # --- learning ----------------------------------------------------------------------------------------------------
-
     def _losses(
         self, weights: Weights, unroll: _Unroll, is_cut: bool
     ) -> tuple[tuple[Tensor, ...], tuple[Tensor, Tensor]]:
@@ -285,8 +274,6 @@ class Impala:
         loss = of_policy + config.baseline_cost * of_baseline - config.entropy_cost * spread
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
         return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
-
-    # --- parameters --------------------------------------------------------------------------------------------------
 
     def _make_views(self) -> None:
         """Make parameters and gradients views of the flat tensors."""

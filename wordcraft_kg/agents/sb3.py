@@ -67,13 +67,8 @@ class _NetworkPolicy(BasePolicy):
             ConfigError: unless the spaces are of ``WordCraft-v0`` with the number of entities of the policy.
         """
         _check_spaces(observation_space, action_space, network)
-        super().__init__(
-            observation_space,
-            action_space,
-            lr_schedule,
-            optimizer_class=optimizer_class,
-            optimizer_kwargs=optimizer_kwargs,
-        )
+        settings = {"optimizer_class": optimizer_class, "optimizer_kwargs": optimizer_kwargs}
+        super().__init__(observation_space, action_space, lr_schedule, **settings)
         self.network = copy.deepcopy(network)
         self._tasks = self._bound_to()
         self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
@@ -115,14 +110,8 @@ class _NetworkPolicy(BasePolicy):
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         """Return the saved arguments of the constructor."""
-        return {
-            "observation_space": self.observation_space,
-            "action_space": self.action_space,
-            "lr_schedule": self._dummy_schedule,
-            "network": self.network,
-            "optimizer_class": self.optimizer_class,
-            "optimizer_kwargs": self.optimizer_kwargs,
-        }
+        names = ("observation_space", "action_space", "network", "optimizer_class", "optimizer_kwargs")
+        return {name: getattr(self, name) for name in names} | {"lr_schedule": self._dummy_schedule}
 
     def _decide(self, obs: Observations, action_masks: Any) -> tuple[Any, Tensor]:
         logits, value, *_ = self._ask(obs)

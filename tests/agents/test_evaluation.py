@@ -36,15 +36,12 @@ def policy_for(opened, num_slots, scorer=None, **settings):
 
 def scripted(state, rng):
     """Picks that depend on the state alone and lead to every ending: plans, other ways, loops, chance, empty slots."""
-    slots = (
-        7 * state.goal + 5 * state.selection + 3 * state.attempts_left + state.table[:, 0]
-    ) % state.engine.num_slots
-    again = (state.table == state.selection[:, None]).argmax(1)
-    there = slots % (state.table != state.nothing).sum(1)
+    number = 7 * state.goal + 5 * state.selection + 3 * state.attempts_left + state.table[:, 0]
+    slots, again = number % state.engine.num_slots, (state.table == state.selection[:, None]).argmax(1)
+    filled = slots % (state.table != state.nothing).sum(1)
     kind, other = state.goal % 5, other_ways(state)
-    return np.select(
-        [kind == 0, other >= 0, kind == 1, kind == 2], [recipe_oracle(state, rng), other, again, slots], there
-    )
+    choices = [recipe_oracle(state, rng), other, again, slots]
+    return np.select([kind == 0, other >= 0, kind == 1, kind == 2], choices, filled)
 
 
 def other_ways(state):
@@ -134,13 +131,8 @@ def ending(env, info, pair, recipes):
 
 @pytest.mark.parametrize(("depth", "attempts"), [(1, None), (1, 2), (2, 2), (2, 3)])
 def test_a_batch_is_judged_as_single_episodes_are(opened, depth, attempts):
-    config = WordCraftConfig(
-        part="test",
-        depth=depth,
-        num_distractors=8,
-        max_attempts=attempts,
-        reward="official" if depth == 2 else "sparse",
-    )
+    rules = {"max_attempts": attempts, "reward": "official" if depth == 2 else "sparse"}
+    config = WordCraftConfig(part="test", depth=depth, num_distractors=8, **rules)
     evaluator = Evaluator(World(opened, config), draws=2, limit=70)
     result = evaluator(scripted)
     expected = play_singly(opened, config, scripted, 2, evaluator.tasks)

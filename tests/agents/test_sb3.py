@@ -26,14 +26,19 @@ SHORT = {
     "MaskablePPO": {"n_steps": 64, "batch_size": 32, "n_epochs": 2, "learning_rate": 1e-3},
     "A2C": {"n_steps": 16},
 }
-GUIDED = PolicyConfig(features="random", key_size=24, value_size=24)
+SMALL = {"features": "random", "key_size": 24, "value_size": 24, "hidden_size": 24}
 KINDS = {
-    "guided": (GUIDED, True),
-    "guided-learned": (PolicyConfig(features="learned", embedding_size=12, key_size=24, value_size=24), True),
-    "kg-only": (PolicyConfig(features="random", key_size=24, value_size=24, kg_only=True, mixing="softmax"), True),
-    "alone-one-hot": (PolicyConfig(features="one-hot", key_size=24, value_size=24), False),
-    "mlp": (PolicyConfig(policy="mlp", features="random", hidden_size=24), False),
+    "guided": {},
+    "guided-learned": {"features": "learned", "embedding_size": 12},
+    "kg-only": {"kg_only": True, "mixing": "softmax"},
+    "alone-one-hot": {"is_guided": False, "features": "one-hot"},
+    "mlp": {"is_guided": False, "policy": "mlp"},
 }
+every_kind = pytest.mark.parametrize("kind", KINDS)
+
+
+def both(test):
+    return pytest.mark.interop(pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])(test))
 
 
 def ours():
@@ -46,7 +51,8 @@ def make_env(**settings):
     return gym.make("WordCraft-v0", **{"graph": "kitchen", "num_distractors": DISTRACTORS, **settings})
 
 
-def make_network(config=GUIDED, *, is_guided=True):
+def make_network(*, is_guided=True, **settings):
+    config = PolicyConfig(**SMALL | settings)
     opened = open_graph("kitchen")
     scorer = SymbolicScorer(opened.graph, opened.split.partial) if is_guided else None
     slots = make_env().unwrapped.num_slots
@@ -104,13 +110,11 @@ def test_training_changes_the_parameters_of_a_copy_and_no_scores(algorithm):
     assert len(list(model.policy.parameters())) == len(trained)  # nothing of the library's own
 
 
-@pytest.mark.interop
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
+@both
+@every_kind
 def test_probabilities_and_values_are_those_of_the_policy_itself(algorithm, kind):
-    config, is_guided = KINDS[kind]
-    network = make_network(config, is_guided=is_guided)
-    model, seen = make_model(algorithm, network), states()
+    network, seen = make_network(**KINDS[kind]), states()
+    model = make_model(algorithm, network)
     expected, values = said_by(network, seen)
     obs = tensors(seen)
     with torch.no_grad():
@@ -123,8 +127,7 @@ def test_probabilities_and_values_are_those_of_the_policy_itself(algorithm, kind
     assert expected.unique(dim=0).shape[0] > 10
 
 
-@pytest.mark.interop
-@pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
+@both
 def test_ids_and_masks_as_a_buffer_of_rollouts_keeps_them_change_nothing(algorithm):
     model, seen = make_model(algorithm), states()
     stored = {key: torch.as_tensor(value, dtype=torch.float32) for key, value in seen.items()}
@@ -138,8 +141,7 @@ def test_ids_and_masks_as_a_buffer_of_rollouts_keeps_them_change_nothing(algorit
         assert torch.equal(one, other)
 
 
-@pytest.mark.interop
-@pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
+@both
 def test_an_empty_slot_has_probability_exactly_zero(algorithm):
     seen = states(depth=2)
     empty = ~torch.as_tensor(seen["action_mask"], dtype=torch.bool)
@@ -179,8 +181,7 @@ def test_masks_of_the_user_take_slots_out_and_revive_none():
         model.predict(one, action_masks=np.arange(mask.shape[1]) == mask.shape[1] - 1)
 
 
-@pytest.mark.interop
-@pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
+@both
 def test_a_deterministic_prediction_is_the_best_slot(algorithm):
     model, seen = make_model(algorithm), states()
     best = said_by(model.policy.network, seen)[0].argmax(1).numpy()
@@ -193,12 +194,10 @@ def test_a_deterministic_prediction_is_the_best_slot(algorithm):
     assert len(set(best.tolist())) > 1
 
 
-@pytest.mark.interop
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
+@both
+@every_kind
 def test_entropies_are_finite_and_a_gradient_reaches_all_parameters(algorithm, kind):
-    config, is_guided = KINDS[kind]
-    model, seen = make_model(algorithm, make_network(config, is_guided=is_guided)), states()
+    model, seen = make_model(algorithm, make_network(**KINDS[kind])), states()
     assert (seen["action_mask"] == 0).any()
     actions = torch.as_tensor(seen["action_mask"]).argmax(1)
     masks = {"action_masks": seen["action_mask"]} if algorithm == "MaskablePPO" else {}
@@ -215,8 +214,7 @@ def test_entropies_are_finite_and_a_gradient_reaches_all_parameters(algorithm, k
     assert not any(buffer.requires_grad for buffer in model.policy.buffers())
 
 
-@pytest.mark.interop
-@pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
+@both
 def test_a_saved_model_predicts_the_same_and_trains_on(algorithm, tmp_path):
     model, seen = make_model(algorithm), states()
     untrained, _ = said_by(model.policy.network, seen)
@@ -240,10 +238,9 @@ def test_a_saved_model_predicts_the_same_and_trains_on(algorithm, tmp_path):
 @pytest.mark.interop
 def test_what_does_not_fit_is_refused():
     network, vectors = make_network(), np.ones((make_network().num_entities, 4), dtype=np.float32)
-    with pytest.raises(ConfigError, match="expected the ids of goal, selection and table"):
-        make_model("PPO", network, FeatureObservation(make_env(), vectors))
-    with pytest.raises(ConfigError, match="expected the ids of goal, selection and table"):
-        make_model("PPO", network, gym.make("CartPole-v1"))
+    for env in (FeatureObservation(make_env(), vectors), gym.make("CartPole-v1")):
+        with pytest.raises(ConfigError, match="expected the ids of goal, selection and table"):
+            make_model("PPO", network, env)
     with pytest.raises(ConfigError, match="knows 80 entities but the environment has "):
         make_model("MaskablePPO", network, make_env(graph="paper-examples"))
     with pytest.raises(TypeError, match="net_arch"):
@@ -259,15 +256,13 @@ def test_without_the_library_the_error_names_the_extra(package, monkeypatch):
         importlib.import_module("wordcraft_kg.agents.sb3")
 
 
-@pytest.mark.interop
+@both
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
 def test_training_lifts_success_far_above_chance(algorithm):
-    config = PolicyConfig(features="random", key_size=64, value_size=64)
     settings = {"n_steps": 512, "batch_size": 128, "n_epochs": 8, "learning_rate": 1e-3, "gamma": 0.9}
     success = Evaluator(World("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), draws=3)
     for is_guided, steps, before, after in ((False, 8192, 0.15, 0.6), (True, 1024, 0.93, 0.96)):
-        model = make_model(algorithm, make_network(config, is_guided=is_guided), **settings)
+        model = make_model(algorithm, make_network(is_guided=is_guided, key_size=64, value_size=64), **settings)
         player = PolicyPlayer(model.policy.network)
         assert success(player).success.mean() < before
         model.learn(steps)

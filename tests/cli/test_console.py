@@ -7,14 +7,12 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from quick import build
 
-from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
-from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli import ALL, command_in, make_app, manual_of
+from wordcraft_kg.cli.console import aligned
 from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.runs.record import end_run, start_run
 
@@ -43,7 +41,7 @@ def test_misuse_is_said_plainly_with_usage_and_an_example(run, arguments, error,
     assert hints == [f"usage:   wordcraft-kg {usage} [OPTIONS]", f"example: {example}"]
 
 
-@pytest.mark.parametrize("value", ["--epochs many", "--kg half", "--seed 1.5"])
+@pytest.mark.parametrize("value", ["--epochs many", "--kg half", "--seed 1.5", "--batch-size 0.0", "--dim 1e0"])
 def test_a_value_of_the_wrong_kind_is_misuse(refused, value):
     name, given = value.split()
     refused("train-complex", "kitchen", name, given, says=["Invalid value", name, f'"{given}"'], code=2)
@@ -194,36 +192,12 @@ def test_help_is_wrapped_for_the_terminal_not_for_the_source_file(run):
     assert "\n\nThe folder holds" in text
 
 
-@pytest.mark.parametrize("option", ["--seed=1.5", "--limit=0.0", "--depth=1e0"])
-def test_a_fraction_is_refused_for_a_whole_number(run, option):
-    outcome = run("tasks", "kitchen", option)
-    assert (outcome.code, outcome.out) == (2, "")
-    name, _, value = option.partition("=")
-    assert f'Invalid value for {name}: unable to convert "{value}" into int.' in outcome.err
-
-
 def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_path):
     config = tmp_path / "odd.toml"
     config.write_text("[tasks]\nseed = 1.5\n")
     refused("tasks", "kitchen", "--config", config, says='unable to convert "1.5" into int', code=2)
     config.write_text("[tasks]\nseed = 1\nlimit = 0\n")
     assert run("tasks", "kitchen", "--config", config).code == 0
-
-
-def test_whole_numbers_and_fractions_are_taken_where_they_belong(run, tmp_path):
-    assert run("build-graph", "kitchen", "--train-ratio=0.5", "--seed=2", "--out", tmp_path / "graph").code == 0
-
-
-@pytest.mark.parametrize("path", ["", ".", "/dev/zero"])
-def test_a_base_file_that_is_none_is_refused(run, path, tmp_path):
-    outcome = run("build-graph", "kitchen", "--base-file", path, "--out", tmp_path / "graph")
-    assert outcome.code == 1
-    assert outcome.err.startswith(f"error: --base-file '{path or '.'}': No such file.")
-
-
-@pytest.mark.parametrize("path", ["", "/dev/zero"])
-def test_a_config_that_is_no_file_is_refused(refused, path):
-    refused("tasks", "kitchen", "--config", path, says=["--config", "no such file"])
 
 
 @pytest.mark.parametrize("command", ["train-complex", "train-links", "train-agent"])
@@ -244,68 +218,37 @@ def test_torch_without_memory_is_an_error_in_a_sentence(run, monkeypatch):
     assert outcome.kind == "MemoryError"
 
 
-@pytest.fixture
-def garden(run, tmp_path, monkeypatch):
-    """Add ``garden sow`` and ``garden reap``; return what runs a command."""
-
-    plain = Output()
-
-    def sow(bed, *, rows=1, output=plain):
-        """Sow a bed."""
-        output.result({"bed": bed, "rows": rows}, [f"{bed}: {rows}"])
-
-    def reap(*, output=plain):
-        """Reap what was sown."""
-        raise ConfigError("`num_distractors` 0: nothing was sown.")
-
-    for word, function in (("sow", sow), ("reap", reap)):
-        module = ModuleType(f"wordcraft_kg.cli.garden_{word}")
-        vars(module).update({f"garden_{word}": function, "EXAMPLES": (f"wordcraft-kg garden {word} north",)})
-        vars(module)["SUBJECT"] = "Work in the garden."
-        monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setitem(CORE, "Gardens", ["garden sow", "garden reap"])
-    monkeypatch.setattr("wordcraft_kg.cli.ALL", [*ALL, "garden sow", "garden reap"])
-    monkeypatch.chdir(tmp_path)
-    return run
+def test_a_command_of_two_words_runs_and_the_first_alone_lists_all(run):
+    listed = run("people")
+    assert (listed.code, listed.err) == (0, "")
+    assert re.findall(r"(serve|summary)  +", listed.out) == ["serve", "summary"]
+    examples = [example for name, example in EXAMPLES if name.startswith("people ")]
+    assert all(example in listed.out for example in examples)
+    assert run("help", "people", "serve").out == run("people", "serve", "--help").out
 
 
-def test_a_command_of_two_words_runs_and_the_first_alone_lists_both(garden):
-    assert garden("garden", "sow", "north", "--rows", "3").out == "north: 3\n"
-    assert "Work in the garden." in garden("--help").out
-    listed = garden("garden")
-    assert listed.code == 0
-    assert re.findall(r"(sow|reap)  +(.*?)\s+\S?$", listed.out, re.M) == [
-        ("sow", "Sow a bed."),
-        ("reap", "Reap what was sown."),
-    ]
-    assert "wordcraft-kg garden sow north" in listed.out
-    assert garden("help", "garden", "sow").out == garden("garden", "sow", "--help").out
+def test_misuse_and_failure_of_a_command_of_two_words_are_said_as_those_of_others(run, refused):
+    outcome = run("people", "serve")
+    assert outcome.code == 2
+    usage = "wordcraft-kg people serve GRAPH --out OUT [OPTIONS]"
+    assert outcome.err.splitlines()[:2] == ["error: GRAPH is missing.", f"usage:   {usage}"]
+    refused("people", "serv", "kitchen", says='error: Unknown command "serv". Did you mean "serve"?\n', code=2)
 
 
-def test_misuse_and_failure_of_a_command_of_two_words_are_said_as_those_of_others(garden):
-    assert garden("garden", "sow").err.splitlines() == [
-        "error: BED is missing.",
-        "usage:   wordcraft-kg garden sow BED [OPTIONS]",
-        "example: wordcraft-kg garden sow north",
-    ]
-    unknown = garden("garden", "so", "north")
-    assert (unknown.code, unknown.out) == (2, "")
-    assert unknown.err.startswith('error: Unknown command "so". Did you mean "sow"?\n')
-    assert garden("garden", "reap").err == "error: --distractors 0: nothing was sown.\n"
-
-
-def test_a_command_of_two_words_takes_its_options_from_a_table_in_a_table(garden):
-    def configured(text):
-        Path("options.toml").write_text(text)
-        return garden("garden", "sow", "north", "--config", "options.toml")
-
-    assert configured("[garden.sow]\nrows = 4\n[describe]\n").out == "north: 4\n"
-    assert configured("[garden.reap]\n").err.endswith("no table [garden.sow]; found garden.reap.\n")
-    assert "'garden.saw' is not a table named after a command" in configured("[garden.saw]\nrows = 4\n").err
-    for text in ("garden = 1\n", "[garden]\nrows = 4\n", "[garden]\n", "garden.sow = 1\n"):
-        outcome = configured(text)
-        assert (outcome.code, outcome.kind) == (1, "ConfigError"), text
-        assert "is not a table named after a command" in outcome.err
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[people.summary]\nexport = 'answers'\n[describe]\n", "--export takes one folder"),
+        ("[people.serve]\n", "no table [people.summary]; found people.serve.\n"),
+        *(
+            (text, "is not a table named after a command")
+            for text in ("[people.sew]\nrows = 4\n", "people = 1\n", "[people]\nrows = 4\n", "people.summary = 1\n")
+        ),
+    ],
+)
+def test_a_command_of_two_words_takes_its_options_from_a_table_in_a_table(refused, tmp_path, text, says):
+    (tmp_path / "options.toml").write_text(text)
+    refused("people", "summary", "--config", tmp_path / "options.toml", says=says, kind="ConfigError")
 
 
 @pytest.fixture(scope="module")
@@ -331,7 +274,7 @@ IS = {
     "model": "was written by train-complex",
     "report": "is the folder of a report",
     "words": "is the folder of a text agent",
-    "own": "has none of graph.json, run.json, report.json, dataset.yaml, search.json, site.json",
+    "own": "has none of graph.json, run.json, report.json, search.json, site.json",
     "empty": "is an empty folder",
     "file": "is a file",
     "nothing": "does not exist",
@@ -429,26 +372,19 @@ def test_there_is_a_completion_script_for_other_shells(shell):
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        (["describe", ""], ["everyday", "kitchen", "paper-examples", "own.csv", "graph"]),
-        (["describe", "{}/"], ["everyday", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"]),
-        (["books", "--fetch", ""], ["little-alchemy-2"]),
-        (["score", ""], ["model"]),
-        (["train-agent", "kitchen", "--scorer", ""], ["model"]),
-        (["explain", ""], ["agent"]),
-        (["compare", "agent", ""], ["agent", "model"]),
-        (["evaluate-agent", ""], ["everyday", "kitchen", "paper-examples", "own.csv", "graph", "agent"]),
+        ("describe ", ["everyday", "kitchen", "paper-examples", "own.csv", "graph"]),
+        ("describe {}/", ["everyday", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"]),
+        ("books --fetch ", ["little-alchemy-2"]),
     ],
-    ids=" ".join,
 )
-def test_books_graphs_models_and_runs_are_offered(run, home, folders, tmp_path, monkeypatch, words, offered):
-    for name in ("graph", "agent", "model", "damaged", "report"):
-        shutil.copytree(folders / name, tmp_path / name)
-    (tmp_path / ".hidden").mkdir()
-    shutil.copy(folders / "model" / "run.json", tmp_path / ".hidden")
-    (tmp_path / "own.csv").touch()
-    monkeypatch.chdir(tmp_path)
-    lines = run("__complete", *(word.format(tmp_path) for word in words)).out.split("\n\x1fbegin\n")[1].splitlines()
-    assert set(lines) == {name.format(tmp_path) for name in offered}
+def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):
+    folder = home / "here"
+    for name in ("graph", ".hidden"):
+        (folder / name).mkdir(parents=True)
+    (folder / "own.csv").touch()
+    monkeypatch.chdir(folder)
+    lines = run("__complete", *words.format(folder).split(" ")).out.split("\n\x1fbegin\n")[1].splitlines()
+    assert set(lines) == {name.format(folder) for name in offered}
 
 
 def test_completion_can_be_installed(run, tmp_path, monkeypatch):

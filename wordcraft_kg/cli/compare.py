@@ -13,7 +13,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, check_file, refuse_given, whole_numbers, write_file
-from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Run, Words
+from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.agent_figures import AgentSuccess
@@ -57,7 +57,7 @@ class LinkOptions:
 
 
 def compare(
-    *runs: Run,
+    *runs: Path,
     agents: Annotated[AgentOptions, Parameter(name="*", group="Agents")] = AgentOptions(),
     links: Annotated[LinkOptions, Parameter(name="*", group="Link predictors")] = LinkOptions(),
     graph: MovedGraph = None,

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Output, aligned, check_file, split_labels, write_file
-from wordcraft_kg.cli.options import Force, Graph, Scorer, Words
+from wordcraft_kg.cli.options import Force, Graph, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.discovery import DiscoveryView, Known
@@ -25,7 +25,7 @@ def discover(
     attempts: int = 100,
     runs: int = 100,
     players: Words = None,
-    scorer: Scorer = None,
+    scorer: Path | None = None,
     base: Words = None,
     seed: int = 0,
     out: Path | None = None,

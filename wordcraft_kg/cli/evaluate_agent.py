@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, refuse_given, whole_numbers
-from wordcraft_kg.cli.options import AgentOrBook, MovedGraph, Part, Scorer, Words
+from wordcraft_kg.cli.options import Book, MovedGraph, Part, Words
 from wordcraft_kg.envs.config import WordCraftConfig
 
 if TYPE_CHECKING:
@@ -47,12 +47,12 @@ class ScriptedOptions:
     """
 
     depth: int = WordCraftConfig.depth
-    scorer: Scorer = None
+    scorer: Path | None = None
     seed: int = 0
 
 
 def evaluate_agent(
-    run: AgentOrBook = "everyday",
+    run: Book = "everyday",
     *,
     part: Part = "test",
     distractors: Words = None,

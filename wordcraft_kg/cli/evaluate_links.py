@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.cli.console import Output, aligned
-from wordcraft_kg.cli.options import Force, Model, MovedGraph
+from wordcraft_kg.cli.options import Force, MovedGraph
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ EXAMPLES = (
 
 
 def evaluate_links(
-    model: Model,
+    model: Path,
     *,
     graph: MovedGraph = None,
     max_queries: int = MAX_QUERIES,

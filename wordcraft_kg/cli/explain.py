@@ -1,11 +1,12 @@
 """``wordcraft-kg explain``."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.console import Output, aligned
-from wordcraft_kg.cli.options import Agent, MovedGraph, Part
+from wordcraft_kg.cli.options import MovedGraph, Part
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.explanation import ExplainedEpisode, ExplainedStep
@@ -17,7 +18,7 @@ EXAMPLES = (
 
 
 def explain(
-    run: Agent,
+    run: Path,
     *,
     goal: str | None = None,
     episodes: int = 3,

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, write_file
-from wordcraft_kg.cli.options import Force, Model, MovedGraph
+from wordcraft_kg.cli.options import Force, MovedGraph
 
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
@@ -31,7 +31,7 @@ EXPLAINED = 3
 
 
 def score(
-    model: Model,
+    model: Path,
     head: str | None = None,
     relation: str | None = None,
     tail: str = "",

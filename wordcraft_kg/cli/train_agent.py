@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.cli.console import Output, split_labels
-from wordcraft_kg.cli.options import Force, Graph, Scorer, Seeds, Trackers
+from wordcraft_kg.cli.options import Force, Graph, Seeds, Trackers
 from wordcraft_kg.cli.training import AGENTS, train
 from wordcraft_kg.models.policies.config import PolicyConfig
 
@@ -21,7 +21,7 @@ EXAMPLES = (
 def train_agent(
     graph: Graph,
     *,
-    scorer: Scorer = None,
+    scorer: Path | None = None,
     tasks: Annotated[TaskConfig, Parameter(name="*", group="Tasks")] = TaskConfig(),
     policy: Annotated[PolicyConfig, Parameter(name="*", group="Policy")] = PolicyConfig(),
     trainer: Annotated[ImpalaConfig, Parameter(name="*", group="Training")] = ImpalaConfig(),

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from cyclopts import Parameter
@@ -9,7 +10,6 @@ from cyclopts import Parameter
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
 from wordcraft_kg.cli.console import Flag, split_labels
-from wordcraft_kg.cli.options import Scorer
 from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
 from wordcraft_kg.graphs.task_search import MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -57,7 +57,7 @@ class GameSettings:
         list[str] | None, Parameter(negative=(), consume_multiple=False, converter=_labels, accepts_keys=False)
     ] = None
     knowledge: KnowledgeKind = "none"
-    scorer: Scorer = None
+    scorer: Path | None = None
     look_ups: int = LOOK_UPS
     _of_tasks: ClassVar[tuple[str, ...]] = ("part", "depth", "distractors")
 

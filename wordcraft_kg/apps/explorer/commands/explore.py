@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output
-from wordcraft_kg.cli.options import Agents, Book, Models
+from wordcraft_kg.cli.options import Book, Paths
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,8 +25,8 @@ EXAMPLES = (
 def explore(
     graph: Book,
     *,
-    model: Models = None,
-    run: Agents = None,
+    model: Paths = None,
+    run: Paths = None,
     export: Path | None = None,
     force: Flag = False,
     host: str = "127.0.0.1",

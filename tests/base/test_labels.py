@@ -95,16 +95,15 @@ def test_a_pair_is_written_in_many_ways(written: str, pair: tuple[int, int]):
     assert read_pair(written, TABLE) == pair
 
 
-@pytest.mark.parametrize(
-    ("written", "pair"),
-    [
-        ("salt and pepper", ("salt", "pepper")),
-        ("salt and pepper + salt", ("salt and pepper", "salt")),
-        ("salt and pepper and salt", ("salt and pepper", "salt")),
-        ("salt and salt and pepper", ("salt", "salt and pepper")),
-        ("pepper and salt and pepper", ("pepper", "salt and pepper")),
-    ],
-)
+AND = {
+    ("salt", "pepper"): ("salt and pepper",),
+    ("salt and pepper", "salt"): ("salt and pepper + salt", "salt and pepper and salt"),
+    ("salt", "salt and pepper"): ("salt and salt and pepper",),
+    ("pepper", "salt and pepper"): ("pepper and salt and pepper",),
+}
+
+
+@pytest.mark.parametrize(("written", "pair"), each(AND))
 def test_a_label_may_hold_what_stands_between_two(written: str, pair: tuple[str, str]):
     one, other = read_pair(written, PANTRY)
     assert (PANTRY[one], PANTRY[other]) == pair
@@ -151,18 +150,14 @@ def test_an_empty_table_has_no_pair():
         read_pair("a + b", ())
 
 
-@pytest.mark.parametrize(
-    ("message", "line"),
-    [
-        ("I think of mud.\n\n  water + earth \n\n", "water + earth"),
-        ("- **water + earth**\n```", "water + earth"),
-        ("> `1 2`", "1 2"),
-        ("water + earth", "water + earth"),
-        ("", ""),
-        ("\n \n", ""),
-        ("***\n---", ""),
-    ],
-)
+LINES = {
+    "water + earth": ("I think of mud.\n\n  water + earth \n\n", "- **water + earth**\n```", "water + earth"),
+    "1 2": ("> `1 2`",),
+    "": ("", "\n \n", "***\n---"),
+}
+
+
+@pytest.mark.parametrize(("message", "line"), each(LINES))
 def test_the_last_line_of_a_message_counts(message: str, line: str):
     assert last_line(message) == line
 

@@ -8,17 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from wordcraft_kg.base import records
 from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import (
-    Count,
-    Record,
-    Share,
-    as_record,
-    as_values,
-    checked_values,
-    parse_record,
-    schema_of,
-)
+from wordcraft_kg.base.records import Count, Record, Share, as_values, checked_values, parse_record, schema_of
 from wordcraft_kg.models.links.config import ComplExConfig
 
 
@@ -87,7 +79,7 @@ def test_a_field_is_named_in_quotes_because_backticks_are_for_settings():
     with pytest.raises(ArtefactError) as of_bytes:
         parse_record(b'{"name": 1, "counts": []}', Row, "row.json")
     with pytest.raises(ArtefactError) as of_values:
-        as_record({"dim": -1}, ComplExConfig, "config.toml")
+        records.as_record({"dim": -1}, ComplExConfig, "config.toml")
     assert str(of_bytes.value) == (
         "row.json is damaged: Expected 'str', got 'int' - at '$.name'. Make it again, or restore a copy."
     )

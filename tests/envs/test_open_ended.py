@@ -13,16 +13,12 @@ from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.graphs import RecipeGraph
 
 RECIPES = [
-    ("fire", "water", "steam"),
-    ("fire", "water", "fog"),  # an ambiguous pair
-    ("fire", "fire", "blaze"),
-    ("blaze", "steam", "train"),
-    ("moon", "water", "tide"),  # never reached
+    *(("fire", "water", "steam"), ("fire", "water", "fog")),  # an ambiguous pair
+    *(("fire", "fire", "blaze"), ("blaze", "steam", "train"), ("moon", "water", "tide")),  # the last is never reached
 ]
 GRAPH = RecipeGraph.from_recipes(RECIPES, base=["fire", "water"], name="small")
-FIRE, WATER, STEAM, FOG, BLAZE, TRAIN, MOON = map(
-    GRAPH.id_of, ("fire", "water", "steam", "fog", "blaze", "train", "moon")
-)
+NAMES = ("fire", "water", "steam", "fog", "blaze", "train", "moon")
+FIRE, WATER, STEAM, FOG, BLAZE, TRAIN, MOON = map(GRAPH.id_of, NAMES)
 
 
 def make(**settings):

@@ -16,11 +16,6 @@ def test_gymnasium_knows_the_environments_in_either_order(first):
     assert out.split() == ["WordCraft-v0", "WordCraft-OpenEnded-v0"]
 
 
-def test_importing_the_package_imports_neither_gymnasium_nor_torch():
-    code = "import sys, wordcraft_kg; print(sorted({'gymnasium', 'torch', 'pykeen'} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
-
-
 def test_the_environments_need_no_torch():
     code = (
         "import sys, wordcraft_kg, gymnasium as gym\n"

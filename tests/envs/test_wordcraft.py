@@ -28,13 +28,8 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 
 # water + earth makes two things, sun + sand glass, and so does fire + sand.
 ROWS = [
-    ("earth", "water", "mud"),
-    ("earth", "water", "clay"),
-    ("mud", "mud", "brick"),
-    ("brick", "fire", "house"),
-    ("sand", "sun", "glass"),
-    ("fire", "sand", "glass"),
-    ("clay", "fire", "pot"),
+    *(("earth", "water", "mud"), ("earth", "water", "clay"), ("mud", "mud", "brick"), ("brick", "fire", "house")),
+    *(("sand", "sun", "glass"), ("fire", "sand", "glass"), ("clay", "fire", "pot")),
 ]
 
 
@@ -142,7 +137,7 @@ def test_shaped_rewards_follow_the_rules(world, picks, expected):
 
 
 def test_presets_are_named_and_success_is_the_same_under_all(world):
-    assert REWARDS["official"] == RewardConfig(0.1, 0.1, 1.0)
+    assert (REWARDS["sparse"], REWARDS["official"]) == (RewardConfig(), RewardConfig(0.1, 0.1, 1.0))
     outcomes = {pick(posed(world, "mud", ["earth", "water"], reward=reward), "earth", "water")[4]["outcome"]
                 for reward in ("sparse", "official", RewardConfig(1, 1, 1))}  # fmt: skip
     assert outcomes == {"goal"}
@@ -177,9 +172,6 @@ def test_every_plan_carried_out_by_picks_makes_its_goal(kitchen_opened):
             attempts = dict.fromkeys((recipe.ingredient_a, recipe.ingredient_b) for recipe in env.task.plans[0])
             last = [pick(env, *pair) for pair in attempts][-1]
             assert (last[1], last[2], last[4]["outcome"], last[4]["by_plan"]) == (1, True, "goal", True)
-
-
-# --- conformance -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("depth", [1, 3])
@@ -258,9 +250,6 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
             steps = 0
 
 
-# --- bad input -------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -284,11 +273,7 @@ def test_bad_settings_are_refused_by_name(changes):
     ("changes", "error", "says"),
     [
         ({"part": "valid"}, TaskError, "kitchen has no task of depth 1 in the valid part"),
-        (
-            {"distractors": 3},
-            ConfigError,
-            "argument 'distractors'; .* Did you mean 'num_distractors'",
-        ),
+        ({"distractors": 3}, ConfigError, "argument 'distractors'; .* Did you mean 'num_distractors'"),
         ({"graph": "kitchn"}, RecipeFileError, "Did you mean 'kitchen'"),
         ({"graph": "tests"}, ArtefactError, "expected a graph folder"),
     ],

@@ -19,22 +19,13 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.task_search import make_tasks
 
+DRAWN = {"depth": 3, "num_tasks": 20}
 CHANGES = [
-    {"part": "test"},
-    {"part": "all"},
-    {"depth": 2},
-    {"depth": 3, "num_tasks": 20},
-    {"depth": 3, "num_tasks": 20, "task_seed": 1},
-    {"depth": 3, "num_tasks": 20, "task_weighting": "goal"},
-    {"num_distractors": 3},
-    {"max_attempts": 3},
-    {"reward": "official"},
-    {"distractor_weighting": "uniform"},
-    {"max_attempts": 2},
-    {"max_attempts": 2, "ambiguity": "last"},
+    *({"part": "test"}, {"part": "all"}, {"depth": 2}, {"num_distractors": 3}, {"reward": "official"}),
+    *(DRAWN, {**DRAWN, "task_seed": 1}, {**DRAWN, "task_weighting": "goal"}, {"distractor_weighting": "uniform"}),
+    *({"illegal_action": "raise"}, {"max_attempts": 3}, {"max_attempts": 2}, {"max_attempts": 2, "ambiguity": "last"}),
     {"max_attempts": 2, "part": "all"},
     {"max_attempts": 2, "part": "all", "distractor_policy": "no_shortcut"},
-    {"illegal_action": "raise"},
 ]
 
 

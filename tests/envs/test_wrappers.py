@@ -11,12 +11,7 @@ from refusals import refuses
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.envs.words import numbered
-from wordcraft_kg.envs.wrappers import (
-    FeatureObservation,
-    KGScoreObservation,
-    TextObservation,
-    VectorKGScoreObservation,
-)
+from wordcraft_kg.envs.wrappers import FeatureObservation, KGScoreObservation, TextObservation, VectorKGScoreObservation
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph, open_book, open_graph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer
@@ -28,6 +23,10 @@ SETTINGS = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}
 def scorer():
     opened = open_graph("kitchen")
     return NeighbourScorer(opened.graph, opened.split.partial)
+
+
+def single():
+    return gym.make("WordCraft-v0", **SETTINGS)
 
 
 def vector(num_envs=5):
@@ -90,7 +89,7 @@ def test_the_vector_environment_refuses_what_it_cannot_do(call, error, says):
 def test_features_are_those_of_the_ids_and_zeros_for_nothing():
     opened = open_graph("kitchen")
     vectors = np.random.default_rng(0).normal(size=(opened.graph.num_entities, 7))
-    env = FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors)
+    env = FeatureObservation(single(), vectors)
     ids = env.unwrapped
     seen, _ = env.reset(seed=0)
     for slot in (0, 1, 0, 2):
@@ -103,7 +102,7 @@ def test_features_are_those_of_the_ids_and_zeros_for_nothing():
         np.testing.assert_allclose(seen["selection"], held, rtol=1e-6)
         seen, *_ = env.step(slot)
     with refuses("vectors"):
-        FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors[:3])
+        FeatureObservation(single(), vectors[:3])
 
 
 def sources_of(scorer):
@@ -111,7 +110,7 @@ def sources_of(scorer):
 
 
 def test_scores_are_the_scorers_and_zero_for_nothing(scorer):
-    env = KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), sources_of(scorer))
+    env = KGScoreObservation(single(), sources_of(scorer))
     seen, _ = env.reset(seed=1)
     rng = np.random.default_rng(0)
     held_something = False
@@ -134,23 +133,23 @@ def test_scores_are_the_scorers_and_zero_for_nothing(scorer):
 
 def test_features_and_scores_go_together_in_one_order(scorer):
     vectors = np.ones((80, 3))
-    both = FeatureObservation(KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), sources_of(scorer)), vectors)
+    both = FeatureObservation(KGScoreObservation(single(), sources_of(scorer)), vectors)
     seen, _ = both.reset(seed=0)
     assert both.observation_space.contains(seen)
     assert {"u", "v", "action_mask"} < set(seen)
     with pytest.raises(ConfigError, match="this wrapper needs ids"):
-        KGScoreObservation(FeatureObservation(gym.make("WordCraft-v0", **SETTINGS), vectors), sources_of(scorer))
+        KGScoreObservation(FeatureObservation(single(), vectors), sources_of(scorer))
 
 
 def test_batched_scores_are_the_single_ones(scorer):
     envs = VectorKGScoreObservation(vector(), sources_of(scorer))
-    single = KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), sources_of(scorer))
+    one = KGScoreObservation(single(), sources_of(scorer))
     seen, _ = envs.reset(seed=2)
     for step in range(12):
         assert envs.observation_space.contains(seen)
         for i in range(5):
             row = {key: value[i] for key, value in seen.items() if key not in ("u", "v")}
-            expected = single.observation(row)
+            expected = one.observation(row)
             np.testing.assert_array_equal(seen["u"][i], expected["u"])
             np.testing.assert_array_equal(seen["v"][i], expected["v"])
         seen, *_ = envs.step(np.full(5, step % 2))
@@ -160,13 +159,13 @@ def test_a_scorer_of_another_graph_is_refused():
     graph = RecipeGraph.from_book(open_book("paper-examples"))
     foreign = FrequencyScorer(graph, graph.triples)
     with pytest.raises(GraphMismatchError):
-        KGScoreObservation(gym.make("WordCraft-v0", **SETTINGS), sources_of(foreign))
+        KGScoreObservation(single(), sources_of(foreign))
     with pytest.raises(GraphMismatchError):
         VectorKGScoreObservation(vector(), sources_of(foreign))
 
 
 def test_text_says_what_there_is_and_words_are_actions():
-    env = TextObservation(gym.make("WordCraft-v0", **SETTINGS))
+    env = TextObservation(single())
     text, _ = env.reset(seed=0)
     assert env.observation_space.contains(text)
     names = [env.unwrapped.world.graph.entities[entity] for entity in env.unwrapped.state.table]
@@ -203,9 +202,6 @@ def test_the_open_ended_world_takes_pairs_of_words():
 def test_wrappers_want_our_environment():
     with pytest.raises(ConfigError, match="is not a WordCraft environment"):
         TextObservation(gym.make("CartPole-v1"))
-
-
-# --- other libraries -------------------------------------------------------------------------------------------------
 
 
 def features():

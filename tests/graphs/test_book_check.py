@@ -249,9 +249,6 @@ def test_the_figures_count_the_book(check):
     }
 
 
-# --- the built-in book everyday --------------------------------------------------------------------------------------
-
-
 def test_everyday_has_the_size_and_the_shape_it_was_written_for():
     found = check_book(locate_book("everyday").path)
     assert found.passed

@@ -14,8 +14,8 @@ from wordcraft_kg.graphs import (
     open_book,
     open_graph,
     read_book,
-    write_graph_folder,
 )
+from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.triples import triple_lines
 
 
@@ -123,17 +123,15 @@ def test_an_edited_file_is_noticed(folder, name, old, new, says):
         open_graph(folder)
 
 
+DAMAGED = {
+    **{"empty": (b"", ""), "list": (b"[]", ""), "number": (b"7", ""), "no keys": (b"{}", "")},
+    **{"nested too deeply": (b"[" * 200_000, ""), "truncated": (b'{"format": "wordcraft', "Unterminated string")},
+    **{"not UTF-8": (b"\xff\xfe", "0xff"), "huge number": (b'{"format": ' + b"1" * 5000 + b"}", "4300 digits")},
+}
+
+
 @pytest.mark.parametrize("name", ["graph.json", "split.json"])
-@pytest.mark.parametrize(
-    ("data", "detail"),
-    [
-        *[(data, "") for data in (b"", b"[]", b"7", b"{}", b"[" * 200_000)],
-        (b'{"format": "wordcraft', "Unterminated string"),
-        (b"\xff\xfe", "0xff"),
-        (b'{"format": ' + b"1" * 5000 + b"}", "4300 digits"),
-    ],
-    ids=["empty", "list", "number", "no keys", "nested too deeply", "truncated", "not UTF-8", "huge number"],
-)
+@pytest.mark.parametrize(("data", "detail"), DAMAGED.values(), ids=DAMAGED)
 def test_a_damaged_file_of_a_graph_folder_is_refused_by_name(folder, name, data, detail):
     (folder / name).write_bytes(data)
     with pytest.raises((ArtefactError, RecipeFileError)) as caught:

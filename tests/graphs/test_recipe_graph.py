@@ -67,12 +67,8 @@ def test_triples_are_four_a_recipe_with_duplicates_merged_and_sorted(graph):
 
 def test_the_fourth_triple_of_a_recipe_is_corrected():
     graph = RecipeGraph.from_recipes([("a", "b", "c")])
-    assert labelled(graph, graph.triples) == [
-        ("a", "combinesWith", "b"),
-        ("b", "combinesWith", "a"),
-        ("a", "componentOf", "c"),
-        ("b", "componentOf", "c"),
-    ]
+    combines = [("a", "combinesWith", "b"), ("b", "combinesWith", "a")]
+    assert labelled(graph, graph.triples) == [*combines, ("a", "componentOf", "c"), ("b", "componentOf", "c")]
 
 
 def test_no_recipes_give_no_triples():
@@ -90,10 +86,8 @@ def test_membership_and_keys_of_triples_equal_sets_of_tuples(graph, data):
 
 def test_triple_lines_are_labels_between_tabs():
     graph = RecipeGraph.from_recipes([("hay", "hay", "hay bale")])
-    assert list(triple_lines(graph.triples, graph.entities)) == [
-        "hay\tcombinesWith\thay\n",
-        "hay\tcomponentOf\thay bale\n",
-    ]
+    lines = ["hay\tcombinesWith\thay\n", "hay\tcomponentOf\thay bale\n"]
+    assert list(triple_lines(graph.triples, graph.entities)) == lines
 
 
 @given(rows(min_size=1), st.randoms(use_true_random=False))
@@ -107,18 +101,14 @@ def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_nam
     assert np.array_equal(one.recipes, other.recipes)
 
 
-@pytest.mark.parametrize(
-    ("rows", "base", "listed"),
-    [
-        (["abc"], "ab", ""),
-        (["abd", "acd"], "ab", ""),
-        (["abc", "acd"], "a", ""),
-        (["abc", "ace"], "ab", ""),
-        (["abc", "acd", "acb"], "ab", ""),
-        (["abc", "acd"], "ab", "i"),
-    ],
-    ids=["recipe less", "other ingredient", "other base", "other label", "recipe more", "idle entity more"],
-)
+OTHERS = {
+    **{"recipe less": (["abc"], "ab", ""), "other ingredient": (["abd", "acd"], "ab", "")},
+    **{"other base": (["abc", "acd"], "a", ""), "other label": (["abc", "ace"], "ab", "")},
+    **{"recipe more": (["abc", "acd", "acb"], "ab", ""), "idle entity more": (["abc", "acd"], "ab", "i")},
+}
+
+
+@pytest.mark.parametrize(("rows", "base", "listed"), OTHERS.values(), ids=OTHERS)
 def test_graphs_with_another_content_are_unequal(rows, base, listed):
     graph = RecipeGraph.from_recipes(["abc", "acd"], base="ab")
     other = RecipeGraph.from_book(RecipeBook.of("other", rows, base=base, listed=listed))
@@ -163,11 +153,7 @@ def test_ids_follow_the_sorted_labels(kitchen):
 @pytest.mark.parametrize(
     ("call", "error", "says"),
     [
-        (
-            lambda kitchen: kitchen.results("bred", "water"),
-            UnknownEntityError,
-            "'bred' in kitchen. Did you mean 'bread",
-        ),
+        (lambda kitchen: kitchen.results("bred", "water"), UnknownEntityError, "in kitchen. Did you mean 'bread"),
         (lambda kitchen: kitchen.recipes_of(-1), UnknownEntityError, "no entity id -1 in kitchen; ids are 0 .. 79"),
         (lambda kitchen: kitchen.recipes_of(80), UnknownEntityError, "no entity id 80 in kitchen; ids are 0 .. 79"),
         (lambda _: RecipeGraph(["b", "a"], np.empty((0, 3)), []), GraphError, "sorted and unique"),

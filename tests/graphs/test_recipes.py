@@ -19,6 +19,18 @@ from wordcraft_kg.graphs.recipes import check_label
 TABLE = "ingredient_a,ingredient_b,result\n"
 
 
+@pytest.fixture
+def read(tmp_path):
+    """Write a text to a file and read it as a book."""
+
+    def read(text, name="book.csv", **options):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8", newline="")
+        return read_book(path, **options)
+
+    return read
+
+
 @pytest.fixture(scope="module")
 def shelf(tmp_path_factory):
     return tmp_path_factory.mktemp("shelf")
@@ -95,36 +107,25 @@ SAVED = {
 
 
 @pytest.mark.parametrize("text", SAVED.values(), ids=SAVED)
-def test_tables_are_read_however_they_were_saved(tmp_path, text):
-    path = tmp_path / "book.csv"
-    path.write_text(text, encoding="utf-8", newline="")
-    assert read_book(path).recipes == (Recipe("a", "b", "c"),)
+def test_tables_are_read_however_they_were_saved(read, text):
+    assert read(text).recipes == (Recipe("a", "b", "c"),)
 
 
-def test_comments_may_declare_base_and_idle_entities(tmp_path):
-    path = tmp_path / "book.csv"
+def test_comments_may_declare_base_and_idle_entities(read):
     head = '# base: b, "a, or not" , a\n# entities: idle, "a, or not"\n'
-    path.write_text(head + TABLE + "a,b,c\n", encoding="utf-8")
-    book = read_book(path)
-    assert book.base == ("a", "a, or not", "b")
-    assert book.idle == ("a, or not", "idle")
+    book = read(head + TABLE + "a,b,c\n")
+    assert (book.base, book.idle) == (("a", "a, or not", "b"), ("a, or not", "idle"))
 
 
-def test_labels_are_kept_verbatim_and_matched_exactly(tmp_path):
-    path = tmp_path / "book.csv"
-    path.write_text(TABLE + 'Tea," tea","tea "\ngreen  tea,\u00a0tea,tea\n', encoding="utf-8")
-    assert read_book(path).entities == (" tea", "Tea", "green  tea", "tea", "tea ", "\u00a0tea")
+def test_labels_are_kept_verbatim_and_matched_exactly(read):
+    book = read(TABLE + 'Tea," tea","tea "\ngreen  tea,\u00a0tea,tea\n')
+    assert book.entities == (" tea", "Tea", "green  tea", "tea", "tea ", "\u00a0tea")
 
 
-@pytest.mark.parametrize(
-    "row",
-    ["a b, c,d", " a b , c , d ", ' "a b" ,c,  "d"  ', "a b,c ,d", '"a b", c ,d'],
-)
+@pytest.mark.parametrize("row", ["a b, c,d", " a b , c , d ", ' "a b" ,c,  "d"  ', "a b,c ,d", '"a b", c ,d'])
 @pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
-def test_spaces_around_a_cell_do_not_belong_to_it(tmp_path, row, ending, delimiter):
-    path = tmp_path / f"book.{ending}"
-    path.write_text((TABLE + row + "\n" + row).replace(",", delimiter), encoding="utf-8")
-    book = read_book(path)
+def test_spaces_around_a_cell_do_not_belong_to_it(read, row, ending, delimiter):
+    book = read((TABLE + row + "\n" + row).replace(",", delimiter), f"book.{ending}")
     assert (book.recipes, book.merged_duplicates) == ((Recipe("a b", "c", "d"),), 1)
 
 
@@ -157,17 +158,14 @@ def test_trimming_a_line_of_spaces_takes_no_more_than_linear_time():
         ),
     ],
 )
-def test_a_base_entity_that_is_no_entity_is_refused_with_its_place_and_the_nearest_one(tmp_path, name, text, where):
-    path = tmp_path / name
-    path.write_text(text, encoding="utf-8")
+def test_a_base_entity_that_is_no_entity_is_refused_with_its_place_and_the_nearest_one(read, name, text, where):
     with pytest.raises(RecipeFileError, match=f"{re.escape(where)}.*'fier'.*Did you mean 'fire'"):
-        read_book(path)
+        read(text, name)
 
 
-def test_a_base_entity_may_occur_in_a_dropped_row_only_or_be_listed(tmp_path):
-    path = tmp_path / "book.csv"
-    path.write_text("# base: fire, a, x\n# entities: x\n" + TABLE + "fire,coal,fire\na,a,b\n", encoding="utf-8")
-    assert read_book(path).base == ("a", "fire", "x")
+def test_a_base_entity_may_occur_in_a_dropped_row_only_or_be_listed(read):
+    book = read("# base: fire, a, x\n# entities: x\n" + TABLE + "fire,coal,fire\na,a,b\n")
+    assert book.base == ("a", "fire", "x")
 
 
 ENTITIES = {
@@ -188,21 +186,17 @@ SINGLE = {
 
 
 @pytest.mark.parametrize("name", SINGLE)
-def test_recipes_of_one_ingredient_are_read_as_asked(tmp_path, name):
-    path = tmp_path / name
-    path.write_text(SINGLE[name], encoding="utf-8")
+def test_recipes_of_one_ingredient_are_read_as_asked(read, name):
     with refuses("single_ingredient", RecipeFileError):
-        read_book(path)
+        read(SINGLE[name], name)
     for setting, sand, ore in (("self", "sand", "ore"), ("furnace", "furnace", "furnace")):
         expected = {("sand", sand, "glass"), ("ore", ore, "iron"), ("coal", "iron", "steel")}
-        assert set(read_book(path, single_ingredient=setting).recipes) == {Recipe.of(*row) for row in expected}
+        assert set(read(SINGLE[name], name, single_ingredient=setting).recipes) == {Recipe.of(*row) for row in expected}
 
 
-def test_what_single_ingredients_are_combined_with_has_to_be_a_label(tmp_path):
-    path = tmp_path / "book.csv"
-    path.write_text(SINGLE["book.csv"], encoding="utf-8")
+def test_what_single_ingredients_are_combined_with_has_to_be_a_label(read):
     with refuses("single_ingredient", RecipeFileError):
-        read_book(path, single_ingredient=" ")
+        read(SINGLE["book.csv"], single_ingredient=" ")
 
 
 def test_a_label_that_xml_cannot_hold_is_refused_and_any_other_can_be_written_as_xml():
@@ -222,27 +216,19 @@ def test_a_files_name_that_no_label_may_have_is_replaced_in_the_name_of_the_book
     assert book_name(Path(f"{stem}.csv")) == "a_b"
 
 
-def test_self_results_are_dropped_and_counted_unless_kept(tmp_path):
-    path = tmp_path / "book.csv"
-    path.write_text(TABLE + "rabbit,rabbit,rabbit\nfire,coal,fire\na,b,c\n", encoding="utf-8")
-    assert read_book(path).recipes == (Recipe("a", "b", "c"),)
-    assert read_book(path).dropped_self_results == 2
-    kept = read_book(path, keep_self_results=True)
-    assert len(kept.recipes) == 3
-    assert kept.dropped_self_results == 0
+def test_self_results_are_dropped_and_counted_unless_kept(read):
+    text = TABLE + "rabbit,rabbit,rabbit\nfire,coal,fire\na,b,c\n"
+    dropped, kept = read(text), read(text, keep_self_results=True)
+    assert (dropped.recipes, dropped.dropped_self_results) == ((Recipe("a", "b", "c"),), 2)
+    assert (len(kept.recipes), kept.dropped_self_results) == (3, 0)
 
 
-def test_the_same_recipe_twice_is_merged_and_counted(tmp_path):
-    path = tmp_path / "book.csv"
-    path.write_text(TABLE + "a,b,c\nb,a,c\na,b,d\n", encoding="utf-8")
-    book = read_book(path)
-    assert book.recipes == (Recipe("a", "b", "c"), Recipe("a", "b", "d"))
-    assert book.merged_duplicates == 1
+def test_the_same_recipe_twice_is_merged_and_counted(read):
+    book = read(TABLE + "a,b,c\nb,a,c\na,b,d\n")
+    assert (book.recipes, book.merged_duplicates) == ((Recipe("a", "b", "c"), Recipe("a", "b", "d")), 1)
 
 
-def test_entities_of_the_official_layout_that_no_recipe_mentions_are_idle(tmp_path):
-    path = tmp_path / "book.json"
+def test_entities_of_the_official_layout_that_no_recipe_mentions_are_idle(read):
     entry = {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}, "lone": {"recipes": []}}
-    path.write_text(json.dumps({"entities": entry}), encoding="utf-8")
-    assert read_book(path).idle == ("lone",)
-    assert read_book(path).entities == ("a", "b", "lone")
+    book = read(json.dumps({"entities": entry}), "book.json")
+    assert (book.idle, book.entities) == (("lone",), ("a", "b", "lone"))

@@ -20,9 +20,6 @@ Pair = tuple[str, str]
 Plans = dict[str, set[frozenset[Pair]]]
 
 
-# --- what the tasks must be, by trying everything ---------------------------------------------------------------------
-
-
 def outcomes(graph: RecipeGraph) -> dict[Pair, set[str]]:
     """Results of each pair."""
     found: dict[Pair, set[str]] = {}
@@ -76,9 +73,6 @@ def tasks_made(graph: RecipeGraph, depth: int, *arguments, **options) -> list[Ta
         return list(make_tasks(graph, depth, *arguments, **options))
     except TaskError:
         return []
-
-
-# --- plans ------------------------------------------------------------------------------------------------------------
 
 
 @settings(max_examples=200)
@@ -153,9 +147,6 @@ def test_a_plan_that_cannot_be_carried_out_is_refused(plan, says):
 def test_a_replay_brings_all_results_of_each_pair():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d")])
     assert replay(graph, ["a", "b"], [Recipe("a", "b", "c")]) == {"a", "b", "c", "d"}
-
-
-# --- tasks ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("depth", [1, 2])
@@ -260,9 +251,6 @@ def test_weights_are_equal_for_all_tasks_or_for_all_goals(kitchen_tasks):
     assert by_goal.sum() == pytest.approx(1)
 
 
-# --- parts ------------------------------------------------------------------------------------------------------------
-
-
 def part_of(task: Task, split: Split) -> str:
     """The part that a task belongs to, or "mixed"."""
     parts = dict(zip(split.graph.recipe_labels(), (PARTS[part] for part in split.parts), strict=True))
@@ -303,22 +291,12 @@ def test_drawn_tasks_of_a_part_belong_to_it(kitchen, kind):
         assert len(made) == 60
 
 
-# --- the draw ---------------------------------------------------------------------------------------------------------
-
 BRANCHED = RecipeGraph.from_recipes(
     [
-        ("a", "b", "c"),
-        ("a", "b", "d"),  # with c
-        ("a", "c", "e"),
-        ("c", "d", "e"),  # both from one attempt
-        ("d", "d", "f"),
-        ("a", "x", "f"),
-        ("e", "f", "g"),
-        ("c", "f", "g"),
-        ("e", "e", "h"),
-        ("b", "h", "d"),  # a circle, by way of e
-        ("g", "h", "g"),  # a self result
-        ("b", "g", "i"),
+        *[("a", "b", "c"), ("a", "b", "d")],  # one attempt makes both
+        *[("a", "c", "e"), ("c", "d", "e"), ("d", "d", "f"), ("a", "x", "f")],
+        *[("e", "f", "g"), ("c", "f", "g"), ("e", "e", "h"), ("b", "g", "i")],
+        *[("b", "h", "d"), ("g", "h", "g")],  # a circle, by way of e, and a self result
     ]
 )
 PART_OF_ROW = {("a", "c", "e"): "test", ("e", "f", "g"): "test", ("a", "x", "f"): "valid", ("e", "e", "h"): "test"}
@@ -389,9 +367,6 @@ def test_the_two_weightings_draw_differently():
     assert drawn_distribution(3, "all", "task") != pytest.approx(drawn_distribution(3, "all", "goal"))
 
 
-# --- refusals ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "says"),
     [
@@ -421,9 +396,6 @@ def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
     split = Split(graph, SplitConfig(), Draw(parts))
     with pytest.raises(TaskError, match=r"graph has no task of depth 2 in the test part \(1 belong to no part\)"):
         make_tasks(graph, 2, split, "test")
-
-
-# --- reproducible, and known numbers ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("depth", "number"), [(1, 3_417), (2, 26_859)])

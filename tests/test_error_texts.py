@@ -44,14 +44,14 @@ def kitchen() -> wk.RecipeGraph:
 REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "no book of this name": (
         lambda: wk.open_book("kichen"),
-        "RecipeFileError: 'kichen' is neither a file nor a known book. Did you mean 'kitchen'? `wordcraft-kg "
-        "books` lists the known ones.",
+        "RecipeFileError: 'kichen' is neither a file nor a known book. Did you mean 'kitchen'? `wordcraft-kg books` "
+        "lists the known ones.",
     ),
     "a recipe of one ingredient": (
         lambda: wk.open_book("half.csv"),
-        "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient; a recipe needs two. Write it "
-        "twice, or build the graph with `single_ingredient` self, which reads flour + flour, or the name of "
-        "what it is combined with.",
+        "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient; a recipe needs two. Write it twice, or "
+        "build the graph with `single_ingredient` self, which reads flour + flour, or the name of what it is combined "
+        "with.",
     ),
     "a book without recipes": (
         lambda: wk.open_book("empty.csv"),
@@ -76,13 +76,13 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "a graph too small to split": (
         lambda: wk.make_split(wk.RecipeGraph.from_recipes([("a", "b", "c")]), wk.SplitConfig()),
-        "SplitError: the test part of a by-recipe split of 1 recipes is empty; choose another `train_ratio`, "
-        "or `kind` none for the full graph only.",
+        "SplitError: the test part of a by-recipe split of 1 recipes is empty; choose another `train_ratio`, or "
+        "`kind` none for the full graph only.",
     ),
     "a damaged graph folder": (
         lambda: wk.open_graph("damaged"),
-        "ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name enclosed in "
-        "double quotes). The graph folder is damaged; build it again.",
+        "ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name enclosed in double "
+        "quotes). The graph folder is damaged; build it again.",
     ),
     "a graph folder that exists": (
         lambda: write_graph_folder(Path("graph"), wk.open_book("kitchen"), wk.open_graph("kitchen").split),
@@ -98,8 +98,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "too many distractors": (
         lambda: wk.World(wk.open_graph("kitchen"), wk.WordCraftConfig(num_distractors=100)),
-        "ConfigError: `num_distractors` 100: kitchen has 80 entities, of which a task needs up to 3; expected"
-        " at most 77.",
+        "ConfigError: `num_distractors` 100: kitchen has 80 entities, of which a task needs up to 3; expected at most "
+        "77.",
     ),
     "a setting below its range": (
         lambda: wk.WordCraftConfig(depth=0),
@@ -108,9 +108,9 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "an unknown keyword": (
         lambda: WordCraftEnv("kitchen", distractors=2),
         "UnknownSettingError: unexpected keyword argument 'distractors'; expected one of part, depth, "
-        "num_distractors, max_attempts, reward, distractor_weighting, distractor_policy, task_weighting, "
-        "ambiguity, illegal_action, num_tasks, task_seed. Did you mean 'num_distractors', "
-        "'distractor_policy', 'distractor_weighting'?",
+        "num_distractors, max_attempts, reward, distractor_weighting, distractor_policy, task_weighting, ambiguity, "
+        "illegal_action, num_tasks, task_seed. Did you mean 'num_distractors', 'distractor_policy', "
+        "'distractor_weighting'?",
     ),
     "a step before the reset": (lambda: WordCraftEnv("kitchen").step(0), "EpisodeError: call reset() before step()."),
     "a number that is not whole": (
@@ -135,13 +135,13 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "no model of this name": (
         lambda: wk.open_model("models/none"),
-        "ArtefactError: 'models/none' does not exist; expected a model of train-complex, train-links, "
-        "train-recipes or ask-opinions.",
+        "ArtefactError: 'models/none' does not exist; expected a model of train-complex, train-links, train-recipes "
+        "or ask-opinions.",
     ),
     "a graph where a model is expected": (
         lambda: wk.open_model("graph"),
-        "ArtefactError: 'graph' is a graph folder; expected a model of train-complex, train-links, "
-        "train-recipes or ask-opinions.",
+        "ArtefactError: 'graph' is a graph folder; expected a model of train-complex, train-links, train-recipes or "
+        "ask-opinions.",
     ),
     "a model of another graph": (
         lambda: wk.load_scorer("model", graph=wk.open_graph("paper-examples").graph),
@@ -156,9 +156,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: wk.make_sources(
             ["w"], wk.load_scorer("model"), tasks=wk.World(wk.open_graph("kitchen"), wk.WordCraftConfig()).tasks
         ),
-        "ConfigError: `use` w needs scores of recipes, and this scorer has scores of links only. Train one "
-        "with `wordcraft-kg train-recipes`, ask for opinions with `wordcraft-kg ask-opinions`, or leave out "
-        "w.",
+        "ConfigError: `use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
+        "`wordcraft-kg train-recipes`, ask for opinions with `wordcraft-kg ask-opinions`, or leave out w.",
     ),
     "a query that cannot be parsed": (
         lambda: parse_query(["flour", "and", "water"], kitchen().entities),

@@ -158,8 +158,7 @@ def _of_json_lines(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     lines = data.split(b"\n")
     at = rng.randrange(len(lines))
     what, value = spoilt_value(json.loads(lines[at] or b"0"), rng)
-    new = json.dumps(value, ensure_ascii=False).encode("utf-8", "surrogatepass")
-    return f"line {at + 1}: {what}", b"\n".join([*lines[:at], new, *lines[at + 1 :]])
+    return f"line {at + 1}: {what}", b"\n".join([*lines[:at], as_json(value), *lines[at + 1 :]])
 
 
 def _of_toml(data: bytes, rng: random.Random) -> tuple[str, bytes]:

@@ -18,12 +18,6 @@ def distance_of(amount: int, limit: int | None) -> int:
     return 1 if limit is None else -(-amount // limit)
 
 
-def _environment_of(task: int, amount: int) -> int:
-    """Return the environment number for a task, which determines the tables; unsampled tasks have separate tables."""
-    place, rest = divmod(task, distance_of(amount, MOST_TASKS))
-    return place if not rest else task
-
-
 class EvaluationTables:
     """Evaluation tables, one at a time, in any order.
 
@@ -47,5 +41,7 @@ class EvaluationTables:
         amount, draws = len(self.world.tasks), self._draws
         whole("task", task, 0, amount - 1)
         whole("draw", draw, 0, MAX_SIZE)
-        keys = draws.keys(draws.env_keys(EVALUATION_SEED, _environment_of(task, amount), 1), np.array([draw]))
+        place, rest = divmod(task, distance_of(amount, MOST_TASKS))
+        environment = task if rest else place  # a task outside the sample has separate tables
+        keys = draws.keys(draws.env_keys(EVALUATION_SEED, environment, 1), np.array([draw]))
         return [entity for entity in draws.tables(keys, np.array([task]))[0].tolist() if entity != self.world.nothing]

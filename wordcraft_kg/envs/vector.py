@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         self.num_envs = self.engine.num_envs
         self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
         self.single_observation_space = observation_space(world.nothing, world.num_slots, self.config.attempts)
-        self.single_action_space = WordCraftEnv.space_of_actions(world.num_slots)
+        self.single_action_space = spaces.Discrete(world.num_slots)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._state: State | None = None

@@ -117,7 +117,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.config = self.world.config
         self.tasks = self.world.tasks
         self.num_slots = self.world.num_slots
-        self.action_space = self.space_of_actions(self.num_slots)
+        self.action_space = spaces.Discrete(self.num_slots)
         self.observation_space = observation_space(self.world.nothing, self.num_slots, self.config.attempts)
         self._outcomes = self.world.outcomes
         self._nothing = self.world.nothing
@@ -132,11 +132,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         pairs = self.world.graph.recipes[self.world.graph.pair_starts[:-1], :2].tolist()
         self._last_pairs = [{tuple(pairs[i]) for i in row if i >= 0} for row in self.tasks.final_pairs.tolist()]
         self.state = State(-1, self._nothing, [], self._nothing, 0, "not_begun")
-
-    @staticmethod
-    def space_of_actions(num_slots: int) -> spaces.Discrete:
-        """Return the action space."""
-        return spaces.Discrete(num_slots)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -1,5 +1,7 @@
 """Audit of a graph and a split: ambiguity, reachability, coverage, leakage."""
 
+from dataclasses import asdict
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -185,10 +187,7 @@ def split_summary(split: Split) -> SplitSummary:
     evaluated = split.held_out("test")
     goals = np.unique(split.recipes("test")[:, 2])
     return SplitSummary(
-        kind=split.config.kind,
-        seed=split.config.seed,
-        train_ratio=split.config.train_ratio,
-        valid_ratio=split.config.valid_ratio,
+        **asdict(split.config),
         hash=split.hash,
         train_recipes=train,
         valid_recipes=valid,

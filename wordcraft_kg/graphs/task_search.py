@@ -148,7 +148,9 @@ def make_tasks(
     if split is not None and split.graph != graph:
         raise TaskError("the split belongs to another graph.")
     sieve = _Sieve(search or PlanSearch(graph), depth, split, part)
-    is_complete = depth <= ENUMERATED_DEPTH and (depth == 1 or _num_plans_of_two(graph) <= MAX_ENUMERATED)
+    # At depth 2 a plan is a recipe, and a recipe for an ingredient.
+    most_plans = graph.recipe_counts[graph.recipes[:, :2]].sum()
+    is_complete = depth <= ENUMERATED_DEPTH and (depth == 1 or most_plans <= MAX_ENUMERATED)
     if is_complete:
         tasks = {posed: plans for posed in sorted(set(_enumerated(sieve.search, depth))) if (plans := sieve(posed))}
     else:
@@ -166,11 +168,6 @@ def make_tasks(
         is_complete=is_complete,
         mixed=len(sieve.mixed),
     )
-
-
-def _num_plans_of_two(graph: RecipeGraph) -> int:
-    """Return an upper bound for the number of plans with two attempts."""
-    return int(graph.recipe_counts[graph.recipes[:, :2]].sum())
 
 
 class _Sieve:
@@ -195,11 +192,6 @@ class _Sieve:
         if len(of_plans) > 1:
             self.mixed.add(posed)
         return plans if of_plans == {PARTS.index(self.part)} else ()
-
-    def may_end(self, row: int) -> bool:
-        """Return whether a recipe may end a plan."""
-        # A test plan uses a test recipe anywhere, not necessarily at the end.
-        return self.parts is None or self.part != "train" or self.parts[row] == PARTS.index("train")
 
 
 def _enumerated(search: PlanSearch, depth: int) -> Iterator[Posed]:
@@ -236,7 +228,9 @@ class _Draw:
         self.rng = np.random.default_rng(seed)
         last: dict[int, list[tuple[int, int]]] = {}
         for row, (a, b, result) in enumerate(sieve.search.rows):
-            if sieve.may_end(row) and result not in (a, b):
+            # A test plan may use a test recipe anywhere, but a train plan ends in a train recipe.
+            may_end = sieve.parts is None or sieve.part != "train" or sieve.parts[row] == PARTS.index("train")
+            if may_end and result not in (a, b):
                 last.setdefault(result, []).append((a, b))
         self.by_goal = list(last.items())
         self.last_steps = [(goal, pair) for goal, pairs in self.by_goal for pair in pairs]

@@ -271,9 +271,8 @@ def unfinished(done: Path, to: Path, status: str, lines: int, checkpoint: bool =
 def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(
     agents: Explored, tmp_path: Path, status: str, lines: int
 ):
-    explored = Explored.open(
-        agents.opened.source, [], [unfinished(agents.runs["plain"], tmp_path / "live", status, lines)]
-    )
+    folder = unfinished(agents.runs["plain"], tmp_path / "live", status, lines)
+    explored = Explored.open(agents.opened.source, [], [folder])
     view, page = view_of(explored, Run()), look(explored, Run())
     written = lines_of(agents.runs["plain"])[:lines]
     assert view.row.steps == (written[-1]["step"] if written else 0)

@@ -8,10 +8,10 @@ import pytest
 from refusals import refuses
 
 from tests.apps.explorer.shown import explored_by, explored_graph, view_of
+from wordcraft_kg.apps.explorer.page import paging
 from wordcraft_kg.apps.explorer.pages import entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
 from wordcraft_kg.apps.explorer.pages.entity import Entity, EntityProfile, Recipes, near_by_words
-from wordcraft_kg.apps.explorer.paging import paging
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import Planner, RecipeGraph

@@ -1,5 +1,6 @@
 """Properties of every page: views, links, forms, accessibility, hostile labels, and errors."""
 
+import re
 from itertools import pairwise
 from urllib.parse import unquote
 
@@ -77,6 +78,8 @@ def test_a_page_is_plain_accessible_and_small(shown: Explored, state: State):
     assert all(after <= before + 1 for before, after in pairwise(headings))
     ids = [attributes["id"] for _, attributes in page.tags if attributes.get("id")]
     assert len(ids) == len(set(ids))
+    # Data are no script: browsers run none of another type.
+    assert not re.search(r"<script(?![^>]* src=)(?! type=.application/json)|<style", page.page)
     labelled = {attributes["for"] for tag, attributes in page.tags if tag == "label" and "for" in attributes}
     for tag, attributes in page.tags:
         assert not [name for name in attributes if name == "style" or name.startswith("on")]

@@ -26,9 +26,9 @@ from wordcraft_kg.apps.people.study import (
     Cell,
     Study,
     check_study_folder,
+    kept_answers,
     read_study,
     read_study_record,
-    write_study_record,
 )
 from wordcraft_kg.apps.people.web_app import ALPHABET, code_hash, new_code, read_code
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
@@ -47,10 +47,8 @@ def study(kitchen: RecipeGraph) -> Study:
 def folder(study: Study, tmp_path: Path) -> Path:
     """A study that has been begun; its name has what addresses of databases treat specially."""
     path = tmp_path / "a study #1 100%?"
-    assert not check_study_folder(path, study.record)
-    write_study_record(path, study.record)
-    opened(path).close()
-    return path
+    with kept_answers(path, study):
+        return path
 
 
 @pytest.fixture
@@ -60,7 +58,7 @@ def answers(folder: Path) -> Iterator[AnswersDatabase]:
 
 
 def opened(folder: Path) -> AnswersDatabase:
-    return AnswersDatabase.open(folder / ANSWERS_FILE, read_study_record(folder)[1], 6)
+    return AnswersDatabase(folder / ANSWERS_FILE, read_study_record(folder)[1], 6)
 
 
 def begin(answers: AnswersDatabase, study: Study) -> Participant:
@@ -254,7 +252,7 @@ from wordcraft_kg.apps.people.study import *
 from wordcraft_kg.apps.people.config import StudyConfig
 folder = Path(sys.argv[1])
 study = Study("kitchen", StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5))
-answers = AnswersDatabase.open(folder / ANSWERS_FILE, read_study_record(folder)[1], 6)
+answers = AnswersDatabase(folder / ANSWERS_FILE, read_study_record(folder)[1], 6)
 person = answers.begin("0" * 64, study.cells)
 for task in study.tasks(person.cell)[:4]:
     answers.show(person, task.part, task.number, 100.0)

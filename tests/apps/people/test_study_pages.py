@@ -19,6 +19,7 @@ from wordcraft_kg.apps.people.web_app import code_hash, make_study_app
 from wordcraft_kg.apps.web.guard import HEADERS
 from wordcraft_kg.graphs import RecipeGraph
 
+CODE = "k7qm-2xwd-9hrt"
 CONSENT = "Do you <b>agree</b>?\n\nSecond & last\nline."
 
 
@@ -112,19 +113,14 @@ def test_the_consent_text_is_shown_as_text_in_its_paragraphs(browser: Browser):
     assert shown[:2] == ["Do you &lt;b&gt;agree&lt;/b&gt;?", "Second &amp; last\nline."]
 
 
-def test_a_no_ends_politely_and_stores_nothing(browser: Browser):
-    page = browser.post("/begin", {"consent": "no", "code": browser.new_code()})
-    assert browser.place == "/declined"
-    assert "nothing was stored" in page
-    assert browser.answers.stored().people == 0
-
-
 @pytest.mark.parametrize(
-    "form", [{}, {"consent": "yes"}, {"consent": "maybe", "code": "k7qm-2xwd-9hrt"}, {"consent": "yes", "code": "mine"}]
+    ("consent", "code", "place"),
+    [("", "", "/"), ("yes", "", "/"), ("maybe", CODE, "/"), ("yes", "mine", "/"), ("no", CODE, "/declined")],
 )
-def test_only_an_explicit_yes_begins_a_session(browser: Browser, form: dict[str, str]):
-    browser.post("/begin", form)
-    assert browser.place == "/"
+def test_only_an_explicit_yes_begins_a_session(browser: Browser, consent: str, code: str, place: str):
+    page = browser.post("/begin", {"consent": consent, "code": code})
+    assert browser.place == place
+    assert ("nothing was stored" in page) == (consent == "no")
     assert browser.answers.stored().people == 0
 
 
@@ -250,23 +246,26 @@ def test_the_answer_of_a_task_is_not_shown_before_it_was_answered(browser: Brows
         assert browser.place == f"/s/{code}/{place}"
 
 
-def test_the_same_thing_may_be_picked_twice_and_a_pick_put_back(browser: Browser, code: str):
+# A second tab, or the browser after going back, still shows another task.
+STALE = ("task=0&held=3", "held=3", "task=2&held=3", "task=x&held=3")
+NO_SLOT = ("", "0", "11", "-1", "1.0", "x", "²", "٣", "9" * 5_000)
+
+
+@pytest.mark.parametrize("query", [*STALE, *(f"task=1&held={held}" for held in NO_SLOT), "task=1&held=1&held=2"])
+def test_a_first_pick_that_is_none_or_at_another_table_is_no_pick(browser: Browser, code: str, query: str):
+    browser.take(code, 1, 1)
     assert "Put it back" not in browser.get(f"/s/{code}/task")
-    assert "Put it back" in browser.get(f"/s/{code}/task?task=0&held=3")
-    assert "Pick the first thing" in browser.get(f"/s/{code}/task?task=0&held=")
+    assert "Put it back" in browser.get(f"/s/{code}/task?task=1&held=3")
+    page = browser.get(f"/s/{code}/task?{query}")
+    assert (browser.status, browser.place) == (200, f"/s/{code}/task")
+    assert ("Pick the first thing" in page) == ("held=1&" not in query)
+
+
+def test_the_same_thing_may_be_picked_twice(browser: Browser, code: str):
+    browser.get(f"/s/{code}/task")
     browser.answer(code, 3, 3)
     (line,) = browser.lines()
     assert line.picks == (line.table[2], line.table[2])
-
-
-def test_a_pick_at_the_table_of_another_task_is_none_at_this_one(browser: Browser, code: str):
-    browser.take(code, 1, 1)
-    browser.get(f"/s/{code}/task")
-    assert "Put it back" in browser.get(f"/s/{code}/task?task=1&held=3")
-    # A second tab, or the browser after going back, still shows the first task.
-    for stale in ("task=0&held=3", "held=3", "task=2&held=3", "task=x&held=3"):
-        assert "Pick the first thing" in browser.get(f"/s/{code}/task?{stale}")
-        assert browser.place == f"/s/{code}/task"
 
 
 def test_a_table_is_not_seen_before_its_time_begins(browser: Browser, code: str):
@@ -274,14 +273,6 @@ def test_a_table_is_not_seen_before_its_time_begins(browser: Browser, code: str)
     browser.now += 7
     browser.answer(code, 1, 1)
     assert [line.seconds for line in browser.lines()] == [7.0]
-
-
-@pytest.mark.parametrize("held", ["0", "11", "-1", "1.0", "x", "²", "٣", "9" * 5_000, "1&held=2"])
-def test_a_first_pick_that_is_none_is_no_pick(browser: Browser, code: str, held: str):
-    browser.get(f"/s/{code}/task")
-    page = browser.get(f"/s/{code}/task?task=0&held={held}")
-    assert browser.status == 200
-    assert ("Pick the first thing" in page) == ("&" not in held)
 
 
 def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_counted(browser: Browser, code: str):
@@ -330,17 +321,11 @@ def test_a_copy_of_a_test_answer_leads_on(browser: Browser, code: str):
     ],
 )
 def test_a_form_that_is_no_answer_to_this_task_leads_back_to_it(browser: Browser, code: str, task, first, second):
-    browser.get(f"/s/{code}/task")
+    browser.answer(code, 1, 2)  # a task that was not shown
+    assert (browser.place, browser.lines()) == (f"/s/{code}/task", [])
     form = {"task": task, "first": first, "second": second}
     browser.post(f"/s/{code}/answer", {name: value for name, value in form.items() if value})
-    assert (browser.status, browser.place) == (200, f"/s/{code}/task")
-    assert browser.lines() == []
-
-
-def test_a_task_that_was_not_shown_cannot_be_answered(browser: Browser, code: str):
-    browser.answer(code, 1, 2)
-    assert browser.place == f"/s/{code}/task"
-    assert browser.lines() == []
+    assert (browser.status, browser.place, browser.lines()) == (200, f"/s/{code}/task", [])
 
 
 def test_people_do_not_see_each_others_tasks_as_answered(browser: Browser):

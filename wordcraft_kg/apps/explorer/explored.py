@@ -57,10 +57,10 @@ class Explored:
         return cls(opened, opened_models, folders)
 
     def predictor(self, name: str = "") -> LinkPredictor:
-        """Return a model with its evidence, by default the first.
+        """Return a model with evidence, by default the first.
 
         Raises:
-            ConfigError: if there is no model, or it has too many entities for evidence.
+            ConfigError: without a model, or with too many entities for evidence.
             UnknownEntityError: if no model has this name.
         """
         predictor = self._by_name("model", self.models, name)
@@ -82,11 +82,11 @@ class Explored:
         return known[name]
 
     def planner(self) -> Planner:
-        """Return the cheapest derivations of the graph."""
+        """Return the planner with the cheapest derivations."""
         return self.once("planner", lambda: Planner(self.opened.graph))
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return the value of ``make``, called once for each key while other threads wait; failures are not kept."""
+        """Return the value of ``make``, called once for each key; failures are not kept."""
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:
@@ -96,7 +96,7 @@ class Explored:
 
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:
-    """Name folders after themselves; of equal names, later folders after their parents, too."""
+    """Name folders after themselves, and after their parents where names are equal."""
     named: dict[str, Path] = {}
     for folder in folders:
         name, above = run_name(folder), folder.resolve().parent

@@ -28,7 +28,7 @@ LONGEST_NAME = 60
 
 
 class ExportedSite(Record):
-    """A static site (``site.json``): numbers of pages and bytes, hashes of weights and run records, skipped pages."""
+    """A static site (``site.json``), with hashes for weights and run records, and skipped pages."""
 
     graph: str
     graph_hash: Hash
@@ -81,8 +81,6 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
 
 
 class _Files:
-    """The paths of a site's files by page and state."""
-
     def __init__(self, explored: Explored):
         self.explored = explored
         self.names: dict[tuple[str, State], str] = {(HOME.name, HOME.state()): "index.html"}
@@ -101,7 +99,7 @@ class _Files:
         return "" if target is None else _relative(target, seen_from)
 
     def search(self) -> str:
-        """Return the script with the entities, the most used first, and the files of their pages."""
+        """Return the script with entities and their files, the most used first."""
         graph, entity = self.explored.opened.graph, PAGES["entity"]
         labels = graph.labels(sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i]))
         files = {label: self.names.get((entity.name, entity.state(entity=label))) for label in labels}
@@ -109,7 +107,7 @@ class _Files:
 
 
 def _without_places(text: str, explored: Explored) -> str:
-    """Replace the folders in a text by names: their places on this machine are private."""
+    """Replace folders by names: places on this machine are private."""
     folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
     for name, folder in folders.items():
         if folder.is_absolute():
@@ -118,7 +116,7 @@ def _without_places(text: str, explored: Explored) -> str:
 
 
 def _stem(page: Page[Any], state: State) -> str:
-    """Return the name of a state's file: letters and digits of its choices."""
+    """Return a file name from a state's choices."""
     plain = page.state()
     values = ((getattr(state, name), getattr(plain, name)) for name in state.__struct_fields__)
     chosen = "-".join(str(value) for value, usual in values if value != usual)

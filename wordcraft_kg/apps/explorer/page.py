@@ -1,4 +1,4 @@
-"""A page: a name, a state that is its address, and the view of the state."""
+"""A page: a name, a state that forms the address, and the view; and long lists, page by page."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ import msgspec
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.settings import nearest
 
 
 class State(Record):
-    """The choices of a page: str, int, bool, Literal or a tuple of str, all with defaults."""
+    """The choices on a page: str, int, bool, Literal or tuples with str, all with defaults."""
 
 
 S = TypeVar("S", bound=State)
@@ -73,7 +73,7 @@ class Page(Generic[S]):
     package: str = "wordcraft_kg.apps.explorer"
 
     def states(self, explored: Explored) -> Iterable[S]:
-        """Return the states of a static site."""
+        """Return the states in a static site."""
         if not self.is_there(explored):
             return []
         if self.exported is not None:
@@ -81,7 +81,7 @@ class Page(Generic[S]):
         return [] if self.subject else [self.state()]
 
     def address(self, state: S) -> str:
-        """Return the path and query of a state, without choices at their defaults."""
+        """Return path and query for a state, without choices at their defaults."""
         path = f"/{self.name}"
         query: list[tuple[str, str]] = []
         for field in _fields(self.state):
@@ -93,7 +93,7 @@ class Page(Generic[S]):
         return f"{path}?{urlencode(query)}" if query else path
 
     def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
-        """Return the state of an address.
+        """Return the state for an address.
 
         Args:
             subject: second segment of the path, decoded; may be empty.
@@ -136,3 +136,32 @@ def _written(value: Any) -> str:
 
 def _cut(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:60]}..."
+
+
+class Paging(Record):
+    """A page in a long list: numbers of the first (0 without rows) and last row, all rows, this page, and all pages."""
+
+    first: Count
+    last: Count
+    total: Count
+    page: Count
+    pages: Count
+
+    @property
+    def rows(self) -> slice:
+        """The slice with the rows on this page."""
+        return slice(max(self.first - 1, 0), self.last)
+
+
+def paging(total: int, page: int, size: int) -> Paging:
+    """Return a page of ``size`` rows; a missing page is a ConfigError.
+
+    Example:
+        >>> paging(45, 2, 20)
+        Paging(first=21, last=40, total=45, page=2, pages=3)
+    """
+    pages = max(-(-total // size), 1)
+    if not 1 <= page <= pages:
+        raise ConfigError(f"`page` {page}: there {'is 1 page' if pages == 1 else f'are {pages:,} pages'}.")
+    first = (page - 1) * size + 1
+    return Paging(min(first, total), min(first + size - 1, total), total, page, pages)

@@ -1,4 +1,4 @@
-"""The runs of agents, and the worlds in which agents act."""
+"""Agent runs, and the worlds in which agents act."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -20,7 +20,7 @@ AskedDepth = Literal[0, 1, 2, 3, 4, 5]
 
 
 def followed(explored: Explored, name: str = "") -> tuple[str, FollowedRun]:
-    """Return a run with its name, by default the first; errors as of :meth:`Explored.run`."""
+    """Return a run with its name, by default the first; errors as in :meth:`Explored.run`."""
     name, folder = explored.run(name)
     return name, explored.once(("followed run", name), lambda: FollowedRun(folder, explored.opened))
 
@@ -34,7 +34,7 @@ def is_done(run: FollowedRun) -> bool:
 
 
 def tasks_of(run: FollowedRun | None) -> TaskConfig:
-    """Return the settings of a run's tasks; the defaults without a readable run."""
+    """Return a run's task settings; defaults without a readable run."""
     with suppress(ArtefactError):
         if run is not None:
             return run.records().config.tasks
@@ -44,7 +44,7 @@ def tasks_of(run: FollowedRun | None) -> TaskConfig:
 def settings_of(
     explored: Explored, tasks: TaskConfig, part: AskedPart = "", depth: AskedDepth = 0, distractors: int | None = None
 ) -> WordCraftConfig:
-    """Return the settings of a world from an agent's tasks, with changes."""
+    """Return world settings from an agent's tasks, with changes."""
     if depth and depth != tasks.depth:
         enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
         tasks = replace(tasks, depth=depth, max_attempts=tasks.max_attempts if enough else None)
@@ -59,10 +59,10 @@ def plain_world(explored: Explored, config: WordCraftConfig) -> World:
 
 
 def world_of(explored: Explored, config: WordCraftConfig) -> World:
-    """Return the world of some settings, made once; worlds with equal tasks share them."""
+    """Return the cached world for some settings; worlds share equal tasks."""
     return explored.once(("world", config), lambda: World(plain_world(explored, config), config))
 
 
 def usual_part(explored: Explored) -> TaskPart:
-    """Return the default part of tasks."""
+    """Return the default task part."""
     return "test" if (explored.opened.split.parts == TEST).any() else "train"

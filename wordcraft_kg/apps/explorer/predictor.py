@@ -1,4 +1,4 @@
-"""Model queries for the pages: training status, filtered ranks and explanations of predicted links."""
+"""Model queries for the pages: training status, filtered ranks and explanations."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ dose), ``not in the book``, or ``itself`` (not in the book, head and tail are eq
 
 
 class PlacedRecipe(Record):
-    """A recipe with its part."""
+    """A recipe with the part."""
 
     ingredient_a: str
     ingredient_b: str
@@ -44,7 +44,7 @@ class PlacedRecipe(Record):
 
 
 class ScoredLink(Record):
-    """A model's score of a link, and the part whose recipes give it; the probability is None for learned links."""
+    """A model's score of a link, and the part with recipes for the link; the probability is None for learned links."""
 
     score: float
     status: Status
@@ -53,7 +53,7 @@ class ScoredLink(Record):
 
 
 class PredictedEntity(ScoredLink):
-    """An entity in an open slot, with its place by score among the listed links (0 if not listed) and filtered rank."""
+    """An entity in an open slot, with the place by score among the listed links (0 if not listed) and filtered rank."""
 
     entity: str
     place: Count
@@ -78,14 +78,14 @@ class PredictedSlot(Record):
 
 
 class FilteredRank(Record):
-    """The realistic rank of a link among links with another entity in one slot, and the number of competing links."""
+    """The realistic rank when the entity in a slot varies, and the number of competing links."""
 
     rank: float
     candidates: Count
 
 
 class JudgedLink(ScoredLink):
-    """A scored link with its rank among all entities."""
+    """A scored link with the rank among all entities."""
 
     rank: FilteredRank
 
@@ -107,7 +107,7 @@ class Slot:
         return np.column_stack([entities, relation, given] if self.side == "head" else [given, relation, entities])
 
     def ranks(self, entities: Ids) -> NDArray[np.float64]:
-        """Return filtered, realistic ranks of some entities, shape (n,), as ``rank_triples`` computes them."""
+        """Return filtered, realistic ranks, shape (n,), as by ``rank_triples``."""
         others = np.sort(self.scores[self.part == NEW])
         of = self.scores[entities]
         above = len(others) - np.searchsorted(others, of, "right")
@@ -116,14 +116,14 @@ class Slot:
         return np.asarray(above + 1 + (equal - (self.part[entities] == NEW)) / 2)
 
     def rank(self, entity: int) -> FilteredRank:
-        """Return the filtered rank of an entity."""
+        """Return an entity's filtered rank."""
         candidates = int((self.part == NEW).sum()) + int(self.part[entity] != NEW)
         return FilteredRank(float(self.ranks(np.array([entity]))[0]), candidates)
 
 
 @dataclass(frozen=True)
 class LinkPredictor:
-    """A model of a graph for the pages; ``name`` is its name there."""
+    """A named model for the pages."""
 
     name: str
     folder: Path
@@ -131,7 +131,7 @@ class LinkPredictor:
 
     @cached_property
     def scoring(self) -> ScoringModel:
-        """The scorer with the knowledge of the recipes."""
+        """The scorer with recipe knowledge."""
         return ScoringModel(self.model.scorer, self.split, self.model.kg)
 
     @cached_property
@@ -141,12 +141,12 @@ class LinkPredictor:
 
     @property
     def split(self) -> Split:
-        """The split of the training."""
+        """The training split."""
         return self.model.opened.split
 
     @property
     def graph(self) -> RecipeGraph:
-        """The graph of the training."""
+        """The training graph."""
         return self.model.opened.graph
 
     @property
@@ -164,7 +164,7 @@ class LinkPredictor:
         return is_in(triples, self.model.triples, self.graph.num_entities)
 
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
-        """Return the scores of all entities in an open slot, with their parts and training status."""
+        """Return scores for all entities in an open slot, with parts and training status."""
         size = self.graph.num_entities
         # In two dimensions, as for rankings, where factors and embeddings take one matrix product.
         everything, given = torch.arange(size)[None], torch.tensor([[entity]])
@@ -186,7 +186,7 @@ class LinkPredictor:
     def best(
         self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
     ) -> PredictedSlot:
-        """List the best entities in an open slot, and the best ranked of the true ones.
+        """List the best entities in an open slot, and the best ranked true entities.
 
         Args:
             slot: the slot.
@@ -233,7 +233,7 @@ class LinkPredictor:
 
 
 def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple[Ids, Ids]:
-    """Return the entities of the true links of an open slot, with the part of each recipe; some repeatedly."""
+    """Return entities that make a link true, with the part for each recipe; some repeatedly."""
     graph = split.graph
     rows = graph.recipes_of(entity) if relation != COMBINES_WITH and side == "head" else graph.uses_of(entity)
     a, b, result = graph.recipes[rows].T
@@ -246,7 +246,7 @@ def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple
 
 
 def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> Ids:
-    """Return the recipes that give a link: ascending rows of the graph's recipes."""
+    """Return ascending rows in the graph's recipes that give a link."""
     if relation != COMBINES_WITH:
         return np.intersect1d(graph.uses_of(head), graph.recipes_of(tail))
     rows = graph.uses_of(head)
@@ -255,14 +255,14 @@ def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> I
 
 
 def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
-    """Return recipes of a split by row, with their parts."""
+    """Return recipes by row, with their parts."""
     recipes = split.graph.recipe_labels(split.graph.recipes[rows])
     parts = (PARTS[part] for part in split.parts[rows].tolist())
     return tuple(PlacedRecipe(*recipe, part) for recipe, part in zip(recipes, parts, strict=True))  # type: ignore[arg-type]
 
 
 def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:
-    """Return the status of a link; ``is_itself`` means that head and tail are equal."""
+    """Return the training status; ``is_itself`` means that head and tail are equal."""
     if learned:
         return "learned"
     if known == "new":

@@ -1,4 +1,4 @@
-"""Rendering pages from their templates; the same for the server and for a static site."""
+"""Rendering pages from templates; equal for the server and static sites."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -18,27 +18,27 @@ from wordcraft_kg.reports.pages import Outline, make_environment
 class Site:
     """The rendering of a site's pages; without a server (``is_static``) there are no forms.
 
-    ``address`` returns the address of a page, empty if the site does not have it; ``file`` that of a file of the site.
+    ``address`` returns a page's address, empty for missing pages; ``file`` returns a file's address.
     """
 
     def __init__(self, explored: Explored, address: Addresses, file: Callable[[str], str], *, is_static: bool = False):
-        """Take a subject and the forms of addresses."""
+        """Take a subject and address forms."""
         self.explored, self.address, self.file, self.is_static = explored, address, file, is_static
 
     @property
     def menu(self) -> list[tuple[Page[Any], str]]:
-        """The pages of the menu that have something to show, with their addresses."""
+        """Pages in the menu with something to show, and their addresses."""
         pages = [page for page in PAGES.values() if page.title and page.is_there(self.explored)]
         return [(page, address) for page in pages if (address := self.address(page, page.state()))]
 
     def page(self, page: Page[Any], state: State) -> str:
-        """Return a page as HTML; errors of the view are raised."""
+        """Return a page as HTML; errors from the view are raised."""
         view = page.view(self.explored, state)
         pictures = page.draw(view, state, self.address) if page.draw else {}
         return self._render(f"{page.name}.html.j2", page, state, view=view, pictures=pictures)
 
     def error(self, status: int, message: str, suggestions: Mapping[str, str] | None = None) -> str:
-        """Return the page of an error, with suggested addresses by label."""
+        """Return an error page, with suggested addresses by label."""
         values = {"status": status, "message": message, "suggestions": suggestions or {}}
         return self._render("error.html.j2", None, None, **values)
 

@@ -65,7 +65,6 @@ class _Server:
         return RedirectResponse(HOME.address(HOME.state()))
 
     async def search(self, request: Request) -> Response:
-        """Return labels and addresses of matching entities as JSON."""
         matches = await self._in_thread(self._suggestions, request.query_params.get("q", "")[:200])
         return _json(list(matches.items()))
 
@@ -112,7 +111,6 @@ class _Server:
         return {label: entity.address(entity.state(entity=label)) for label in labels}
 
     def error(self, status: int, message: str, suggestions: dict[str, str] | None = None) -> Response:
-        """Return the page of an error."""
         return Response(self.site.error(status, message, suggestions), status, media_type="text/html")
 
     def _rendered(self, page: Page[Any], state: State) -> bytes:

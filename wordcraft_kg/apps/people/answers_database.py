@@ -44,7 +44,7 @@ BUSY = 10
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """The assignment of a person: a draw of tasks, numbered from 0, and a condition."""
+    """A person's assignment: a task draw, numbered from 0, and a condition."""
 
     form: int
     distractors: int
@@ -52,7 +52,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Participant:
-    """A person of a study; numbers are from 1, in the order of the beginning."""
+    """A person in a study, numbered from 1 by beginning."""
 
     number: int
     cell: Cell
@@ -60,7 +60,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class StoredAnswer:
-    """An answer with the number of its person and the number of loads of its page."""
+    """An answer with the person number and the number of page loads."""
 
     session: int
     answer: Answer
@@ -69,7 +69,7 @@ class StoredAnswer:
 
 @dataclass(frozen=True)
 class Stored:
-    """The numbers of people, of finished people, and of answers."""
+    """Numbers of people, finished people, and answers."""
 
     people: int
     finished: int
@@ -77,16 +77,10 @@ class Stored:
 
 
 class AnswersDatabase:
-    """The answers of a study, for its server; safe in several threads."""
+    """A study's answers, for the server; safe in several threads."""
 
-    def __init__(self, connection: sqlite3.Connection, turns: int):
-        """Take a connection to a checked database, and the number of tasks of a person."""
-        self._connection, self._turns = connection, turns
-        self._lock = threading.Lock()
-
-    @classmethod
-    def open(cls, path: Path, study: str, turns: int) -> "AnswersDatabase":
-        """Open the database of a study, or create it.
+    def __init__(self, path: Path, study: str, turns: int):
+        """Open or create a study's database.
 
         Args:
             path: the file.
@@ -100,15 +94,15 @@ class AnswersDatabase:
             _make(path, study)
         with _reading(path, study):
             pass
-        connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None, check_same_thread=False)
+        self._turns, self._lock = turns, threading.Lock()
+        self._connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None, check_same_thread=False)
         try:
             # Withdrawn answers are overwritten.
             for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "secure_delete = ON"):
-                connection.execute(f"PRAGMA {pragma}")
+                self._connection.execute(f"PRAGMA {pragma}")
         except sqlite3.Error as error:
-            connection.close()
+            self.close()
             raise _damaged(path, error) from None
-        return cls(connection, turns)
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
@@ -125,7 +119,7 @@ class AnswersDatabase:
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
         """Begin a session in the cell with the fewest begun sessions; ties: fewest finished sessions, then order.
 
-        A code with a session keeps it, so that a form that is sent twice begins one session.
+        A code keeps its session, so that a repeated form begins one session.
 
         Args:
             code: hash of the person's code.
@@ -146,7 +140,7 @@ class AnswersDatabase:
             return Participant(cursor.lastrowid, cell)
 
     def find(self, code: str) -> Participant | None:
-        """Return the person with this hash of a code, or None."""
+        """Return the person for a code hash, or None."""
         with self._lock:
             return _find(self._connection, code)
 
@@ -157,7 +151,7 @@ class AnswersDatabase:
             return [_answer(row).answer for row in self._connection.execute(query, (person.number,))]
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
-        """Record a load of an unanswered task: the time of the first load, and the number of loads."""
+        """Record a page load for an unanswered task: the time (first load) and the number."""
         key = (person.number, part, number)
         with self._writing() as connection:
             if connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone() is None:
@@ -174,7 +168,7 @@ class AnswersDatabase:
         return None if row is None else float(row[0])
 
     def add(self, person: Participant, answer: Answer) -> bool:
-        """Store the answer to a shown task; return False without a change if it was not shown or has an answer."""
+        """Store the answer to a shown task; return False without a change for other tasks."""
         key = (person.number, answer.part, answer.number)
         lists = (json.dumps(value, ensure_ascii=False) for value in (answer.table, answer.picks, answer.made))
         with self._writing() as connection:
@@ -196,14 +190,14 @@ class AnswersDatabase:
             connection.execute("UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?", (person.number,))
 
     def stored(self) -> Stored:
-        """Return the numbers of people and answers."""
+        """Return the numbers for people and answers."""
         with self._lock:
             counts = self._connection.execute(COUNTS, (self._turns,)).fetchall()
             (answers,) = self._connection.execute("SELECT COUNT(*) FROM answers").fetchone()
         return Stored(sum(row[2] for row in counts), sum(row[3] for row in counts), answers)
 
     def close(self) -> None:
-        """Close the database, and remove its log."""
+        """Close the database, and remove the log."""
         with self._lock:
             self._connection.close()
 
@@ -231,7 +225,7 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
 
 @contextmanager
 def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
-    """Open and check the database of a study for reading; errors as of :func:`read_answers`."""
+    """Open and check a study's database for reading; errors as in :func:`read_answers`."""
     check_file(path)
     # Without a log there is no writer, and no lock is needed.
     mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
@@ -258,7 +252,7 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
 
 
 def _make(path: Path, study: str) -> None:
-    """Create the database under another name first, so that it is never there in part."""
+    """Create the database under another name first, so that no partial file appears."""
     new = path.with_name(f".{path.name}.new")
     new.unlink(missing_ok=True)
     try:

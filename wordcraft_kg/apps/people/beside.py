@@ -1,4 +1,4 @@
-"""An agent's picks at the tables of people's answers."""
+"""An agent's picks at people's tables."""
 
 from collections.abc import Iterable, Sequence
 
@@ -24,7 +24,7 @@ def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Ta
 
     Raises:
         GraphMismatchError: if the agent was trained on another graph or split.
-        ArtefactError: if this version poses another task than the answered one.
+        ArtefactError: if this version poses a different task.
         ConfigError: if the agent cannot play at tables of that size.
     """
     protocols: dict[tuple[int, int], HumanProtocol] = {}
@@ -70,7 +70,7 @@ def _check_graph(agent: OpenedAgent, session: Session) -> None:
 
 @torch.no_grad()
 def greedy_slots(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> Ids:
-    """Return the two slots that a policy picks at each of N tables of depth 1, shape (N, 2); ties: the first slot."""
+    """Return the two slots that a policy picks at each table (N, depth 1), shape (N, 2); ties: the first slot."""
     bind_tasks([policy], world)
     table = np.full((len(tasks), world.num_slots), world.nothing)
     for row, task in enumerate(tasks):

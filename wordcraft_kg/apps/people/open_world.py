@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from wordcraft_kg.apps.people.session_file import append_record, drop_torn_line
+from wordcraft_kg.apps.people.session_file import append_record, check_equal, drop_torn_line
 from wordcraft_kg.apps.people.terminal import Terminal, cells
 from wordcraft_kg.base.artefacts import read_small_file, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import Count, Hash, Record, as_lines, parse_lines, parse_record
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import Count, Hash, Record, as_lines, as_values, parse_lines, parse_record
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
@@ -22,7 +22,7 @@ this, q quits."""
 
 
 class _GameHeader(Record):
-    """The first line of a game's file."""
+    """The first line in a game's file."""
 
     format: Literal["wordcraft-kg open-ended game 1"]
     graph: str
@@ -54,7 +54,7 @@ def play_open_world(
 
 
 def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
-    """Begin a game's file, or read the existing one to continue it; a torn last line is dropped."""
+    """Begin a game's file, or read the existing file; a torn last line is dropped."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, as_lines([header]))
@@ -63,20 +63,14 @@ def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
     sound = data[: data.rfind(b"\n") + 1]
     first, _, rest = sound.partition(b"\n")
     began = parse_record(first, _GameHeader, f"{path}, line 1,")
-    if began.graph_hash != header.graph_hash:
-        raise GraphMismatchError(
-            f"'{path}' was played on graph {began.graph_hash[:12]}, and this is {header.graph_hash[:12]}."
-        )
-    for name in ("base", "attempts"):
-        if (old := getattr(began, name)) != (new := getattr(header, name)):
-            raise ConfigError(f"'{path}' began with `{name}` {old}, and this command has {new}.")
+    check_equal(f"'{path}' has", as_values(began), "this command has", as_values(header))
     moves = parse_lines(rest, _GameMove, f"{path} (after line 1)")
     drop_torn_line(path, len(data) - len(sound))
     return moves
 
 
 class _Game:
-    """A game: the environment, and the counts of the tally."""
+    """The environment, and the counts in the tally."""
 
     def __init__(self, terminal: Terminal, env: OpenEndedEnv, out: Path | None):
         env.reset()
@@ -97,7 +91,6 @@ class _Game:
         return self.env.graph.labels(info["new_entities"]), info["repeated"]
 
     def go_back_to(self, moves: Sequence[_GameMove], path: Path) -> None:
-        """Repeat the moves of a file."""
         for line, move in enumerate(moves, start=2):
             if self.is_over or not set(move.picks) <= set(self.known):
                 raise ArtefactError(f"{path}, line {line} is damaged: {' + '.join(move.picks)} was impossible then.")
@@ -108,7 +101,6 @@ class _Game:
             self.terminal.say(f"Continuing after {self.attempted} attempts.")
 
     def play(self) -> None:
-        """Ask for attempts until the game is over."""
         if self.is_over:
             return
         answers = {"?": lambda: [HELP], "l": lambda: cells(self.known)}
@@ -125,7 +117,6 @@ class _Game:
             self.terminal.say(line if new else line + " (tried before)" * repeated)
 
     def values(self) -> dict[str, Any]:
-        """Return the result for ``--json``."""
         env, base = self.env, self.env.discovery.base
         values = {
             "graph": env.graph.name,
@@ -142,7 +133,6 @@ class _Game:
         return values if self.out is None else values | {"out": str(self.out)}
 
     def tally(self) -> list[str]:
-        """Return the result in words."""
         known, discovered = len(self.known), len(self.known) - len(self.env.discovery.base)
         lines = [
             f"known: {known} of {self.env.discovery.reachable}, {discovered} of them discovered, "

@@ -1,4 +1,4 @@
-"""The paper's protocol for people: its tasks in their order, and the records of answers."""
+"""The paper's protocol for people: tasks in order, and records for answers."""
 
 import copy
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ _SEED_KEYS = ("all", "train", "valid", "test")  # a part's place goes into the s
 
 
 def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
-    """Return part and number of all tasks of a session with ``tasks`` tasks of each part."""
+    """Return part and number for all tasks in a session with ``tasks`` tasks in each part."""
     return tuple((part, number) for part in HUMAN_PARTS for number in range(1, tasks + 1))
 
 
 def episode_seed(seed: int, part: str, number: int) -> int:
-    """Return the seed of an episode, independent of the episodes before it.
+    """Return an episode's seed, independent from earlier episodes.
 
     Raises:
         ConfigError: if the seed is negative.
@@ -40,7 +40,7 @@ def episode_seed(seed: int, part: str, number: int) -> int:
 
 
 class Header(Record):
-    """The first line of a session's file: the properties that comparable sessions share."""
+    """The first line in a session's file: properties that comparable sessions share."""
 
     format: Literal["wordcraft-kg human protocol 1"]
     graph: str
@@ -51,11 +51,11 @@ class Header(Record):
 
 
 class Answer(Record):
-    """A further line of a session's file; it holds nothing about the person or the machine.
+    """A further line in a session's file, with nothing about the person or the machine.
 
     Attributes:
         part: ``train`` or ``test``.
-        number: number of the task in its part, from 1.
+        number: number of the task in the part, from 1.
         table: entities on the table, slot by slot.
         made: results of the picks.
         seconds: time from showing the task to the second pick.
@@ -72,14 +72,14 @@ class Answer(Record):
 
     @property
     def is_sound(self) -> bool:
-        """Whether its fields agree."""
+        """Whether the fields agree."""
         is_right = self.success == (self.goal in self.made)
         return set(self.picks) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
 
 
 @dataclass(frozen=True)
 class PosedTask:
-    """A task of a person, see :class:`Answer`; plans are recipes of the goal, ``index`` is the number for agents."""
+    """A person's task, see :class:`Answer`; plans are recipes for the goal, ``index`` is the number for agents."""
 
     part: str
     number: int
@@ -89,12 +89,12 @@ class PosedTask:
     index: int
 
     def is_of(self, answer: Answer) -> bool:
-        """Return whether goal and table of an answer are the task's."""
+        """Return whether an answer has the goal and table."""
         return (self.goal, self.table) == (answer.goal, answer.table)
 
 
 class HumanProtocol:
-    """The paper's protocol: 40 train tasks with their answers, then 40 test tasks; depth 1, one attempt each.
+    """The paper's protocol: 40 train tasks with answers, then 40 test tasks; depth 1, single attempts.
 
     Tasks and tables are drawn as for agents and depend only on graph, split, number of distractors and seed; fewer
     tasks a part are the first of more tasks.
@@ -130,7 +130,7 @@ class HumanProtocol:
         return other
 
     def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
-        """Begin the episode of a task; return its environment and observation."""
+        """Begin a task's episode; return environment and observation."""
         env = self._envs[part]
         observation, _ = env.reset(seed=episode_seed(self.seed, part, number))
         return env, observation

@@ -1,4 +1,4 @@
-"""The file of one person's answers: a header and a line for each answer, on disk before the next task."""
+"""A person's file: a header and a line for each answer, on disk before the next task."""
 
 import logging
 import os
@@ -19,7 +19,7 @@ TableKey = tuple[int, int, str, int]
 
 @dataclass(frozen=True)
 class Session:
-    """The answers of one person, in order, and the number of bytes of a torn last line."""
+    """A person's answers in order, and the length in bytes for a torn last line."""
 
     header: Header
     answers: tuple[Answer, ...]
@@ -27,7 +27,7 @@ class Session:
 
     @property
     def tasks(self) -> int:
-        """Number of tasks of each part."""
+        """Number of tasks in each part."""
         return int(self.header.settings["tasks_per_part"])
 
     @property
@@ -41,17 +41,17 @@ class Session:
         return len(self.answers) == len(schedule(self.tasks))
 
     def table_of(self, answer: Answer) -> TableKey:
-        """Return the origin of an answer's table."""
+        """Return the key for an answer's table."""
         return self.distractors, self.header.seed, answer.part, answer.number
 
 
 def open_session(path: Path, protocol: HumanProtocol) -> Session:
-    """Begin a session's file, or read the existing one to continue it; a torn last line is dropped.
+    """Begin a session's file, or read the existing file; a torn last line is dropped.
 
     Raises:
-        ArtefactError: if the file is not of this kind, is damaged, or has other tasks than the protocol.
-        GraphMismatchError: if it belongs to another graph or split.
-        ConfigError: if it has other settings. The file is unchanged in all cases.
+        ArtefactError: if the file is not of this kind, is damaged, or has tasks that the protocol does not pose.
+        GraphMismatchError: for another graph or split.
+        ConfigError: for different settings. The file is unchanged in all cases.
     """
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -67,13 +67,13 @@ def open_session(path: Path, protocol: HumanProtocol) -> Session:
 
 
 def append_answer(path: Path, session: Session, answer: Answer) -> Session:
-    """Add an answer to a session and its file."""
+    """Add an answer to a session and the file."""
     append_record(path, answer)
     return replace(session, answers=(*session.answers, answer))
 
 
 def append_record(path: Path, record: Record) -> None:
-    """Add a line to a file; it is on disk when this returns."""
+    """Add a line to a file; the line is on disk on return."""
     with path.open("ab") as file:
         file.write(as_lines([record])[0].encode())
         file.flush()
@@ -81,7 +81,7 @@ def append_record(path: Path, record: Record) -> None:
 
 
 def drop_torn_line(path: Path, torn: int) -> None:
-    """Cut ``torn`` bytes of a torn last line from a file, with a warning."""
+    """Cut ``torn`` bytes from the end, with a warning."""
     if torn:
         logging.getLogger(__name__).warning("%s ended in a torn line, which was dropped.", path)
         os.truncate(path, path.stat().st_size - torn)
@@ -118,7 +118,7 @@ def read_session(path: Path) -> Session:
 
 
 def check_number(settings: dict[str, int | str], name: str, least: int, most: int, where: str) -> None:
-    """Check that a recorded setting is a whole number in its range."""
+    """Check that a recorded setting is a whole number in the range."""
     value = settings.get(name)
     if not isinstance(value, int) or not least <= value <= most:
         raise ArtefactError(f"{where} is damaged: '{name}' is not a whole number, {least} to {most:,}.")
@@ -137,7 +137,7 @@ def check_alike(path: Path, header: Header, other: str, reference: Header) -> No
 
 
 def check_equal(subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]) -> None:
-    """Refuse properties of a file that differ from the wanted ones, except for the graph's name; see `check_alike`."""
+    """Refuse a file with other properties than wanted; the graph's name may differ."""
     for name in {**want, **have}:
         if name != "graph" and have.get(name) != want.get(name):
             kind = GraphMismatchError if name.endswith("_hash") else ConfigError

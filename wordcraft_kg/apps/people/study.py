@@ -1,10 +1,10 @@
-"""A study: several people take the protocol, with several draws of tasks and numbers of distractors."""
+"""A study: several people take the protocol, with several task draws and distractor numbers."""
 
 import hashlib
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,7 +31,7 @@ STUDY_FILE = "study.json"
 
 
 class StudyRecord(Record):
-    """``study.json``: the identity of a study; its settings exclude the number of distractors."""
+    """``study.json``: a study's identity; the settings exclude the number of distractors."""
 
     format: Literal["wordcraft-kg study 1"]
     graph: str
@@ -45,18 +45,18 @@ class StudyRecord(Record):
     created: str
 
     def header(self, cell: Cell) -> Header:
-        """Return the header of a session's file for a form and condition."""
+        """Return a session header for a form and condition."""
         settings = self.settings | {"num_distractors": cell.distractors}
         return Header(HUMAN_FORMAT, self.graph, self.graph_hash, self.split_hash, settings, self.seed + cell.form)
 
     @property
     def tasks(self) -> int:
-        """Number of tasks of each part."""
+        """Number of tasks in each part."""
         return int(self.settings["tasks_per_part"])
 
 
 class Study:
-    """The tasks of a study, posed on first use; ``cells`` are in the order of assignment."""
+    """A study's tasks, posed on first use; ``cells`` are in assignment order."""
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
         """Prepare the tasks.
@@ -88,7 +88,7 @@ class Study:
         self._lock = threading.Lock()
 
     def tasks(self, cell: Cell) -> tuple[PosedTask, ...]:
-        """Return the tasks of a form and condition, in order; safe in several threads."""
+        """Return the tasks for a form and condition, in order; safe in several threads."""
         with self._lock:
             if cell not in self._posed:
                 protocol = self.protocol(cell)
@@ -96,32 +96,29 @@ class Study:
             return self._posed[cell]
 
     def protocol(self, cell: Cell) -> HumanProtocol:
-        """Return the protocol of a form and condition; protocols of a condition share their environments."""
+        """Return the protocol for a form and condition; forms share environments."""
         return self._of_condition[cell.distractors].with_seed(self.record.seed + cell.form)
 
 
 @contextmanager
 def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
-    """Yield the answers of a study in a new or begun folder, for one server.
+    """Yield a study's answers in a new or begun folder, for one server.
 
     Raises:
-        ArtefactError: if another server uses the folder, its files are damaged, or this version poses other tasks.
+        ArtefactError: if another server uses the folder, a file is damaged, or this version poses different tasks.
         GraphMismatchError, ConfigError, OutputExistsError: see :func:`check_study_folder`. The folder is unchanged.
     """
     check_study_folder(folder, study.record)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "served"):
         if not check_study_folder(folder, study.record):
-            write_study_record(folder, study.record)
+            write_atomically(folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True)
         _, identity = read_study_record(folder)
         path = folder / ANSWERS_FILE
         if path.exists():
             _check_tasks(folder, study)
-        answers = AnswersDatabase.open(path, identity, len(HUMAN_PARTS) * study.record.tasks)
-        try:
+        with closing(AnswersDatabase(path, identity, len(HUMAN_PARTS) * study.record.tasks)) as answers:
             yield answers
-        finally:
-            answers.close()
 
 
 def _check_tasks(folder: Path, study: Study) -> None:
@@ -141,7 +138,7 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
     Raises:
         ArtefactError: if ``study.json`` is damaged.
         GraphMismatchError: if the folder's study has another graph or split.
-        ConfigError: if the folder's study has other settings.
+        ConfigError: if the folder's study has different settings.
         OutputExistsError: if the folder holds something else.
     """
     if not os.path.lexists(folder) or (folder.is_dir() and not any(folder.iterdir())):
@@ -163,12 +160,6 @@ def _identity(record: StudyRecord) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name not in ("created", "consent", "settings")}
 
 
-def write_study_record(folder: Path, record: StudyRecord) -> None:
-    """Write ``study.json`` into a new or empty folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / STUDY_FILE, dump_json(as_values(record)), durable=True)
-
-
 def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
     """Return ``study.json`` and its SHA-256, which is stored with the answers.
 
@@ -186,14 +177,14 @@ def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
 
 @dataclass(frozen=True)
 class ReadStudy:
-    """A study on disk: people in the order of their beginning, and their answers by their numbers."""
+    """A study on disk: people by beginning, and answers by person number."""
 
     record: StudyRecord
     people: tuple[Participant, ...]
     answers: dict[int, tuple[StoredAnswer, ...]]
 
     def sessions(self) -> tuple[Session, ...]:
-        """Return the answers of each person as a session."""
+        """Return each person's answers as a session."""
         return tuple(
             Session(self.record.header(person.cell), tuple(stored.answer for stored in self.answers[person.number]))
             for person in self.people
@@ -209,7 +200,7 @@ class ReadStudy:
 
 
 def read_study(folder: Path) -> ReadStudy:
-    """Read the folder of a study, which a server may be using; nothing is written.
+    """Read a study's folder, which a server may be using; nothing is written.
 
     Raises:
         ArtefactError: if the folder is not a study's, or is damaged.

@@ -1,4 +1,4 @@
-"""Rates of people's right answers in the paper's protocol, and rates of agents at the same tables."""
+"""People's success rates in the paper's protocol, and agents' rates at the same tables."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 class BesideRate(Record):
     """An agent's results at people's tables, once for each answer.
 
-    The 95 % interval is a bootstrap over tables; Wilson's for equal results; None for one table.
+    The 95 % interval is a bootstrap over tables; Wilson's for equal results; None for a single table.
     """
 
     successes: Count
@@ -31,7 +31,7 @@ class AnswerRate(Record):
 
     Attributes:
         interval: 95 % Wilson interval for independent answers of these people.
-        people_interval: 95 % bootstrap interval over people; Wilson's for equal results; None for one person.
+        people_interval: 95 % bootstrap interval over people; Wilson's for equal results; None for a single person.
         agents: agents at the same tables, by name.
     """
 
@@ -45,7 +45,7 @@ class AnswerRate(Record):
 
 
 class PeopleCondition(Record):
-    """People with equal numbers of distractors, and their right answers by part."""
+    """People with equal numbers of distractors, and right answers by part."""
 
     distractors: Count
     sessions: Count
@@ -54,7 +54,7 @@ class PeopleCondition(Record):
 
 
 class HumanSummary(Record):
-    """Sessions of one graph, split and settings, by number of distractors."""
+    """Sessions with equal graph, split and settings, by number of distractors."""
 
     graph: str
     graph_hash: str
@@ -65,7 +65,7 @@ class HumanSummary(Record):
 
 
 class ExportedAnswers(Record):
-    """A file of answers, with its numbers of people and answers."""
+    """A file with answers, and the numbers for people and answers."""
 
     out: str
     people: Count
@@ -156,7 +156,7 @@ def _beside(made: Sequence[bool], keys: Sequence[TableKey]) -> BesideRate:
 
 
 def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:
-    """Return the interval of a mean over people or tables, None if there is only one.
+    """Return the interval of a mean over people or tables, None for a single cluster.
 
     If all are right or all wrong, each resample is the same and the bootstrap's interval is a point; Wilson's is not.
     """

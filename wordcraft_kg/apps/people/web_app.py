@@ -58,7 +58,7 @@ def make_study_app(
         Route("/", server.first),
         Route("/begin", server.begin, methods=["POST"]),
         Route("/return", server.come_back, methods=["POST"]),
-        Route("/declined", server.declined),
+        Route("/declined", server.text("declined")),
         Route("/files/{name}", server.files),
         Route("/s/{code}", server.of_person(server.introduction)),
         Route("/s/{code}/task", server.of_person(server.task)),
@@ -66,7 +66,7 @@ def make_study_app(
         Route("/s/{code}/feedback/{number:int}", server.of_person(server.feedback)),
         Route("/s/{code}/end", server.of_person(server.end)),
         Route("/s/{code}/withdraw", server.of_person(server.withdraw), methods=["POST"]),
-        Route("/withdrawn", server.withdrawn),
+        Route("/withdrawn", server.text("withdrawn")),
     ]
     router = Router(routes, redirect_slashes=False, default=server.not_found)
     return Guard(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
@@ -85,7 +85,7 @@ def read_code(typed: str) -> str | None:
 
 
 def code_hash(code: str) -> str:
-    """Return the hash that is stored instead of a code."""
+    """Return the hash that is stored in place of a code."""
     return hashlib.sha256(code.encode()).hexdigest()
 
 
@@ -101,17 +101,14 @@ class _Server:
         self.files = file_endpoint("wordcraft_kg.apps.people", ("study.css", "study.js"), self._missing)
 
     async def first(self, _: Request) -> Response:
-        """Ask for consent, or for the code of somebody who comes back."""
         return self._page("first", code=new_code(), problem="", typed="")
 
-    async def declined(self, _: Request) -> Response:
-        return self._page("declined")
-
-    async def withdrawn(self, _: Request) -> Response:
-        return self._page("withdrawn")
+    def text(self, name: str) -> Callable[[Request], Response]:
+        """Return an endpoint for a page without values."""
+        return lambda _: self._page(name)
 
     async def begin(self, request: Request) -> Response:
-        """Begin a session if somebody agrees; the code comes with the form, so that one sent twice begins one."""
+        """Begin a session after consent; the code comes with the form, so that a repeated form begins one session."""
         form = await _form(request)
         if form.get("consent") == "no":
             return _to("/declined")
@@ -122,7 +119,6 @@ class _Server:
         return _to(f"/s/{code}")
 
     async def come_back(self, request: Request) -> Response:
-        """Go on with the session of a code that somebody has typed."""
         typed = (await _form(request)).get("code", "").strip()[:100]
         code = read_code(typed)
         if code is not None and await run_in_threadpool(self.answers.find, code_hash(code)) is not None:
@@ -219,7 +215,6 @@ class _Server:
         return self.environment.get_template(f"{name}.html.j2").render(**values)
 
     def error(self, status: int, message: str) -> str:
-        """Return the page of an error."""
         if status == 500:  # the log is not for who takes part
             message = "Something went wrong here. Please load the page again."
         return self._render("error", status=status, message=message)
@@ -228,12 +223,10 @@ class _Server:
         return Response(self.error(404, message), 404, media_type="text/html", headers=PRIVATE)
 
     async def not_found(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer for all other addresses."""
         await self._missing()(scope, receive, send)
 
 
 async def _form(request: Request) -> dict[str, str]:
-    """Return the fields of a form; empty if it cannot be read."""
     try:
         body = await request.body()
         return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=20))
@@ -242,7 +235,7 @@ async def _form(request: Request) -> dict[str, str]:
 
 
 def _slot(text: str, task: PosedTask) -> int | None:
-    """Return the slot of a field, which counts from 1; None if it is invalid."""
+    """Return the slot for a field that counts from 1; None if invalid."""
     if text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= len(task.table):
         return int(text) - 1
     return None

@@ -1,4 +1,4 @@
-"""The style sheet of all pages in a browser, and the files of an application."""
+"""The style sheet for all pages, and an application's own files."""
 
 from collections.abc import Awaitable, Callable, Collection
 from importlib.resources import files
@@ -10,13 +10,13 @@ from wordcraft_kg.reports.pages import make_environment
 
 
 def style_sheet() -> str:
-    """Return the style sheet of reports, extended for the pages of a site."""
+    """Return the style sheet for reports, extended for sites."""
     environment = make_environment("wordcraft_kg.apps.web", "wordcraft_kg.reports")
     return environment.get_template("explorer.css.j2").render()
 
 
 def static_texts(package: str, names: Collection[str]) -> dict[str, str]:
-    """Return the texts of files in the folder ``static`` of a package, by name."""
+    """Return texts from a package's folder ``static``, by name."""
     folder = files(package) / "static"
     return {name: (folder / name).read_text(encoding="utf-8") for name in names}
 
@@ -24,7 +24,7 @@ def static_texts(package: str, names: Collection[str]) -> dict[str, str]:
 def file_endpoint(
     package: str, names: Collection[str], missing: Callable[[str], Response]
 ) -> Callable[[Request], Awaitable[Response]]:
-    """Return the endpoint of ``/files/{name}``: the style sheet and static files of a package.
+    """Return the endpoint for ``/files/{name}``: the style sheet and a package's static files.
 
     Args:
         package: package with the files.

@@ -31,7 +31,7 @@ ErrorPage = Callable[[int, str], str]
 
 
 class Guard:
-    """Refuses requests for other hosts (DNS rebinding), forms of other sites and excessive sizes; hides tracebacks."""
+    """Refuses requests for other hosts (DNS rebinding), other sites' forms and excessive sizes; hides tracebacks."""
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class Guard:
 
 
 class _TooLong(Exception):
-    """A body is longer than any form of the apps."""
+    """A body is longer than any form."""
 
 
 def _limited(receive: Receive) -> Receive:
@@ -119,7 +119,7 @@ def _limited(receive: Receive) -> Receive:
 
 
 def _split(address: str) -> SplitResult:
-    """Return the parts of an address; empty parts for an invalid address."""
+    """Return address parts; empty parts for an invalid address."""
     try:
         return urlsplit(address)
     except ValueError:

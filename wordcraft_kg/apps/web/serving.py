@@ -20,7 +20,7 @@ PATIENCE = 3
 
 
 class Serving(Record):
-    """Result of a command that serves: the address that answers requests."""
+    """Result from a serving command: the address that answers requests."""
 
     address: str
 
@@ -56,7 +56,12 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def serve(
-    app: ASGIApp, listening: socket.socket, started: Callable[[str], None], *, has_lifespan: bool = False
+    app: ASGIApp,
+    listening: socket.socket,
+    started: Callable[[str], None],
+    *,
+    has_lifespan: bool = False,
+    in_browser: bool = False,
 ) -> None:
     """Answer requests until Ctrl-C or SIGTERM, and let running requests end.
 
@@ -65,6 +70,7 @@ def serve(
         listening: see :func:`listen`.
         started: called with the address as soon as the server answers.
         has_lifespan: whether the application handles ASGI's lifespan events.
+        in_browser: open the address in the user's browser.
     """
     import uvicorn
 
@@ -73,6 +79,9 @@ def serve(
             await super().startup(sockets)
             if self.started:
                 started(address_of(listening))
+                sys.stdout.flush()
+                if in_browser:
+                    _open_browser(address_of(listening))
 
     config = uvicorn.Config(
         app,
@@ -99,7 +108,7 @@ def address_of(listening: socket.socket) -> str:
     return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"
 
 
-def open_browser(address: str) -> None:
+def _open_browser(address: str) -> None:
     """Open a page in the user's browser if there is a screen: a text browser would occupy the terminal."""
     screens = ("DISPLAY", "WAYLAND_DISPLAY")
     if sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in screens):

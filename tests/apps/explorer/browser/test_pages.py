@@ -1,6 +1,5 @@
 """What holds for each page, in a real browser."""
 
-import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -50,14 +49,6 @@ def test_each_page_is_the_same_after_it_is_loaded_again(open_page: OpenPage, vis
         before = page.url, page.locator("main").inner_text()
         page.reload()
         assert (page.url, page.locator("main").inner_text()) == before
-
-
-def test_headings_are_in_order(open_page: OpenPage, visits: Visits):
-    page = open_page()
-    for address in visits(page):
-        levels = page.evaluate("[...document.querySelectorAll('h1, h2, h3, h4')].map(h => Number(h.tagName[1]))")
-        assert levels[0] == 1, address
-        assert all(after <= before + 1 for before, after in itertools.pairwise(levels)), (address, levels)
 
 
 TOO_WIDE = """() => {

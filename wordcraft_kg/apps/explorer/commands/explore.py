@@ -1,6 +1,5 @@
 """``wordcraft-kg explore``."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,7 +62,7 @@ def explore(
         _export(lambda: Explored.open(graph, model or (), run or ()), export, force, output)
         return
     from wordcraft_kg.apps.explorer.server import make_app, warm
-    from wordcraft_kg.apps.web.serving import Serving, listen, open_browser, serve
+    from wordcraft_kg.apps.web.serving import Serving, listen, serve
 
     listening = listen(host, port)  # before the work
     try:
@@ -74,12 +73,9 @@ def explore(
 
     def started(address: str) -> None:
         output.result(Serving(address), [f"{address}   Ctrl-C ends it"])
-        sys.stdout.flush()
-        if not no_browser:
-            open_browser(address)
         warm(explored)
 
-    serve(make_app(explored, host, allow_host or ()), listening, started)
+    serve(make_app(explored, host, allow_host or ()), listening, started, in_browser=not no_browser)
 
 
 def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Output) -> None:

@@ -35,7 +35,7 @@ CORE: tuple[Page[Any], ...] = (
 
 
 def pages_by_name(points: Iterable[EntryPoint]) -> dict[str, Page[Any]]:
-    """Return the pages of this app and of entry points; two pages of one name are a ConfigError."""
+    """Return own pages and pages from entry points; two pages with one name are a ConfigError."""
     pages = {page.name: page for page in CORE}
     for point in points:
         page = point.load()

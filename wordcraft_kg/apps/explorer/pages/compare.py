@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page
+from wordcraft_kg.apps.explorer.page import Page, Paging, paging
 from wordcraft_kg.apps.explorer.pages.predictions import (
     ROWS_A_PAGE,
     Queries,
@@ -16,7 +16,6 @@ from wordcraft_kg.apps.explorer.pages.predictions import (
     ranked_by,
     ranked_queries,
 )
-from wordcraft_kg.apps.explorer.paging import Paging, paging
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.records import Count, Record
@@ -30,7 +29,7 @@ Better = Literal["either", "one", "other"]
 
 
 class Compare(Queries):
-    """Queries to two models, by default the first two; all queries, or those that one model ranks better."""
+    """Queries to two models, by default the first two; all queries, or queries that one model ranks better."""
 
     one: str = ""
     other: str = ""
@@ -38,7 +37,7 @@ class Compare(Queries):
 
 
 class ComparedQuery(Record):
-    """A query with its ranks and best candidates by two models."""
+    """A query with ranks and best candidates by two models."""
 
     head: str
     relation: Relation
@@ -75,7 +74,7 @@ class ComparedRanks(Record):
 
 
 class ModelsCompared(Record):
-    """Two models: the result of ``compare`` or the reason for its absence, and the ranks."""
+    """Two models: the result from ``compare`` or the reason for its absence, and the ranks."""
 
     headline: link_comparison.LinkComparison | None
     without_headline: str
@@ -85,7 +84,7 @@ class ModelsCompared(Record):
 def view_compared_ranks(
     one: RankedTriples, other: RankedTriples, chosen: RankFilter, better: Better = "either", page: int = 1
 ) -> ComparedRanks:
-    """List queries by the difference of two models' ranks; ranks of different triples are a GraphMismatchError."""
+    """List queries by the difference between two models' ranks; different triples are a GraphMismatchError."""
     keys = ["head", "relation", "tail", "side"]
     if one.split.hash != other.split.hash or not one.ranks[keys].equals(other.ranks[keys]):
         raise GraphMismatchError(

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.paging import Paging, paging
+from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
@@ -28,7 +27,7 @@ class Entities(State):
 
 
 class ListedEntity(Record):
-    """An entity; its layer is None if it cannot be made from the base."""
+    """An entity; the layer is None if the base does not lead to it."""
 
     entity: str
     layer: Count | None
@@ -46,7 +45,7 @@ class EntityList(Record):
 
 
 def list_entities(graph: RecipeGraph, wanted: str = "", order: EntityOrder = "label", page: int = 1) -> EntityList:
-    """List the entities whose labels contain a text, ignoring case and accents; without a text all of them."""
+    """List entities with a text in the label, ignoring case and accents; an empty text lists all."""
     ids, layer = _matching(graph, wanted), layers_of(graph)
     keys: dict[str, Ids] = {
         "label": ids,
@@ -63,7 +62,7 @@ def list_entities(graph: RecipeGraph, wanted: str = "", order: EntityOrder = "la
 
 
 def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
-    """Return labels that match a text: equal, at the beginning, at that of a word, elsewhere; ties by number of uses.
+    """Return labels that match a text: equal, at the beginning, at a word start, elsewhere; ties by number of uses.
 
     Example:
         >>> search_entities(RecipeGraph.from_book(open_book("kitchen")), "BRE", limit=2)
@@ -99,7 +98,7 @@ def _folded_labels(graph: RecipeGraph) -> Sequence[str]:
 
 @lru_cache(maxsize=4)
 def layers_of(graph: RecipeGraph) -> Ids:
-    """Return the cached :func:`~wordcraft_kg.graphs.planner.layers` of all entities."""
+    """Return cached :func:`~wordcraft_kg.graphs.planner.layers`."""
     return layers(graph)
 
 

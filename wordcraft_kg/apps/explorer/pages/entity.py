@@ -1,4 +1,4 @@
-"""An entity: recipes, predictions with their evidence, and similar entities; and the list of its recipes."""
+"""An entity: recipes, predictions with evidence, similar entities; and the list with all recipes."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
-from wordcraft_kg.apps.explorer.paging import Paging, paging
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
@@ -33,7 +32,7 @@ Use = Literal["makes", "uses"]
 
 
 class Entity(State):
-    """An entity, by default the most used one, and a model; ``learned`` lists links of the training data, too."""
+    """An entity, by default the most used, and a model; ``learned`` lists links of the training data, too."""
 
     entity: str = ""
     model: str = ""
@@ -41,7 +40,7 @@ class Entity(State):
 
 
 class Recipes(State):
-    """Recipes that make or use an entity, of one part or all."""
+    """Recipes that make or use an entity, by part."""
 
     entity: str = ""
     use: Use = "uses"
@@ -50,7 +49,7 @@ class Recipes(State):
 
 
 class EntityRecipes(Record):
-    """Recipes of an entity, see :class:`Recipes`, and numbers of recipes by part, for parts with recipes."""
+    """Recipes that make or use an entity, and recipe counts by part, for parts with any."""
 
     entity: str
     use: Use
@@ -60,24 +59,24 @@ class EntityRecipes(Record):
 
     @property
     def total(self) -> int:
-        """Number of all recipes."""
+        """Number of recipes on all pages."""
         return self.paging.total
 
 
 class AlikeEntity(Record):
-    """An entity and its cosine to another entity."""
+    """A similar entity with the cosine."""
 
     entity: str
     cosine: float
 
 
 class EntityProfile(Record):
-    """An entity, with predictions of its partners, ingredients and products.
+    """An entity, with predictions for partners, ingredients and products.
 
     Attributes:
-        layer: first round in which it can be made; None if it cannot.
-        crafts: number of steps of its cheapest derivation; None if it cannot be made.
-        model: name of the model; empty without one.
+        layer: first round that makes the entity; None if out of reach.
+        crafts: number of steps in the cheapest derivation; None if out of reach.
+        model: name of the model; empty without a model.
         nearest: the most similar entities for the model.
         by_words: the most similar entities by word vectors; None without a vector.
     """
@@ -96,7 +95,7 @@ class EntityProfile(Record):
 
     @property
     def held_out(self) -> int:
-        """Number of its recipes outside the train part."""
+        """Number of recipes outside the train part."""
         parts = [*self.made_by.parts.items(), *self.used_in.parts.items()]
         return sum(count for part, count in parts if part != "train")
 
@@ -177,7 +176,7 @@ def _exported(explored: Explored) -> Iterator[Entity]:
 
 
 def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
-    """Yield the pages of entities with more recipes than their own page lists."""
+    """Yield pages for entities with more recipes than their own page lists."""
     graph = explored.opened.graph
     counts = zip(graph.recipe_counts.tolist(), graph.use_counts.tolist(), strict=True)
     uses: tuple[Use, ...] = ("makes", "uses")

@@ -1,4 +1,4 @@
-"""An episode: the table, the agents' reasons at each pick, and their picks at an edited table."""
+"""An episode: the table, the agents' reasons for each pick, and picks at an edited table."""
 
 from collections.abc import Iterator
 
@@ -25,13 +25,13 @@ MOST_ROWS = 160
 
 
 class Episode(State):
-    """Agents at a table of a task, or at that table with another goal, table or hand, by labels.
+    """Agents at a task's table, possibly with another goal, table or hand, by labels.
 
     Attributes:
-        run: the agent; by default the first one.
-        other: agents to compare with it.
+        run: the agent; by default the first.
+        other: agents for comparison.
         depth: fewest attempts that solve the task; 0 for the agent's training depth.
-        task: number of the task among those of its depth and part.
+        task: number of the task in its depth and part.
         draw: draw of distractors.
         distractors: number of distractors; below 0 for as many as in training.
     """
@@ -49,7 +49,7 @@ class Episode(State):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The labels of the edited table."""
+        """Labels on the edited table."""
         return tuple(label for label in self.table if label)
 
     @property
@@ -69,12 +69,12 @@ class AgentAtTable(Record):
 
 
 class EpisodeView(Record):
-    """Agents at a table; the first is compared with the others.
+    """Agents at a table; all are compared with the first.
 
     Attributes:
-        tasks: number of tasks of its depth and part.
-        endings: endings of the first agent's episodes of the task in its evaluation, by draw; empty if it has not
-            played the task with so many distractors.
+        tasks: number of tasks for the depth and part.
+        endings: endings from the first agent's evaluation, by draw; empty without episodes for the task and number
+            of distractors.
         held: the entity that is held at first.
     """
 
@@ -102,7 +102,7 @@ class EpisodeView(Record):
 
 
 class ShownEpisode(Record):
-    """An episode with the choices of its page: agents, draws, distractors in training, slots of a pick."""
+    """An episode with the choices on its page: agents, draws, training distractors, slots in each pick."""
 
     runs: tuple[str, ...]
     draws: Count
@@ -112,7 +112,6 @@ class ShownEpisode(Record):
 
 
 def _view(explored: Explored, state: Episode) -> ShownEpisode:
-    """Compute the agents' picks at a table by the rules of one world; problems of other agents are in the view."""
     first, run = followed(explored, state.run)
     tasks = tasks_of(run)
     distractors = None if state.distractors < 0 else state.distractors
@@ -164,7 +163,6 @@ def _picks(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
 
 
 def _label(graph: RecipeGraph, text: str) -> int:
-    """Return the entity of a typed label; outer spaces do not matter, unless they belong to the label."""
     return graph.id_of(text if text in graph else text.strip())
 
 
@@ -182,7 +180,7 @@ def _is_live(explored: Explored, state: Episode) -> bool:
 
 
 def _exported(explored: Explored) -> Iterator[Episode]:
-    """Yield the episodes of the tasks that a static site lists."""
+    """Yield episodes for the tasks in a static site."""
     for tasks in TASKS.states(explored):
         try:
             followed(explored, tasks.run)[1].agent()  # an error without weights

@@ -1,4 +1,4 @@
-"""The first page: a graph, the models trained on it, and the runs of agents."""
+"""The first page: a graph, models, and runs."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ class Home(State):
 
 
 class ModelLine(Record):
-    """A model: its command, training data, dose of the train recipes in words (empty for all), and number of folds."""
+    """A model: command, training data, dose in words (empty for all train recipes), and number of folds."""
 
     name: str
     command: str
@@ -30,10 +30,10 @@ class ModelLine(Record):
 
 
 class Overview(Record):
-    """A graph with its models and runs.
+    """A graph with models and runs.
 
-    ``reachable`` entities can be made from the base or belong to it; the ``furthest`` of them need most of the
-    ``layers``, which are rounds of crafting.
+    ``reachable`` entities belong to the base or follow from the base; the ``furthest`` need most ``layers``, which are
+    rounds of crafting.
     """
 
     graph: str

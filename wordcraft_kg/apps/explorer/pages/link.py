@@ -29,7 +29,7 @@ class Link(State):
 
 
 class LinkProfile(ScoredLink):
-    """A link by a model, with the ranks of both ends, recipes that give it, and the best candidates for either end."""
+    """A link by a model, with the ranks of both ends, recipes, and the best candidates for either end."""
 
     head: str
     relation: Relation

@@ -44,14 +44,14 @@ SHADES = 4
 
 
 class Map(State):
-    """The map, with the links of an entity or none, and the meaning of the dots' colours."""
+    """The map, optionally with an entity's links, and the meaning of colours."""
 
     entity: str = ""
     colour: Literal["group", "layer"] = "group"
 
 
 class Spot(Record):
-    """The place of an entity; the group of guests is -1, as is the layer of entities that cannot be made."""
+    """The place for an entity; guests have group -1, and entities out of reach have layer -1."""
 
     entity: str
     x: Count
@@ -62,7 +62,7 @@ class Spot(Record):
 
 
 class Group(Record):
-    """Entities that are crafted together, named after the most used one, with their median place."""
+    """Entities that are crafted together, named after the most used member, with their median place."""
 
     name: str
     size: Count
@@ -71,7 +71,7 @@ class Group(Record):
 
 
 class Partners(Record):
-    """The neighbours of an entity by one kind of link: their number, the most used, and spots on the map."""
+    """An entity's neighbours by one link kind: number, most used labels, and spots on the map."""
 
     total: Count
     listed: tuple[str, ...]
@@ -79,7 +79,7 @@ class Partners(Record):
 
 
 class Links(Record):
-    """The partners, products and ingredients of an entity, given by the number of its spot."""
+    """A spot's partners, products and ingredients."""
 
     entity: Count
     combines: Partners
@@ -93,7 +93,7 @@ class MapView(Record):
     Attributes:
         combines: sorted pairs of spots that combine, without guests and loops; empty above :data:`ALL_LINKS`.
         components: sorted pairs of ingredient and product; likewise.
-        chosen: links of the chosen entity; None without one.
+        chosen: links of the chosen entity; None without a choice.
     """
 
     graph: str
@@ -121,7 +121,7 @@ class EntityMap:
 
     @cached_property
     def number_of(self) -> dict[int, int]:
-        """The number of each placed entity's spot, by id."""
+        """Spot numbers by entity id."""
         return {entity: number for number, entity in enumerate(self.ids.tolist())}
 
 
@@ -159,7 +159,7 @@ def map_of(graph: RecipeGraph) -> EntityMap:
 
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
-    """Return the links of a kind between different entities, by their positions in ``ids``; shape (L, 2), sorted."""
+    """Return links between different entities by position in ``ids``; shape (L, 2), sorted."""
     number = np.full(graph.num_entities, -1)
     number[ids] = np.arange(len(ids))
     triples = graph.triples
@@ -195,7 +195,7 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
 
 
 def view_map(places: EntityMap, entity: str = "") -> MapView:
-    """Return a map with the links of an entity, or of none."""
+    """Return a map, optionally with an entity's links."""
     if not entity:
         return places.view
     graph, chosen = places.graph, places.graph.id_of(entity)
@@ -218,7 +218,7 @@ def view_map(places: EntityMap, entity: str = "") -> MapView:
 
 
 def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
-    """Return the partners, products and ingredients of an entity, each the most used first."""
+    """Return partners, products and ingredients, each with the most used entity first."""
     used = graph.recipes[graph.uses_of(entity)]
     others = used[:, :2].sum(axis=1) - entity
     made_of = graph.recipes[graph.recipes_of(entity), :2]
@@ -277,14 +277,14 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:
-    """Return class, name and size of each coloured group, and of all other groups together."""
+    """Return class, name and size for each coloured group, and for all further groups together."""
     shown = [(charts.colour_of(number), group.name, group.size) for number, group in enumerate(view.groups)]
     others = sum(size for _, _, size in shown[charts.COLOURS :])
     return shown[: charts.COLOURS] + ([("series-other", "other groups", others)] if others else [])
 
 
 def _layers(view: MapView) -> list[tuple[str, str, int]]:
-    """Return class, meaning and number of entities of each colour of layers."""
+    """Return class, meaning and number of entities for each colour."""
     layers_of: dict[str, list[int]] = {}
     for spot in view.spots:
         layers_of.setdefault(_shade_of(spot, view.layers), []).append(spot.layer)

@@ -21,7 +21,7 @@ class Pair(State):
 
 
 class PairProfile(Record):
-    """A pair with its recipes, a model's score of ``a combinesWith b``, and the predicted results, best first.
+    """A pair with recipes, a model's score of ``a combinesWith b``, and the predicted results, best first.
 
     Link and results are None without a model, the results also if the model scores only links.
     """

@@ -8,9 +8,8 @@ import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, State, has_entities
+from wordcraft_kg.apps.explorer.page import Addresses, Page, Paging, State, has_entities, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
-from wordcraft_kg.apps.explorer.paging import Paging, paging
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.wording import approximate
@@ -27,14 +26,14 @@ LISTED = 20
 
 
 class Path(State):
-    """The path to an entity, by default one of the last layer; and a page of its crafts."""
+    """The path to an entity, by default in the last layer; and a page in the list of crafts."""
 
     entity: str = ""
     page: int = 1
 
 
 class PathStep(Record):
-    """A craft, numbered in the order of execution; its layer is as late as its uses allow, the goal is in the last."""
+    """A craft, numbered in the order of execution; layers are as late as the uses allow, with the goal in the last."""
 
     number: Count
     recipe: Recipe
@@ -43,7 +42,7 @@ class PathStep(Record):
 
 
 class Blocked(Record):
-    """An impossible recipe, with its ingredients that cannot be made."""
+    """An impossible recipe and the missing ingredients."""
 
     recipe: Recipe
     missing: tuple[str, ...]
@@ -58,7 +57,7 @@ class PathView(Record):
         parts: number of crafts by part of the recipe, for parts with any.
         drawn: the last steps, at most :data:`DRAWN`, in the order of execution.
         blocked: some recipes of an impossible goal, of ``recipes``.
-        sources: some missing entities without a recipe; empty if recipes need each other's results.
+        sources: some missing entities without a recipe; empty if recipes form a cycle.
     """
 
     entity: str
@@ -134,7 +133,7 @@ def _part_of(split: Split, recipe: Recipe) -> Part:
 
 
 def _last(steps: tuple[PathStep, ...]) -> tuple[PathStep, ...]:
-    """Return the steps of the last layers, so that the drawing has no gaps."""
+    """Return the steps in the last layers, so that the drawing has no gaps."""
     kept = sorted(steps, key=lambda step: (-step.layer, -step.number))[:DRAWN]
     return tuple(sorted(kept, key=lambda step: step.number))
 
@@ -148,7 +147,6 @@ def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
 
 
 def _sources(planner: Planner, goal: int) -> list[int]:
-    """Return the entities that the goal depends on, without a recipe and outside the base."""
     graph = planner.graph
     sources, seen, stack = [], {goal}, [goal]
     while stack:

@@ -1,4 +1,4 @@
-"""The ranks of all triples by a model, with filters and orders."""
+"""A model's ranks for all triples, with filters and orders."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,8 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State, has_models
-from wordcraft_kg.apps.explorer.paging import Paging, paging
+from wordcraft_kg.apps.explorer.page import Page, Paging, State, has_models, paging
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
@@ -42,7 +41,7 @@ class RankFilter(State):
 
 
 class Queries(RankFilter):
-    """A page of some queries."""
+    """A page with filtered queries."""
 
     page: int = 1
 
@@ -53,16 +52,16 @@ class Queries(RankFilter):
 
 
 class Predictions(Queries):
-    """Some of a model's ranks, by default the first model's, in an order."""
+    """A model's ranks, by default the first model's, in an order."""
 
     model: str = ""
     sort: RankOrder = "best"
 
 
 class RankedQuery(Record):
-    """A query for one entity of a true triple, with its filtered, realistic rank and the best candidate.
+    """A query for head or tail in a true triple, with the filtered, realistic rank and the best candidate.
 
-    ``known`` is the part whose recipes give the triple, ``learned`` tells whether it is in the model's training data.
+    ``known`` is the part with recipes for the triple, ``learned`` the triple's presence in the training data.
     """
 
     head: str
@@ -78,7 +77,7 @@ class RankedQuery(Record):
 
 
 class RankSample(Record):
-    """Numbers of ranked and of all triples: unseen test triples, and other triples."""
+    """Numbers of ranked and existing triples: unseen test triples, and further triples."""
 
     unseen: Count
     unseen_of: Count
@@ -121,7 +120,7 @@ class RankedTriples:
 
     @property
     def graph(self) -> RecipeGraph:
-        """The graph of the triples."""
+        """The graph with the triples."""
         return self.split.graph
 
     def mask(self, chosen: RankFilter) -> NDArray[np.bool_]:
@@ -141,7 +140,7 @@ class RankedTriples:
 
 
 def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
-    """Rank all triples of the graph of a model, learned or not; large numbers of unseen test and others are sampled.
+    """Rank all triples in the graph, learned or not; large numbers are sampled, unseen test triples separately.
 
     Args:
         predictor: the model.
@@ -164,7 +163,7 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
 
 
 def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1) -> LinkRanks:
-    """List some of a model's ranks, with figures of all chosen queries."""
+    """List a page with a model's ranks, and figures for all chosen queries."""
     ranks = ranked.ranks[ranked.mask(chosen)]
     shown = paging(len(ranks), page, ROWS_A_PAGE)
     rows = ranks.iloc[_order(ranks, order)[shown.rows]]
@@ -193,7 +192,7 @@ def _order(ranks: pd.DataFrame, order: RankOrder) -> Ids:
 
 
 def ranked_queries(graph: RecipeGraph, rows: pd.DataFrame) -> Iterator[RankedQuery]:
-    """Yield rows of :attr:`RankedTriples.ranks` with labels."""
+    """Yield rank rows with labels."""
     labels, numbers = graph.entities, ("learned", "rank", "candidates", "score")
     for row in rows.to_dict("records"):
         yield RankedQuery(
@@ -208,7 +207,7 @@ def ranked_queries(graph: RecipeGraph, rows: pd.DataFrame) -> Iterator[RankedQue
 
 
 def ranked_by(explored: Explored, name: str) -> RankedTriples:
-    """Return the ranks of all triples by a model, made once in seconds."""
+    """Return cached ranks for all triples by a model."""
     predictor = explored.predictor(name)
     return explored.once(("ranks", predictor.name), lambda: rank_graph(predictor))
 

@@ -1,4 +1,4 @@
-"""Runs of agents in a table, and one run with its curves; finished or not."""
+"""Agent runs in a table, and one run with curves; finished or not."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,28 +32,28 @@ from wordcraft_kg.runs.record import RUN_FILE, Status
 
 
 class Runs(State):
-    """The list of runs has no choices."""
+    """All runs, without choices."""
 
 
 class Run(State):
-    """A run; by default the first one."""
+    """A run; by default the first."""
 
     run: str = ""
 
 
 class PartSuccess(Record):
-    """Success rate: of the evaluation with a 95 % interval over tasks, or of the curve's last point."""
+    """Success rate: from the evaluation with a 95 % interval over tasks, or from the curve's last point."""
 
     mean: Share
     ci: tuple[float, float] | None
 
 
 class RunRow(Record):
-    """A run of an agent, with its last mixing weights of the first and the second pick, by source.
+    """An agent's run, with the last mixing weights for first and second pick, by source.
 
     Attributes:
-        status: None if it has not begun or is unreadable.
-        problem: why it is unreadable.
+        status: None before the beginning or if unreadable.
+        problem: reason for an unreadable folder.
         kg: the scorer's training data.
         steps: environment steps so far, of ``planned``.
     """
@@ -72,12 +72,12 @@ class RunRow(Record):
 
     @property
     def is_live(self) -> bool:
-        """Whether it trains according to its record, or is about to begin."""
+        """Whether the run trains according to the record, or is about to begin."""
         return self.status == "running" or (self.status is None and not self.problem)
 
 
 class RunList(Record):
-    """All runs, the parts with results, and the names of the mixing weights."""
+    """All runs, parts with results, and names for the mixing weights."""
 
     runs: tuple[RunRow, ...]
     parts: tuple[TaskPart, ...]
@@ -90,11 +90,11 @@ class RunList(Record):
 
 
 class RunView(Record):
-    """A run with its settings that differ from the defaults, its figures and its curves.
+    """A run with changed settings, figures and curves.
 
     Attributes:
         checkpoint: the last weights; empty if there are none yet.
-        waits_for: condition for picks or all figures; empty if it is complete.
+        waits_for: condition for picks or all figures; empty for complete runs.
         seconds: duration so far; None before the first line.
         steps_per_second: speed between the last two lines, or of the whole training; None if unknown.
         outcomes: share of each ending, by part; empty before the evaluation.
@@ -152,7 +152,6 @@ def _view_run(explored: Explored, state: Run) -> RunView:
 
 
 def _shown(setting: str, value: Any) -> str:
-    """Return a setting's value as text; only the name of a folder, since its place is private."""
     return Path(value).name if setting in ("graph", "scorer") else str(value)
 
 

@@ -1,4 +1,4 @@
-"""All tasks of a depth and part, page by page, with an agent's results."""
+"""All tasks for a depth and part, page by page, with an agent's results."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import PlayedTask
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.paging import Paging, paging
+from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
 from wordcraft_kg.apps.explorer.played import (
     AskedDepth,
     AskedPart,
@@ -34,7 +33,7 @@ Won = Literal["any", "always", "sometimes", "never"]
 
 
 class Tasks(State):
-    """Tasks of a part and depth (0: the agent's), with a goal and a result of an agent, by default the first."""
+    """Tasks by part and depth (0: the agent's), goal, and an agent's result, by default the first agent's."""
 
     part: AskedPart = ""
     depth: AskedDepth = 0
@@ -45,7 +44,7 @@ class Tasks(State):
 
 
 class ListedTask(Record):
-    """A task with its number, plans, and numbers of won and played draws; None without results."""
+    """A task with number, plans, and won and played draws; None without results."""
 
     number: Count
     goal: str
@@ -56,7 +55,7 @@ class ListedTask(Record):
 
 
 class TaskTable(Record):
-    """Some tasks of a depth and part.
+    """Tasks for a depth and part.
 
     Attributes:
         is_complete: False for a random sample.
@@ -77,7 +76,7 @@ class TaskTable(Record):
 
 
 class ShownTasks(Record):
-    """Tasks with an agent's results: its name, the reason why there are none (or empty), and the default part."""
+    """Tasks with an agent's name, the reason for missing results (or empty), and the default part."""
 
     run: str
     runs: tuple[str, ...]
@@ -88,7 +87,7 @@ class ShownTasks(Record):
 
 @dataclass(frozen=True)
 class TaskResults:
-    """An agent's results on each of N tasks: numbers of won and played draws, both of shape (N,), int64."""
+    """An agent's won and played draws for N tasks, shape (N,), int64."""
 
     won: Ids
     draws: Ids
@@ -127,7 +126,7 @@ class TaskResults:
 def view_task_table(
     tasks: TaskSet, results: TaskResults | None = None, *, goal: str = "", won: Won = "any", page: int = 1
 ) -> TaskTable:
-    """List tasks page by page, optionally only those with a goal or with a result of an agent."""
+    """List tasks page by page, optionally filtered by goal or by an agent's result."""
     results = results or TaskResults(*np.zeros((2, len(tasks)), dtype=np.int64))
     is_asked = np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
     kinds: tuple[Won, ...] = ("always", "sometimes", "never") if results.draws[is_asked].any() else ()
@@ -186,7 +185,7 @@ def _is_live(explored: Explored, state: Tasks) -> bool:
 
 
 def _exported(explored: Explored) -> Iterator[Tasks]:
-    """Yield the first page of each agent: all pages would be too many files."""
+    """Yield the first page for each agent: all pages would be too many files."""
     yield from (Tasks(run=name) for name in ("", *explored.runs))
 
 

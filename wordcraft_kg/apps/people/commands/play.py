@@ -96,7 +96,6 @@ def play(
 
 
 def _pick(terminal: Terminal, table: Sequence[str], left: int) -> tuple[tuple[int, int], float]:
-    """Show a table and ask for two picks; return their slots and the duration in seconds."""
     terminal.say(*cells(table))
     began = time.monotonic()
     slots = terminal.pick_two(f"hand: {{}}   attempts left: {left} > ", table, ANSWERS)
@@ -146,7 +145,6 @@ def _play_tasks(
 
 
 def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observation") -> bool:
-    """Play an episode to its end, show the outcome, and return whether the goal was made."""
     from wordcraft_kg.envs.words import combined, results_of, table_labels
 
     outcome = "in_progress"

@@ -62,7 +62,7 @@ def people_serve(
 
     check_extra("explore")
     from wordcraft_kg.apps.people.web_app import make_study_app
-    from wordcraft_kg.apps.web.serving import Serving, listen, open_browser, serve
+    from wordcraft_kg.apps.web.serving import Serving, listen, serve
 
     amounts = whole_numbers("distractors", distractors) if distractors else StudyConfig.distractors
     config = StudyConfig(tasks, tuple(amounts), forms, seed, _consent(consent))
@@ -72,20 +72,18 @@ def people_serve(
         with kept_answers(out, study) as answers:
 
             def started(address: str) -> None:
-                output.result(Serving(address), [f"{address}   {_said(answers.stored())} so far   Ctrl-C ends it"])
-                sys.stdout.flush()
-                if not no_browser:
-                    open_browser(address)
+                output.result(Serving(address), [f"{address}   {_counts(answers.stored())} so far   Ctrl-C ends it"])
 
-            serve(make_study_app(study, answers, host, allow_host or ()), listening, started)
+            app = make_study_app(study, answers, host, allow_host or ())
+            serve(app, listening, started, in_browser=not no_browser)
             stored = answers.stored()
     finally:
         listening.close()
-    print(f"ended; {_said(stored)} stored in {out}; the same command goes on", file=sys.stderr)
+    print(f"ended; {_counts(stored)} stored in {out}; the same command goes on", file=sys.stderr)
 
 
 def _consent(path: Path | None) -> str:
-    """Return the text that people agree to, with paragraphs of one blank line between them."""
+    """Return the consent text, with one blank line between paragraphs."""
     if path is None:
         return CONSENT
     if not path.is_file() or path.stat().st_size > 8 * LONGEST_CONSENT:
@@ -99,6 +97,6 @@ def _consent(path: Path | None) -> str:
     return "\n\n".join(paragraph.strip() for paragraph in paragraphs if paragraph.strip())
 
 
-def _said(stored: "Stored") -> str:
+def _counts(stored: "Stored") -> str:
     people = f"{stored.people:,} {'person' if stored.people == 1 else 'people'} ({stored.finished:,} finished)"
     return f"{people} and {stored.answers:,} answer{'s' * (stored.answers != 1)}"

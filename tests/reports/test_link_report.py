@@ -34,13 +34,8 @@ from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
-from wordcraft_kg.models.scorers.ranking import (
-    RankingMetrics,
-    random_metrics,
-    rank_triples,
-    ranking_metrics,
-    recipe_clusters,
-)
+from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_metrics, rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.ranking import recipe_clusters as clusters_of
 from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.link_report import make_link_report, report_schema
@@ -136,9 +131,6 @@ SCHEMA = jsonschema.Draft202012Validator(report_schema())
 ALL_PASS = {"leak": True, "mirror": True, "graph": True, "coverage": True}
 
 
-# --- the schema ------------------------------------------------------------------------------------------------------
-
-
 def test_the_reports_values_are_valid(values, full_report):
     SCHEMA.check_schema(report_schema())
     SCHEMA.validate(values)
@@ -196,9 +188,6 @@ def test_a_share_above_one_is_refused_by_name(kitchen_report, tmp_path):
         write_report(with_view(kitchen_report, with_leaked=RankingMetrics(3, mrr=1.5)), tmp_path / "report")
 
 
-# --- the numbers -----------------------------------------------------------------------------------------------------
-
-
 def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values, graph, split, ranks):
     queries = split.held_out("test")
     assert not is_in(queries, split.partial, graph.num_entities).any()
@@ -235,27 +224,20 @@ def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_
     assert set(values["baselines"]["frequency"]) == set(values["baselines"]["random"]) == set(values["metrics"])
 
 
-def test_every_slice_of_the_drill_down_has_an_interval(values):
-    assert all(values["drill_down"].values())
-    assert all(without_ci(row) for rows in values["drill_down"].values() for row in rows)
-
-
 def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, split, ranks):
     comparisons = values["comparisons"]
-    found = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "votes", "frequency", "random")}
-    assert [row["baseline"] for row in comparisons] == sorted(found, key=found.get, reverse=True)
+    mrr = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "votes", "frequency", "random")}
+    assert [row["baseline"] for row in comparisons] == sorted(mrr, key=mrr.get, reverse=True)
     for row in comparisons:
-        assert row["difference"] == pytest.approx(values["metrics"]["all"]["mrr"] - found[row["baseline"]])
+        assert row["difference"] == pytest.approx(values["metrics"]["all"]["mrr"] - mrr[row["baseline"]])
     # A slow bootstrap of the paired differences over recipes, by a generator of its own.
     test = split.held_out("test")
     own = 1 / ranks["rank"].to_numpy()
     other = 1 / rank_triples(FrequencyScorer(graph, split.partial), test, graph.triples)["rank"].to_numpy()
-    clusters = np.tile(recipe_clusters(graph, split.is_in("test"), test), 2)
+    clusters = np.tile(clusters_of(graph, split.is_in("test"), test), 2)
     groups = [(own - other)[clusters == name] for name in np.unique(clusters)]
-    rng = np.random.default_rng(5)
-    means = [
-        np.concatenate([groups[i] for i in rng.integers(len(groups), size=len(groups))]).mean() for _ in range(2000)
-    ]
+    draws = np.random.default_rng(5).integers(len(groups), size=(2000, len(groups)))
+    means = [np.concatenate([groups[i] for i in draw]).mean() for draw in draws]
     ci = next(row["ci"] for row in comparisons if row["baseline"] == "frequency")
     assert ci == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.006)
 
@@ -285,8 +267,10 @@ def test_ties_and_unfiltered_ranks_surround_the_headline(values):
     assert ties["raw_rank"]["mrr"] < mrr
 
 
-def test_drill_downs_part_the_queries(values):
+def test_drill_downs_part_the_queries_and_have_intervals(values):
     drill_down = values["drill_down"]
+    assert all(drill_down.values())
+    assert all(without_ci(row) for rows in drill_down.values() for row in rows)
     for name in ("seen_in_train", "layer", "near_synonyms"):
         assert sum(row["queries"] for row in drill_down[name]) == values["queries"]
     symmetric = values["metrics"]["combinesWith"]["queries"]
@@ -371,9 +355,6 @@ def test_the_summary_holds_the_headline_by_relation(values, kitchen_report):
     assert summary["checks_passed"]
 
 
-# --- the checks ------------------------------------------------------------------------------------------------------
-
-
 def test_every_check_passes_on_an_honest_split(values):
     assert checks(values) == ALL_PASS
 
@@ -382,9 +363,8 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, split, monkeyp
     honest = split.held_out("test")
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
     monkeypatch.setattr(Split, "held_out", lambda self, part: np.concatenate([honest, [leaked]]))
-    monkeypatch.setattr(
-        "wordcraft_kg.evaluation.ranked_links.recipe_clusters", lambda graph, chosen, triples: np.arange(len(triples))
-    )
+    clusters = "wordcraft_kg.evaluation.ranked_links.recipe_clusters"
+    monkeypatch.setattr(clusters, lambda graph, chosen, triples: np.arange(len(triples)))
     report = made(kitchen_model)
     assert checks(values_of(report)) == ALL_PASS | {"leak": False}
     assert checks(values_of(report), "detail")["leak"] == "1 found"
@@ -448,15 +428,6 @@ def test_a_graph_without_a_split_has_nothing_to_report_but_memory(graph):
     assert values["metrics"]["all"]["mrr"] == 1
 
 
-# --- the full graph --------------------------------------------------------------------------------------------------
-
-
-def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(full_report, kitchen_report):
-    assert full_report.view.model.has_seen_the_test_recipes
-    assert not kitchen_report.view.model.has_seen_the_test_recipes
-    assert summary_of(full_report)["has_seen_the_test_recipes"]
-
-
 def test_a_report_of_the_full_graph_asks_for_all_its_triples_and_not_about_leaks(full_report, graph):
     values = values_of(full_report)
     assert (values["triples"], values["leaked_left_out"]) == (len(graph.triples), 0)
@@ -464,19 +435,16 @@ def test_a_report_of_the_full_graph_asks_for_all_its_triples_and_not_about_leaks
     assert checks(values) == {"graph": True, "coverage": True}
 
 
-def test_the_page_of_the_full_graph_says_that_it_measures_memory(full_report, kitchen_report):
-    full, partial = text_of(render(full_report)), text_of(render(kitchen_report))
-    assert "Memory, not prediction" in full
-    assert "Memory, not prediction" not in partial
-    assert "links it has never seen" in partial
+def test_a_report_of_the_full_graph_is_marked_as_having_seen_the_data(full_report, kitchen_report):
+    for report, has_seen in ((full_report, True), (kitchen_report, False)):
+        assert report.view.model.has_seen_the_test_recipes is has_seen
+        assert summary_of(report)["has_seen_the_test_recipes"] is has_seen
+        assert ("Memory, not prediction" in render(report)) is has_seen
 
 
-# --- the page --------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module", params=["partial", "full"])
+@pytest.fixture(scope="module", params=["kitchen_report", "full_report"])
 def html(request):
-    return render(request.getfixturevalue({"partial": "kitchen_report", "full": "full_report"}[request.param]))
+    return render(request.getfixturevalue(request.param))
 
 
 def test_the_page_is_balanced_html(html):
@@ -514,7 +482,7 @@ def test_the_page_is_complete_without_its_one_script_and_no_other_may_run(html):
 def test_each_section_has_an_anchor_that_the_contents_lead_to(html):
     page = Page(html)
     ids = [value for _, name, value in page.attributes if name == "id"]
-    assert len(ids) == len(set(ids))
+    assert len(ids) == len({*ids})
     contents = re.findall(r'href="#([^"]+)"', html[html.index("<nav") : html.index("</nav>")])
     assert contents == re.findall(r'<h2 id="([^"]+)"', html)
     assert len(contents) > 10
@@ -563,12 +531,10 @@ def test_a_failed_check_is_shown_as_failed(kitchen_report):
 
 def test_the_page_shows_the_curves_of_the_training(kitchen_model):
     trace = [TraceRow(epoch=1, loss=3.0, seconds=0.1), TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1)]
-    report = made(kitchen_model, trace=trace)
-    assert {"loss", "valid"} <= set(report.pictures)
+    report, without = made(kitchen_model, trace=trace), made(kitchen_model, trace=trace[:1])
+    assert {"loss", "valid"} & report.pictures.keys() == {"loss", "valid"}
+    assert {"loss", "valid"} & without.pictures.keys() == {"loss"}
     assert "validation MRR" in text_of(render(report))
-    without = made(kitchen_model, trace=trace[:1])
-    assert "valid" not in without.pictures
-    assert "loss" in without.pictures
 
 
 def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_model, kitchen_report, graph, monkeypatch):
@@ -580,9 +546,6 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_model, 
     assert Page(render(report)).faults == []
     note = "this report has no neighbour and vote baselines"
     assert [note in text_of(render(one)) for one in (kitchen_report, report)] == [False, True]
-
-
-# --- a sample of the queries -----------------------------------------------------------------------------------------
 
 
 def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model, split):
@@ -615,8 +578,8 @@ def test_a_sample_too_small_for_a_figure_is_refused(kitchen_model, max_queries):
 
 
 def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
-    graph, split = awkward_graph.graph, awkward_graph.split
-    scorer = FrequencyScorer(graph, split.partial)
+    graph = awkward_graph.graph
+    scorer = FrequencyScorer(graph, awkward_graph.split.partial)
     name = '</title><script>alert("1")</script>'
     report = make_link_report(scorer, awkward_graph, name=name, provenance={"trained by": name})
     write_report(report, tmp_path / "report")
@@ -625,14 +588,10 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
     assert (page.faults, page.open) == ([], [])
     assert "i" not in page.tags
     assert [script for script in re.findall(r"<script[^>]*>", html) if "json" not in script] == ["<script>"]
-    label = graph.entities[0]
-    assert any(label in text for text in page.text)
+    assert any(graph.entities[0] in text for text in page.text)
     assert html.count("&lt;i&gt;&amp;") > 10
     assert "&amp;lt;" not in html
-    assert page.text.count(name) >= 1
-
-
-# --- the files -------------------------------------------------------------------------------------------------------
+    assert name in page.text
 
 
 def test_a_report_is_three_files(report_folder, kitchen_report):
@@ -728,9 +687,6 @@ def test_numbers_in_the_report_are_plain(values):
     assert all(math.isfinite(leaf) for leaf in found if isinstance(leaf, float))
 
 
-# --- memory ----------------------------------------------------------------------------------------------------------
-
-
 def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
     kitchen_model, kitchen_report, values, whole_report, full_report
 ):
@@ -744,12 +700,9 @@ def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
     }
     assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
     assert "Memory and generalisation" in render(kitchen_report)
-    for others in (whole_report, full_report):
-        assert others.view.memory is None
-        assert "Memory and generalisation" not in render(others)
-
-
-# --- probabilities ---------------------------------------------------------------------------------------------------
+    for other in (whole_report, full_report):
+        assert other.view.memory is None
+        assert "Memory and generalisation" not in render(other)
 
 
 def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model, values, graph, split):

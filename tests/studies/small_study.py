@@ -8,7 +8,7 @@ from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import run_plan
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import Plan, make_plan
-from wordcraft_kg.studies.results import Figures, RunFigures, ScorerFigures, write_figures
+from wordcraft_kg.studies.results import RunFigures, ScorerFigures, write_figures
 from wordcraft_kg.studies.study import parse_study
 from wordcraft_kg.studies.tasks import Outcome, Task
 
@@ -36,7 +36,17 @@ def small_plan(more: str = "", name: str = "small", text: str = TEXT) -> Plan:
     return make_plan(parse_study(text + more, "a test"), name)
 
 
-NO_GRAPH = PlayedGraph("nowhere", "0" * 64, "by-recipe", 0, "0" * 64)
+HALF = {"success": {"test": 0.5}, "by_plan": {"test": 0.5}, "endings": {"goal": 0.5}, "won": "5", "draws": 10}
+RUN_FIGURES = RunFigures(
+    **HALF,
+    seconds=1.0,
+    versions={},
+    graph=PlayedGraph("nowhere", "0" * 64, "by-recipe", 0, "0" * 64),
+    curve=((0, 0.0), (10, 0.5)),
+    steps=10,
+    steps_per_second=10,
+)
+SCORER_FIGURES = ScorerFigures(seconds=1.0, versions={}, mrr=0.5, kg="partial")
 
 
 def pretend(task: Task, root: Path) -> Outcome:
@@ -46,22 +56,7 @@ def pretend(task: Task, root: Path) -> Outcome:
     with (folder / "made").open("a") as file:
         file.write("once\n")
     end_run(folder, start_run(folder, "pretend"), "done")
-    figures: Figures = ScorerFigures(seconds=1.0, versions={}, mrr=0.5, kg="partial")
-    if task.kind == "runs":
-        figures = RunFigures(
-            seconds=1.0,
-            versions={},
-            graph=NO_GRAPH,
-            success={"test": 0.5},
-            by_plan={"test": 0.5},
-            endings={"goal": 0.5},
-            won="5",
-            draws=10,
-            curve=((0, 0.0), (10, 0.5)),
-            steps=10,
-            steps_per_second=10,
-        )
-    write_figures(folder, figures)
+    write_figures(folder, RUN_FIGURES if task.kind == "runs" else SCORER_FIGURES)
     return Outcome(task.address, "done")
 
 

@@ -10,7 +10,7 @@ from wordcraft_kg.base.records import as_values, checked_values
 from wordcraft_kg.base.statistics import interval_p_value
 from wordcraft_kg.studies.results import Missing, StudyResults
 from wordcraft_kg.studies.variants import VariantFigures
-from wordcraft_kg.studies.view import TAUS, StudyView, title_of, view_study
+from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 BOTH = {"no graph": NO_GRAPH, "guided": GUIDED}
 
@@ -66,7 +66,6 @@ def test_a_single_seed_has_an_interval_over_tasks_only():
     assert found.interval[0] < 0.6 < found.interval[1]
     assert found.comparison.p_better_interval is None
     assert found.comparison.p_value == interval_p_value(found.comparison.difference, found.comparison.interval)
-    assert view.profiles[0].low == ()
 
 
 def test_an_agent_that_always_succeeds_is_not_certain_to():
@@ -94,14 +93,6 @@ def test_steps_to_the_references_end_are_of_the_mean_curve():
     assert of(view, "slow").reached_interval == (None, None)
     # The reference may have reached by 10 what its worst runs end with.
     assert of(view, "no graph").reached_interval == (10, 20)
-
-
-def test_profiles_count_runs_of_all_points():
-    view = view_study(fabricate([({"distractors": 8}, {"a": NO_GRAPH}), ({"distractors": 1}, {"a": GUIDED})]))
-    (profile,) = view.profiles
-    success = np.array([0, 0.2, 0.2, 0.2, 0.4, 0.6, 0.8, 0.8, 0.8, 1.0])
-    assert profile.shares == pytest.approx([(success > tau + 1e-12).mean() for tau in TAUS])
-    assert all(low <= share <= high for low, share, high in zip(profile.low, profile.shares, profile.high, strict=True))
 
 
 def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks():
@@ -148,14 +139,6 @@ def test_steps_are_correlated_with_never_as_the_latest():
 def test_a_dose_is_labelled_by_what_is_not_whole(values, label):
     (dose,) = view_study(fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="dose")).doses
     assert dose.points[0].label == label
-
-
-def test_trainings_that_stand_at_several_points_count_once_in_a_profile():
-    cells = {"a": NO_GRAPH}
-    results = fabricate([({"scorer.share": share}, cells) for share in (0.1, 0.5)])
-    same = tuple(msgspec.structs.replace(run, run=run.run[1:]) for run in results.runs)
-    once, twice = (view_study(msgspec.structs.replace(results, runs=runs)).profiles[0] for runs in (same[:5], same))
-    assert once == twice
 
 
 def test_a_view_has_a_place_for_each_of_its_values_and_equal_results_have_equal_ones():

@@ -66,7 +66,7 @@ def test_a_report_is_written_whole(view, tmp_path):
     files = write_study_report(view, tmp_path / "report")
     assert [file.name for file in files] == [
         *("index.html", "report.json", "table.csv"),
-        *("figure.svg", "figure.png", "figure.pdf", "profiles.svg", "profiles.png", "profiles.pdf"),
+        *("figure.svg", "figure.png", "figure.pdf"),
     ]
     assert sorted(files) == sorted((tmp_path / "report").iterdir())
     values = json.loads((tmp_path / "report" / "report.json").read_text())
@@ -89,7 +89,7 @@ def test_without_the_extra_there_are_svg_files(view, tmp_path, monkeypatch):
 def test_equal_results_have_equal_files(view, tmp_path):
     again = msgspec.json.decode(msgspec.json.encode(view), type=StudyView)
     one, other = make_study_report(view).files, make_study_report(again).files
-    for name in ("table.csv", "figure.svg", "profiles.svg"):
+    for name in ("table.csv", "figure.svg"):
         assert one[name] == other[name]
 
 

@@ -34,11 +34,10 @@ def write_study_report(view: StudyView, folder: Path, *, force: bool = False) ->
 
 def make_study_report(view: StudyView) -> Report[StudyView]:
     """Return the content of a study's report."""
-    panels, profiles = list(panels_of(view)), _profiles_of(view)
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
-        {"panels": panels, "profiles": profiles},
+        {"panels": list(panels_of(view))},
         shown={
             "tables": tables_of(view),
             "notes": notes(view),
@@ -50,7 +49,6 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         files={
             "table.csv": as_csv(view),
             **_in_all_formats("figure", study_figure(view)),
-            **_in_all_formats("profiles", charts.figure(view.title, [("", profiles)], chart_style())),
         },
     )
 
@@ -80,7 +78,7 @@ def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
 
 def _curves(view: StudyView, point: PointFigures) -> Markup:
     # A variant keeps its colour at all points.
-    names = [profile.variant for profile in view.profiles]
+    names = list(dict.fromkeys(entry.variant for at in view.points for entry in at.variants))
     series = {
         entry.variant: [(at.step, at.success, at.low, at.high) for at in entry.curve]
         for entry in sorted(point.variants, key=lambda entry: names.index(entry.variant))
@@ -125,16 +123,3 @@ def _dose(view: StudyView, doses: list[Dose]) -> Markup:
 
 def _correlation_in_words(found: Correlation | None) -> str:
     return with_bounds(found.value, (found.low, found.high), ".2f") if found else "–"
-
-
-def _profiles_of(view: StudyView) -> Markup:
-    nothing = [None] * len(view.taus)
-    return charts.profiles(
-        {
-            of.variant: list(zip(view.taus, of.shares, of.low or nothing, of.high or nothing, strict=True))
-            for of in view.profiles
-        },
-        "success on test tasks",
-        "share of trainings with more",
-        "Performance profiles: share of trainings above each level of success",
-    )

@@ -1,37 +1,19 @@
 """The figures of a study: variants at all points of the grid, with intervals and differences to the reference."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.statistics import holm, performance_profile, performance_profile_band
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.base.statistics import holm
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.claims import Judged, view_claims
 from wordcraft_kg.studies.doses import Dose, doses_of
 from wordcraft_kg.studies.results import Missing, RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Value, Values
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures, figures_of
-
-TAUS = tuple(i / 50 for i in range(51))
-"""Success levels of the profiles."""
-
-
-class Profile(Record):
-    """Share of a variant's runs with success above each tau, over all points of the grid.
-
-    Attributes:
-        shares: by tau.
-        low: lower bound of the 95 % band over seeds by tau; empty for a single seed.
-        high: upper bound.
-    """
-
-    variant: str
-    shares: tuple[Share, ...]
-    low: tuple[Share, ...]
-    high: tuple[Share, ...]
 
 
 class StudyView(Record):
@@ -40,7 +22,6 @@ class StudyView(Record):
     Attributes:
         reference: the variant of all comparisons.
         points: points of the grid that have runs.
-        taus: levels of the profiles, one profile for each variant.
         doses: for the drawing "dose": an entry for each way of scoring train tasks and each point of other settings.
         comparisons: number of comparisons in the correction of p-values.
     """
@@ -54,8 +35,6 @@ class StudyView(Record):
     drawing: Drawing
     reference: str
     points: Annotated[tuple[PointFigures, ...], msgspec.Meta(min_length=1)]
-    taus: tuple[Share, ...]
-    profiles: tuple[Profile, ...]
     doses: tuple[Dose, ...]
     comparisons: Count
     claims: tuple[Judged, ...]
@@ -90,8 +69,6 @@ def view_study(results: StudyResults) -> StudyView:
         drawing=study.drawing,
         reference=reference,
         points=tuple(points),
-        taus=TAUS,
-        profiles=tuple(_profiles([runs for _, runs in cells])),
         doses=tuple(doses_of(results, points, reference)) if study.drawing == "dose" else (),
         comparisons=len(compared),
         claims=view_claims(results),
@@ -196,18 +173,3 @@ def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
         return msgspec.structs.replace(entry, comparison=comparison)
 
     return [msgspec.structs.replace(point, variants=tuple(map(with_p, point.variants))) for point in points]
-
-
-def _profiles(cells: Sequence[Runs]) -> Iterator[Profile]:
-    """Yield the profile of each variant over its points, with the seeds of all these points."""
-    for variant in dict.fromkeys(name for runs in cells for name in runs):
-        # Several points may share the same trainings, such as agents without a scorer.
-        distinct = {tuple(run.run for run in runs[variant]): runs[variant] for runs in cells if variant in runs}
-        of = [{run.seed: run.success["test"] for run in members} for members in distinct.values()]
-        seeds = sorted(set.intersection(*map(set, of)))
-        if not seeds:
-            continue
-        table = [[by_seed[seed] for by_seed in of] for seed in seeds]
-        band = performance_profile_band(table, TAUS)
-        low, high = ((), ()) if band is None else band.tolist()
-        yield Profile(variant, tuple(performance_profile(table, TAUS).tolist()), tuple(low), tuple(high))

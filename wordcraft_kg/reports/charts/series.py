@@ -7,13 +7,10 @@ from itertools import chain
 from markupsafe import Markup
 
 from wordcraft_kg.reports.charts.plot import (
-    ABOVE,
     BOTTOM,
     COLOURS,
-    HEIGHT,
     LEFT,
     LETTER,
-    LINE_HEIGHT,
     SMALL_LETTER,
     TOP,
     WIDTH,
@@ -28,8 +25,6 @@ from wordcraft_kg.reports.charts.scales import Estimate, Labels, amounts, estima
 _DASHES = 4
 ROW = 26
 """Height of a row of :func:`intervals`."""
-_SAMPLE = 22
-"""Width of the curve sample in the legend of :func:`profiles`."""
 _FIFTHS = [i / 5 for i in range(6)]
 """Ticks of an axis of shares from 0 to 1."""
 
@@ -212,34 +207,6 @@ def intervals(
         plot.text(left - 8, y + 4, short(name), anchor="end")
         plot.text(WIDTH - 44, y + 4, f"{value[0]:.1%}" if percent else f"{value[0]:.3f}")
     plot.titles(x_title)
-    return plot.done()
-
-
-def profiles(series: Mapping[str, Sequence[CurvePoint]], x_title: str, y_title: str, description: str) -> Markup:
-    """Draw performance profiles, shares over levels from 0 to 1, with bands and a legend by descending area.
-
-    Args:
-        series: by name, points of level, share and interval bounds.
-        x_title: title of the axis of levels.
-        y_title: title of the axis of shares.
-        description: text alternative.
-    """
-    room = room_for(series, 32 + _SAMPLE)
-    plot = Plot((0, 1), (0, 1), description, right=room)
-    plot.y_axis(_FIFTHS, _shares(_FIFTHS))
-    plot.x_axis(_FIFTHS, _shares(_FIFTHS))
-    for number, points in enumerate(series.values()):
-        plot.bands(points, number)
-    styles = {name: f"line {style_of(number)} {_pattern(number)}" for number, name in enumerate(series)}
-    for name, points in series.items():
-        plot.polyline(points, styles[name], name)
-    gap = min(LINE_HEIGHT + 2.0, (HEIGHT - ABOVE - BOTTOM) / max(len(series), 1))
-    by_area = sorted(series, key=lambda name: -sum(point[1] for point in series[name]))
-    for place, name in enumerate(by_area):
-        left, y = WIDTH - room + 14, round(ABOVE + 6 + gap * place, 1)
-        plot.parts.append(f'<polyline points="{left},{y} {left + _SAMPLE},{y}" class="{styles[name]}"/>')
-        plot.text(left + _SAMPLE + 6, y + 4, short(name), style_of(list(series).index(name)), name=name)
-    plot.titles(x_title, y_title)
     return plot.done()
 
 

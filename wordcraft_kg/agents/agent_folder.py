@@ -24,14 +24,14 @@ INPUTS = ("policy.json", "constants.safetensors")
 
 @dataclass(frozen=True)
 class AgentRun:
-    """Records of a run, finished or not, without graph and weights.
+    """Run records, finished or not, without graph and weights.
 
     Attributes:
-        name: display name of the run, see :func:`~wordcraft_kg.runs.record.run_name`.
+        name: display name, see :func:`~wordcraft_kg.runs.record.run_name`.
         checkpoint: ``final``, ``step N`` for an unfinished run, or empty without a checkpoint.
         config: settings.
         run: ``run.json``.
-        metrics: lines of ``metrics.jsonl``.
+        metrics: lines in ``metrics.jsonl``.
         evaluation: ``evaluation.json``, None for an unfinished run.
     """
 
@@ -59,12 +59,7 @@ class AgentRun:
 
 @dataclass(frozen=True)
 class OpenedAgent(AgentRun):
-    """An agent ready for evaluation.
-
-    Attributes:
-        policy: policy with the weights of ``checkpoint``.
-        opened: training graph and split, verified by hash.
-    """
+    """An agent ready for evaluation: policy weights at ``checkpoint``, and the training graph, verified by hash."""
 
     policy: Policy
     opened: OpenedGraph

@@ -26,8 +26,7 @@ class MetricsFile:
     """Writes ``metrics.jsonl`` and forwards metrics to trackers.
 
     Attributes:
-        path: path of the file.
-        eval_seconds: time spent on learning curves.
+        eval_seconds: time for learning curves.
     """
 
     def __init__(self, folder: Path, world: World, log: Log):
@@ -54,7 +53,7 @@ class MetricsFile:
         os.truncate(self.path, size)
 
     def judge(self, policy: Policy) -> dict[str, float]:
-        """Return a point of each learning curve."""
+        """Return a point for each learning curve."""
         begun = time.perf_counter()
         point = {
             f"{part}_success": float(evaluator(PolicyPlayer(policy)).success.mean())

@@ -1,4 +1,4 @@
-"""Players of the open-ended environment and their discovery curves."""
+"""Players for the open-ended environment and their discovery curves."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -42,10 +42,10 @@ _MOST = 50.0  # standard deviations; beyond them exp would overflow
 
 
 class Discoverer(ABC):
-    """A player of the open-ended environment, which chooses pairs of known entities.
+    """A player for the open-ended environment, which chooses pairs among known entities.
 
     Attributes:
-        known: ids in order of discovery.
+        known: ids in discovery order.
         rng: source of randomness.
     """
 
@@ -289,9 +289,8 @@ def discovery_curves(
 ) -> "pd.DataFrame":
     """Play by the rules of ``WordCraft-OpenEnded-v0`` on ids, without observations.
 
-    Run ``i`` of each player draws from ``np.random.default_rng([seed, i])``, so curves do not depend on the choice of
-    players. After each run, ``progress`` receives the number of finished runs, the total, and the final number of
-    known entities.
+    Run ``i`` draws from ``np.random.default_rng([seed, i])``, so curves do not depend on the other players. After each
+    run, ``progress`` receives finished runs, total runs, and known entities.
 
     Returns:
         a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known entities after

@@ -1,4 +1,4 @@
-"""Evaluation of a player on all tasks of a split with fixed tables and frozen weights."""
+"""Evaluation on all tasks of a split with fixed tables and frozen weights."""
 
 import logging
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ ROWS = 2_048
 
 
 class PolicyPlayer:
-    """A player that takes the best action of a policy with its current weights; ties go to the first slot."""
+    """A player that takes the best action by the current weights; ties go to the first slot."""
 
     def __init__(self, policy: Policy):
         self.policy = policy
@@ -49,7 +49,7 @@ class PolicyPlayer:
 
 
 def player_of(policy: Policy, kind: str) -> Player:
-    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only`` (the sum of the policy's sources).
+    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only`` (the policy's scorer alone).
 
     Raises:
         ConfigError: for ``kg-only`` without a scorer.
@@ -66,15 +66,15 @@ def player_of(policy: Policy, kind: str) -> Player:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Episodes of a player on N tasks with D draws of distractors.
+    """Episodes on N tasks with D draws of distractors.
 
     Attributes:
-        tasks: shape (N,), int64: indices into the world's tasks.
+        tasks: shape (N,), int64: task indices.
         success: shape (N, D), bool: the episode reached the goal.
         by_plan: shape (N, D), bool: the last pair completed a plan.
-        picks: shape (N, D), int64: length of the episode.
+        picks: shape (N, D), int64: episode length.
         endings: shape (N, D), int8: index into :data:`ENDINGS`.
-        last: shape (N, D, 2), int64: the last pair in the order of the picks.
+        last: shape (N, D, 2), int64: the last pair, in picking order.
     """
 
     tasks: Ids
@@ -99,7 +99,7 @@ class Evaluation:
         )
 
     def shares(self) -> dict[Ending, Share]:
-        """Return the share of episodes by ending."""
+        """Return episode shares by ending."""
         return {name: float((self.endings == code).mean()) for code, name in enumerate(ENDINGS)}
 
 
@@ -182,6 +182,6 @@ def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 
 
 
 def _right_parts(world: World) -> Ids:
-    """Return the ingredients of the last recipe of each plan by task, shape (N, P), padded with -1."""
+    """Return the ingredients in the last recipe of each plan by task, shape (N, P), padded with -1."""
     pair = world.graph.recipes[:, :2].tolist()
     return padded([sorted({part for plan in plans for part in pair[plan[-1]]}) for plans in world.tasks.plans], -1)

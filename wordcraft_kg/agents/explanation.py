@@ -1,4 +1,4 @@
-"""Explanations of picks: the logits of an episode, split into contributions of the sources."""
+"""Explanations for picks: logits, split into source contributions."""
 
 import copy
 from collections.abc import Iterable, Sequence
@@ -41,10 +41,9 @@ class SlotEvidence(Record):
     """Train recipes that support a slot.
 
     Attributes:
-        source: name of the source.
+        source: source name.
         partner: the entity in hand, or the best partner on the table.
-        because: supporting recipes, strongest first. A cross-fitted scorer names recipes of a model that has not seen
-            the recipes of the task.
+        because: supporting recipes, strongest first; a cross-fitted scorer excludes the recipes for the task.
     """
 
     source: str
@@ -56,12 +55,9 @@ class ExplainedSlot(Record):
     """An entity on the table with logit β, probability π and source contributions.
 
     Attributes:
-        entity: label.
         is_part: whether a plan makes the goal from the entity.
         sources: values by source.
         contributions: λ · value by source, with sum ``logit``.
-        logit: β.
-        probability: π.
         evidence: supporting recipes; None unless a source scores recipes.
     """
 
@@ -104,10 +100,10 @@ class ExplainedEpisode(Record):
 
 
 class TableRecipe(Record):
-    """A recipe of a plan on a table.
+    """A recipe in a plan for a table.
 
     Attributes:
-        part: split of the recipe.
+        part: split containing the recipe.
         is_remembered: whether the answering model was trained on the recipe.
     """
 
@@ -119,12 +115,12 @@ class TableRecipe(Record):
 
 
 class ExplainedTable(Record):
-    """The picks of an agent at a table.
+    """An agent's picks at a table.
 
     Attributes:
         table: entities in slot order.
         ways: shortest plans for the goal, including distractors as ingredients.
-        model: answering model of the scorer.
+        model: answering model.
         fold: the fold unseen by this model, None for other models.
         episode: the picks.
     """
@@ -178,10 +174,10 @@ class Explainer:
         """Copy a policy.
 
         Args:
-            policy: policy of the graph.
+            policy: policy for the graph.
             world: graph, tasks and settings.
-            kg: knowledge graph that the scorer was trained on.
-            taught: correct training recipes of the scorer, shape (num_recipes,). Default: all, unless a source knows.
+            kg: the scorer's knowledge graph.
+            taught: the scorer's correct training recipes, shape (num_recipes,). Default: all, unless a source knows.
             most_picks: maximum number of picks; None plays to the end.
 
         Raises:
@@ -199,11 +195,11 @@ class Explainer:
         self._tables = EvaluationTables(world)
 
     def episode(self, task: int, draw: int = 0) -> ExplainedEpisode:
-        """Explain an episode on a table of the evaluation.
+        """Explain an episode on an evaluation table.
 
         Args:
-            task: index of the task.
-            draw: index of the draw of distractors.
+            task: task index.
+            draw: index for the draw of distractors.
 
         Raises:
             ConfigError: if the task does not exist, or the policy cannot play with so many slots.
@@ -251,7 +247,7 @@ class Explainer:
         return self._explained(self._of_table(target, ids)._replace(held=hand))
 
     def drawn(self, task: int, draw: int = 0) -> list[int]:
-        """Return the entity ids on a table of the evaluation; see :meth:`episode`."""
+        """Return the entity ids on an evaluation table; see :meth:`episode`."""
         return self._tables.table(task, draw)
 
     def _of_task(self, task: int, table: list[int]) -> _Asked:
@@ -382,10 +378,10 @@ def _exact(policy: Policy) -> Policy:
 def explain_episodes(
     policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
 ) -> tuple[ExplainedEpisode, ...]:
-    """Play tasks of a split greedily on the tables of the evaluation and explain each pick; see :class:`Explainer`.
+    """Play tasks greedily on the evaluation tables and explain each pick; see :class:`Explainer`.
 
     Args:
-        policy: policy of the graph.
+        policy: policy for the graph.
         world: graph, tasks and settings.
         goal: only tasks with this goal; None takes evenly spaced tasks.
         episodes: number of episodes; tasks repeat with other distractors if necessary.

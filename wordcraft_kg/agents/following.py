@@ -30,10 +30,6 @@ T = TypeVar("T")
 class FollowedRun:
     """A run folder that is reread after changes; thread-safe.
 
-    Attributes:
-        folder: run folder.
-        opened: training graph and split.
-
     Example:
         >>> run = FollowedRun(Path("runs/kitchen"), open_graph("kitchen"))
         >>> run.records().run.status, run.agent() is run.agent()

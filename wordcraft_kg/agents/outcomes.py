@@ -23,11 +23,9 @@ class Success(Record):
 
     Attributes:
         mean: success rate.
-        ci_low: lower end of the 95 % interval over tasks.
-        ci_high: upper end.
-        tasks: number of tasks.
-        draws: draws of distractors for each task.
-        by_plan: share of episodes in which the last pair completed a plan.
+        ci_low, ci_high: 95 % interval over tasks.
+        tasks, draws: sample size, as tasks and draws of distractors for each task.
+        by_plan: success rate by the last pair of a plan.
         picks: mean episode length.
     """
 

@@ -1,6 +1,6 @@
 """Scripted players (chance, symbolic knowledge graphs, scorers, an oracle) and their success rates.
 
-A player is a function ``(state, rng) -> slots`` that picks for all environments of a batch at once.
+A player is a function ``(state, rng) -> slots`` that picks for all environments in a batch at once.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -68,7 +68,7 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
 
 
 def knowledge_player(sources: Sequence[SlotScores]) -> Player:
-    """Return a player that maximises the sum of source scores, ties at random; the paper's sums u and v."""
+    """Return a player that maximises summed source scores, ties at random; the paper's sums u and v."""
 
     def pick(state: State, rng: np.random.Generator) -> Ids:
         bind_tasks(sources, state.world)
@@ -82,13 +82,13 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
 
 
 def pair_player(score_recipes: RecipeFunction) -> Player:
-    """Return a player that maximises the recipe score of the pair for the goal; ties favour two different entities.
+    """Return a player that maximises the pair's recipe score for the goal; ties favour two different entities.
 
-    With an empty hand, the score of a slot is the maximum over partners on the table.
+    With an empty hand, a slot's score is the maximum over partners on the table.
     """
 
     def of_pairs(a: Tensor, b: Tensor, goal: Tensor, nothing: int) -> Tensor:
-        """Return the scores of pairs by broadcasting, float64, -inf where b is nothing."""
+        """Return pair scores by broadcasting, float64, -inf where b is nothing."""
         last = nothing - 1
         scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double() - 1e-6 * (a == b)
         return scores.masked_fill(b == nothing, -torch.inf)
@@ -109,7 +109,7 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
-    """Return u and v of a set of triples by name: 1 for a link, else 0; without tables of all pairs."""
+    """Return u and v for known triples by name: 1 for a link, else 0; without tables for all pairs."""
     facts, nothing = SymbolicScorer(graph, triples), graph.num_entities
 
     def linked(relation: int, key: Tensor, table: Tensor) -> Tensor:
@@ -129,7 +129,7 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
 
 
 def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
-    """Return a function that counts the links between a, b and c in a set of triples, 0 to 3."""
+    """Return a function that counts the known links between a, b and c, 0 to 3."""
     facts = SymbolicScorer(graph, triples)
 
     def score(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
@@ -139,7 +139,7 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return the players of the reference table, including registered players."""
+    """Return the players in the reference table, including registered players."""
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
@@ -163,14 +163,14 @@ def knowledge_players(split: Split) -> dict[str, Player]:
 def scorer_players(
     graph: RecipeGraph, scorer: TripleScorer, observed: Ids, tasks: TaskSet | None = None
 ) -> dict[str, Player]:
-    """Return players by standardised scores: v, u, and u+v with three treatments of self edges.
+    """Return players by standardised scores: v, u, and u+v with three treatments for self edges.
 
-    Scorers of recipes add ``w, best pair``, the pair with the highest recipe score.
+    Recipe scorers add ``w, best pair``, the pair with the highest recipe score.
 
     Args:
         graph: the graph.
         scorer: the scorer.
-        observed: training triples of the scorer, shape (T, 3).
+        observed: the scorer's training triples, shape (T, 3).
         tasks: tasks to play; required by cross-fitted scorers on train tasks.
 
     Raises:
@@ -194,17 +194,13 @@ def scorer_players(
 
 
 class PlayerSuccess(Record):
-    """Success of a player with a number of distractors.
+    """A player's success for a number of distractors.
 
     Attributes:
-        player: name of the player.
-        distractors: number of distractors.
-        episodes: number of episodes.
         success: success rate.
-        low: lower end of the 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`; draws
-            for the same task are not independent trials.
-        high: upper end.
-        by_plan: share of episodes in which the last pair completed a plan.
+        low, high: 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`; draws for a
+            task are not independent.
+        by_plan: success rate by the last pair of a plan.
     """
 
     player: str
@@ -225,15 +221,15 @@ def play_all(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players on all tasks of a split by reaching the goal, independent of reward settings.
+    """Evaluate players on all tasks of a split; success does not depend on reward settings.
 
     Args:
         world: graph, tasks and settings except the number of distractors.
         players: players by name.
         distractors: numbers of distractors.
         draws: draws of distractors for each task, equal for all players.
-        seed: seed of distractors and players.
-        progress: receives the number of finished rows, the total, and the last success rate.
+        seed: seed for distractors and players.
+        progress: receives finished rows, total rows, and the last success rate.
 
     Returns:
         a record for each number of distractors and player.

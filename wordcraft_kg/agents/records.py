@@ -1,4 +1,4 @@
-"""Records of training and evaluation in the run folder of an agent."""
+"""Training and evaluation records in the run folder of an agent."""
 
 from pathlib import Path
 
@@ -15,17 +15,13 @@ EPISODES_FILE = "episodes.jsonl"
 
 
 class AgentSummary(Record, frozen=True, kw_only=True):
-    """``evaluation.json``: the final evaluation.
+    """``evaluation.json``: the final evaluation, by split, after training for ``steps`` environment steps.
 
     Attributes:
-        steps: number of environment steps.
-        seconds: duration of the run, including evaluation and writing.
-        steps_per_second: speed of acting and learning.
-        curves_share: share of the time spent on learning curves.
-        parameters: number of parameters of the policy.
-        success: success by split.
-        outcomes: shares of the endings by split.
-        distractors: number of distractors.
+        seconds: run time, including evaluation and writing.
+        steps_per_second: speed in training, without evaluation.
+        curves_share: share of the time for learning curves.
+        outcomes: shares of endings.
     """
 
     steps: int
@@ -39,11 +35,11 @@ class AgentSummary(Record, frozen=True, kw_only=True):
 
 
 class AgentProgress(Record, frozen=True, kw_only=True):
-    """Progress of training in a checkpoint.
+    """Training progress in a checkpoint.
 
     Attributes:
-        seconds: time spent acting and learning.
-        eval_seconds: time spent on learning curves.
+        seconds: time for acting and learning.
+        eval_seconds: time for learning curves.
         elapsed: total time.
         metrics_bytes: length of ``metrics.jsonl``.
     """
@@ -55,13 +51,7 @@ class AgentProgress(Record, frozen=True, kw_only=True):
 
 
 class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
-    """A line of ``metrics.jsonl``.
-
-    Attributes:
-        step: number of environment steps.
-        seconds: time since the start.
-        figures: metrics by name: loss, success, test_success, lambda_u_first, ...
-    """
+    """A line of ``metrics.jsonl``: environment steps, seconds since the start, and metrics by name."""
 
     step: int
     seconds: float
@@ -83,15 +73,12 @@ def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
 
 
 class PlayedTask(Record):
-    """A line of ``episodes.jsonl``: the episodes of a task in the final evaluation.
+    """A line of ``episodes.jsonl``: the episodes of a task in the final evaluation, by draw of distractors.
 
     Attributes:
-        part: split of the task.
-        goal: entity to make.
         start: starting ingredients; together with the goal, they identify the task.
-        success: share of successful draws.
-        endings: ending of each draw.
-        picks: number of picks of each draw.
+        success: success rate.
+        picks: episode lengths.
     """
 
     part: TaskPart

@@ -1,4 +1,4 @@
-"""Files of a finished run: weights, evaluation, episodes and model card."""
+"""Output files after training: weights, evaluation, episodes and model card."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -65,7 +65,7 @@ def _of_train_tasks(run: RunRecord) -> str:
 
 
 def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary: AgentSummary) -> str:
-    """Return the ``README.md`` of a run folder."""
+    """Return ``README.md``."""
     policy, tasks = config.policy, config.tasks
     kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
     guide = "without a knowledge graph"

@@ -1,4 +1,4 @@
-"""Environment states as tensors, the input of policies and sources."""
+"""Environment states as tensors, the input for policies and sources."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ class States(NamedTuple):
     Attributes:
         goal, selection: shape (B,), int64.
         table: shape (B, A), int64.
-        task: shape (B,), int64: index into the world's tasks; None for splits without train recipes.
+        task: shape (B,), int64: task index; None for splits without train recipes.
     """
 
     goal: Tensor
@@ -26,12 +26,12 @@ class States(NamedTuple):
     task: Tensor | None
 
     def rows(self, start: int, stop: int, device: torch.device | str = "cpu") -> "States":
-        """Return a slice of the states on a device."""
+        """Return a slice on a device."""
         return States(*(None if part is None else part[start:stop].to(device) for part in self))  # type: ignore[arg-type]
 
 
 def states_of(state: State) -> States:
-    """Return the states of a batch as tensors, sharing memory on the CPU."""
+    """Return batch states as tensors, sharing memory on the CPU."""
     task = as_tensor(state.task) if has_train_recipes(state.world) else None
     return States(as_tensor(state.goal), as_tensor(state.selection), as_tensor(state.table), task)
 
@@ -42,7 +42,7 @@ def has_train_recipes(world: World) -> bool:
 
 
 def bind_tasks(scores: Iterable[Any], world: World) -> None:
-    """Bind sources or policies that read task indices to the tasks of a world.
+    """Bind sources or policies that read task indices to the tasks in a world.
 
     Raises:
         LeakError: if a task would be scored by a model trained on its recipes.

@@ -48,7 +48,7 @@ class TrainedAgent:
 
     Attributes:
         folder: run folder.
-        step: number of environment steps.
+        step: environment steps.
         summary: ``evaluation.json``; None for an interrupted run, which the same call continues.
     """
 

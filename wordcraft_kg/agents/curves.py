@@ -71,10 +71,10 @@ class MetricsFile:
 
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
     """Return an evaluator for each split with tasks; learning curves use fewer tasks."""
-    found = {}
+    result = {}
     for part in JUDGED:
         with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks
             draws = 1 if curve and part == "train" else DRAWS
             limit = CURVE_TASKS if curve else MOST_TASKS
-            found[part] = Evaluator(world.variant(part=part), draws=draws, limit=limit)
-    return found
+            result[part] = Evaluator(world.variant(part=part), draws=draws, limit=limit)
+    return result

@@ -86,17 +86,10 @@ class Evaluation:
 
     def figures(self) -> Success:
         """Return mean success with an interval over tasks, and the sample sizes."""
+        mean, by_plan, picks = (float(values.mean()) for values in (self.success, self.by_plan, self.picks))
         low, high = task_bootstrap(self.success)
         tasks, draws = self.success.shape
-        return Success(
-            mean=float(self.success.mean()),
-            ci_low=low,
-            ci_high=high,
-            tasks=tasks,
-            draws=draws,
-            by_plan=float(self.by_plan.mean()),
-            picks=float(self.picks.mean()),
-        )
+        return Success(mean, low, high, tasks, draws, by_plan, picks)
 
     def shares(self) -> dict[Ending, Share]:
         """Return episode shares by ending."""

@@ -137,7 +137,7 @@ class ExplainedTable(Record):
         return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_remembered))
 
 
-class _Asked(NamedTuple):
+class _Query(NamedTuple):
     """A table to play, with the policy and the task index (None for tasks without train recipes)."""
 
     policy: Policy
@@ -250,25 +250,25 @@ class Explainer:
         """Return the entity ids on an evaluation table; see :meth:`episode`."""
         return self._tables.table(task, draw)
 
-    def _of_task(self, task: int, table: list[int]) -> _Asked:
+    def _of_task(self, task: int, table: list[int]) -> _Query:
         tasks = self.world.tasks
         start = tasks.graph.labels(entity for entity in tasks.starts[task].tolist() if entity != self.world.nothing)
         number = task if has_train_recipes(self.world) else None
-        return _Asked(self._policy, number, start, tasks.plans[task], int(tasks.goals[task]), table)
+        return _Query(self._policy, number, start, tasks.plans[task], int(tasks.goals[task]), table)
 
-    def _of_table(self, goal: int, table: list[int]) -> _Asked:
+    def _of_table(self, goal: int, table: list[int]) -> _Query:
         plans, folds = self._ways(goal, table), self._folds()
-        asked = _Asked(self._policy, None, self.world.graph.labels(table), plans, goal, table)
+        query = _Query(self._policy, None, self.world.graph.labels(table), plans, goal, table)
         if folds is None or not plans:
-            return asked
+            return query
         start = np.array([sorted(table)])
         posed = TaskSet(self.world.graph, self.world.config.depth, "all", np.array([goal]), start, (plans,), False, 0)
         if not 0 < models_of_tasks(folds, posed)[0] < len(seen_by_models(folds)) - 1:
             # Every model has seen a recipe of plans of several folds; then the one that knows most tells most.
-            return asked
+            return query
         policy = _own(self._policy)
         policy.bind(posed)
-        return asked._replace(policy=policy, task=0)
+        return query._replace(policy=policy, task=0)
 
     def _ways(self, goal: int, table: Iterable[int]) -> tuple[Rows, ...]:
         """Return the shortest plans for a goal from a table."""
@@ -283,19 +283,19 @@ class Explainer:
                 return np.asarray(source.fold_of_recipe.cpu().numpy())
         return None
 
-    def _explained(self, asked: _Asked) -> ExplainedTable:
+    def _explained(self, query: _Query) -> ExplainedTable:
         graph, split = self.world.graph, self.world.split
-        model, fold, is_seen = self._answering(asked)
+        model, fold, is_seen = self._answering(query)
         ways = tuple(
             tuple(
                 TableRecipe(*recipe, part=get_args(Part)[split.parts[row]], is_remembered=bool(is_seen[row]))
                 for row, recipe in zip(way, graph.recipe_labels(graph.recipes[list(way)]), strict=True)
             )
-            for way in self._ways(asked.goal, asked.table)
+            for way in self._ways(query.goal, query.table)
         )
-        return ExplainedTable(graph.labels(asked.table), ways, model, fold, self._played(asked))
+        return ExplainedTable(graph.labels(query.table), ways, model, fold, self._played(query))
 
-    def _answering(self, asked: _Asked) -> tuple[Model, int | None, NDArray[np.bool_]]:
+    def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
         """Return the answering model, its unseen fold, and its training recipes."""
         is_train, folds = self.world.split.is_in("train"), self._folds()
         if not self._policy.sources:
@@ -306,9 +306,9 @@ class Explainer:
             is_all = self._kg == "full"
             return "all_recipes" if is_all else "train_recipes", None, self._known(is_train | is_all, 0)
         seen, model = seen_by_models(folds), 0
-        if asked.task is not None:
-            source = next(one for one in asked.policy.sources.values() if isinstance(one, FoldedSource))
-            model = int(source.model_of_task[asked.task])
+        if query.task is not None:
+            source = next(source for source in query.policy.sources.values() if isinstance(source, FoldedSource))
+            model = int(source.model_of_task[query.task])
         if model == len(seen) - 1:
             return "no_knowledge", None, seen[model]
         is_known = self._known(seen[model], model)
@@ -324,34 +324,34 @@ class Explainer:
                 return np.asarray(is_seen & source.knows(recipes, model).numpy())
         return is_seen
 
-    def _played(self, asked: _Asked) -> ExplainedEpisode:
+    def _played(self, query: _Query) -> ExplainedEpisode:
         """Play until the goal is reached or attempts are exhausted."""
         world, graph, nothing = self.world, self.world.graph, self.world.nothing
-        parts = {label for plan in asked.plans for label in graph.labels(graph.recipes[plan[-1], :2])}
-        room = max(world.num_slots, len(asked.table) + world.max_results * world.config.attempts)
-        table, held, attempts, is_made = list(asked.table), asked.held, world.config.attempts, False
-        task = None if asked.task is None else torch.tensor([asked.task])
+        parts = {label for plan in query.plans for label in graph.labels(graph.recipes[plan[-1], :2])}
+        room = max(world.num_slots, len(query.table) + world.max_results * world.config.attempts)
+        table, held, attempts, is_made = list(query.table), query.held, world.config.attempts, False
+        task = None if query.task is None else torch.tensor([query.task])
         steps: list[ExplainedStep] = []
         while attempts and not is_made and len(steps) != self._most_picks:
             padded = torch.tensor([[*table, *[nothing] * (room - len(table))]])
-            state = States(torch.tensor([asked.goal]), torch.tensor([nothing if held is None else held]), padded, task)
-            picked, output = self._decide(asked.policy, state)
-            slots = _slots(self._names, output, graph.labels(table), parts, _evidence(asked.policy, state, graph))
+            state = States(torch.tensor([query.goal]), torch.tensor([nothing if held is None else held]), padded, task)
+            picked, output = self._decide(query.policy, state)
+            slots = _slots(self._names, output, graph.labels(table), parts, _evidence(query.policy, state, graph))
             entity, made = table[picked], []
             if held is not None:
                 results = world.outcomes.get((min(held, entity), max(held, entity)), ())
                 made = [result for result in results if result not in table]
                 table += made
-                is_made, attempts = asked.goal in results, attempts - 1
+                is_made, attempts = query.goal in results, attempts - 1
             hand = None if held is None else graph.entities[held]
             lambdas = {} if output.lambdas is None else dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
             value, label = float(output.value[0]), graph.entities[entity]
             steps.append(ExplainedStep(hand, value, lambdas, label, graph.labels(made), slots))
             held = entity if held is None else None
-        recipes = [graph.recipe_labels(graph.recipes[list(plan)]) for plan in asked.plans]
+        recipes = [graph.recipe_labels(graph.recipes[list(plan)]) for plan in query.plans]
         plans = tuple(tuple(f"{one} + {other} -> {result}" for one, other, result in plan) for plan in recipes)
         outcome = OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS]
-        return ExplainedEpisode(graph.entities[asked.goal], asked.start, plans, outcome, tuple(steps))
+        return ExplainedEpisode(graph.entities[query.goal], query.start, plans, outcome, tuple(steps))
 
     @torch.no_grad()
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:

@@ -61,10 +61,10 @@ class FollowedRun:
         with self._lock:
             before = self._kept.get("agent")
             stamp = *self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records()
-            found = self._once("agent", stamp, lambda: open_agent(self.folder, self.opened))
-            if before is not None and found is not before[1]:
+            agent = self._once("agent", stamp, lambda: open_agent(self.folder, self.opened))
+            if before is not None and agent is not before[1]:
                 self._explainers.clear()
-            return found
+            return agent
 
     def explainer(self, world: World) -> Explainer:
         """Return an explainer of the first :data:`MOST_PICKS` picks in a world of the graph.
@@ -115,15 +115,15 @@ class FollowedRun:
 
     def _stamp(self, *names: str) -> tuple[Hashable, ...]:
         """Return modification times and sizes of files."""
-        found: list[Hashable] = []
+        stamps: list[Hashable] = []
         for name in names:
             try:
                 status = (self.folder / name).stat()
             except OSError:
-                found.append(None)
+                stamps.append(None)
             else:
-                found.append((status.st_mtime_ns, status.st_size))
-        return tuple(found)
+                stamps.append((status.st_mtime_ns, status.st_size))
+        return tuple(stamps)
 
     def _once(self, name: str, stamp: Hashable, make: Callable[[], T]) -> T:
         """Return the cached value, recomputed if the stamp differs."""

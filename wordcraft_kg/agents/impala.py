@@ -288,13 +288,13 @@ class Impala:
         expected = {"step": (), "square_avg": self._flat.shape} if state["update"] else {}
         if expected and self.config.momentum:
             expected["momentum_buffer"] = self._flat.shape
-        found = {name.removeprefix("optimizer."): name for name in state if name.startswith("optimizer.")}
-        if found.keys() != expected.keys():
-            raise KeyError(f"the optimiser needs {', '.join(expected) or 'nothing'}; it has {', '.join(found)}")
-        for key, name in found.items():
+        names = {name.removeprefix("optimizer."): name for name in state if name.startswith("optimizer.")}
+        if names.keys() != expected.keys():
+            raise KeyError(f"the optimiser needs {', '.join(expected) or 'nothing'}; it has {', '.join(names)}")
+        for key, name in names.items():
             if state[name].shape != expected[key] or not state[name].is_floating_point():
                 raise RuntimeError(f"{name} is of shape {tuple(state[name].shape)} and type {state[name].dtype}")
-        return {key: state[name].to("cpu" if key == "step" else self.device, copy=True) for key, name in found.items()}
+        return {key: state[name].to("cpu" if key == "step" else self.device, copy=True) for key, name in names.items()}
 
     def _not_finite(self) -> str:
         return (

@@ -100,8 +100,8 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         # Most slots of a large book may be for results that nobody has made yet.
         slots = torch.nonzero((table[begins] != state.nothing).any(0)).flatten()
         for rows in begins.split(max(1, CELLS // len(slots) ** 2)) if len(slots) else ():
-            there = table[rows][:, slots]
-            pairs = of_pairs(there[:, :, None], there[:, None, :], goal[rows, None, None], state.nothing)
+            filled = table[rows][:, slots]
+            pairs = of_pairs(filled[:, :, None], filled[:, None, :], goal[rows, None, None], state.nothing)
             scores[rows[:, None], slots] = pairs.max(dim=2).values
         return _best(np.where(state.action_masks(), scores.numpy(), -np.inf), rng)
 
@@ -249,18 +249,8 @@ def play_all(
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, draw] |= step.outcome == GOAL
                     by_plan[:, draw] |= step.by_plan
-            low, high = task_bootstrap(success)
-            rows.append(
-                PlayerSuccess(
-                    player=name,
-                    distractors=amount,
-                    episodes=success.size,
-                    success=float(success.mean()),
-                    low=low,
-                    high=high,
-                    by_plan=float(by_plan.mean()),
-                )
-            )
+            rates, interval = (float(success.mean()), float(by_plan.mean())), task_bootstrap(success)
+            rows.append(PlayerSuccess(name, amount, success.size, rates[0], *interval, rates[1]))
             if progress:
                 progress(len(rows), len(amounts) * len(players), {"success": rows[-1].success})
     return tuple(rows)

@@ -80,9 +80,9 @@ def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary
         else _of_train_tasks(run)
     )
     rows = "\n".join(
-        f"- {part}: {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}], "
-        f"{found.tasks:,} tasks with {found.draws} draws of distractors each"
-        for part, found in summary.success.items()
+        f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
+        f"{result.tasks:,} tasks with {result.draws} draws of distractors each"
+        for part, result in summary.success.items()
     )
     return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
 # {kind} for {opened.graph.name}, {guide}

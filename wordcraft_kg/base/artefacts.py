@@ -12,7 +12,7 @@ from typing import Any
 
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 
-OWN_FILES = ("graph.json", "run.json", "report.json", "search.json", "site.json")
+_OWN_FILES = ("graph.json", "run.json", "report.json", "search.json", "site.json")
 """Files that mark a folder as written by this package; ``force`` may replace such a folder."""
 SMALL_FILE = 2**28
 """Limit in bytes for records, logs and settings."""
@@ -94,7 +94,7 @@ def what_is(path: Path) -> str:
                 with suppress(ArtefactError, LookupError, TypeError):
                     return f"was written by {read_json(path / name)['kind']}"
             return kind
-    return f"has none of {', '.join(OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"
+    return f"has none of {', '.join(_OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"
 
 
 def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durable: bool = False) -> None:
@@ -131,10 +131,10 @@ def check_output(out: Path, *, force: bool) -> None:
         raise OutputExistsError(f"'{out}' is a file, but the output is a folder. Choose another `out`.")
     if not out.exists():
         return
-    if any(out.iterdir()) and not any((out / name).is_file() for name in OWN_FILES):
+    if any(out.iterdir()) and not any((out / name).is_file() for name in _OWN_FILES):
         raise OutputExistsError(
-            f"'{out}' exists and does not look like an output of wordcraft-kg (it has none of {', '.join(OWN_FILES)}); "
-            "it is not replaced, even with `force`. Choose another `out`."
+            f"'{out}' exists and does not look like an output of wordcraft-kg (it has none of {', '.join(_OWN_FILES)});"
+            " it is not replaced, even with `force`. Choose another `out`."
         )
     if not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
@@ -152,7 +152,7 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
         try:
             os.chmod(staging, 0o777 & ~_umask())
             yield staging
-            replace_folder(staging, out)
+            _replace_folder(staging, out)
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
@@ -191,7 +191,7 @@ def _parents_of(out: Path) -> Iterator[None]:
         raise
 
 
-def replace_folder(staging: Path, out: Path) -> None:
+def _replace_folder(staging: Path, out: Path) -> None:
     """Rename ``staging`` to ``out``; an existing ``out`` is moved aside, and restored after a failure."""
     if not out.exists():
         os.rename(staging, out)

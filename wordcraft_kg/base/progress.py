@@ -12,14 +12,14 @@ from contextvars import ContextVar
 from typing import TypeVar
 
 T = TypeVar("T")
-Listener = Callable[[str, int, int], None]
+_Listener = Callable[[str, int, int], None]
 """Called with a stage's name, the number of finished steps (first 0, last the total), and the total."""
 
-_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+_listener: ContextVar[_Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
-def listening(listener: Listener | None) -> Iterator[None]:
+def listening(listener: _Listener | None) -> Iterator[None]:
     """Report the stages in this block to a listener; None reports nothing."""
     token = _listener.set(listener)
     try:

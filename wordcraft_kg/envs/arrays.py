@@ -67,7 +67,7 @@ class Arrays:
         return mask.nonzero()[0]
 
 
-class TorchArrays(Arrays):
+class _TorchArrays(Arrays):
     """A device's arrays; the device ``cpu`` lets tests run the code for devices."""
 
     on_device = True
@@ -82,34 +82,34 @@ class TorchArrays(Arrays):
         self.xp = torch
         self.device = device
 
-    def array(self, values: NDArray[Any]) -> Array:  # noqa: D102 - as for NumPy, here and below
+    def array(self, values: NDArray[Any]) -> Array:
         return self.torch.tensor(values, device=self.device)
 
-    def numpy(self, values: Any) -> NDArray[Any]:  # noqa: D102
+    def numpy(self, values: Any) -> NDArray[Any]:
         return np.array(values.cpu().numpy())
 
-    def copy(self, values: Any) -> Array:  # noqa: D102
+    def copy(self, values: Any) -> Array:
         return values.clone()
 
-    def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:  # noqa: D102
+    def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
         return self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)
 
-    def empty(self, shape: tuple[int, ...]) -> Array:  # noqa: D102
+    def empty(self, shape: tuple[int, ...]) -> Array:
         return self.torch.empty(shape, dtype=self.torch.int64, device=self.device)
 
-    def cast(self, values: Any, dtype: str) -> Array:  # noqa: D102
+    def cast(self, values: Any, dtype: str) -> Array:
         return values.to(getattr(self.torch, dtype))
 
-    def sorted_rows(self, values: Array) -> Array:  # noqa: D102
+    def sorted_rows(self, values: Array) -> Array:
         return self.torch.sort(values, dim=1).values
 
-    def take_rows(self, values: Array, rows: Array) -> Array:  # noqa: D102
+    def take_rows(self, values: Array, rows: Array) -> Array:
         return values[rows]
 
-    def rows(self, mask: Array) -> Array:  # noqa: D102
+    def rows(self, mask: Array) -> Array:
         return self.torch.arange(len(mask), device=self.device)
 
 
 def arrays_of(device: str) -> Arrays:
     """Return the arrays of ``cpu`` (NumPy), a torch device such as ``cuda``, or ``torch:cpu`` (torch on the CPU)."""
-    return Arrays() if device == "cpu" else TorchArrays(device.removeprefix("torch:"))
+    return Arrays() if device == "cpu" else _TorchArrays(device.removeprefix("torch:"))

@@ -21,7 +21,7 @@ IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
 """Names of the outcome codes."""
 
-DENSE_LIMIT = 4_096  # entities up to which pairs are looked up in a square table, of 4 bytes a cell
+_DENSE_LIMIT = 4_096  # entities up to which pairs are looked up in a square table, of 4 bytes a cell
 
 
 class Step(NamedTuple):
@@ -123,14 +123,14 @@ _GOAL = State._fields.index("goal")
 _SAVED: tuple[str, ...] = State._fields[_GOAL:]
 
 
-class PairNumbers:
+class _PairNumbers:
     """Numbers of pairs by entity ids: from a square table for a small graph, otherwise by search."""
 
     def __init__(self, graph: RecipeGraph, arrays: Arrays):
         """Use the graph's pair numbers, and ``num_pairs`` for pairs without a result."""
         self.xp, self.size, self.no_pair = arrays.xp, graph.num_entities + 1, graph.num_pairs
         a, b, _ = graph.recipes[graph.pair_starts[:-1]].T
-        self.is_dense = graph.num_entities <= DENSE_LIMIT
+        self.is_dense = graph.num_entities <= _DENSE_LIMIT
         if self.is_dense:
             table = np.full((self.size, self.size), self.no_pair, dtype=np.int32)
             table[a, b] = table[b, a] = np.arange(self.no_pair)
@@ -184,7 +184,7 @@ class BatchEngine:
         self.world, self.config = world, world.config
         self.nothing, self.num_slots = world.nothing, world.num_slots
         self.arrays = arrays_of(device)
-        self.pairs = PairNumbers(world.graph, self.arrays)
+        self.pairs = _PairNumbers(world.graph, self.arrays)
         self._draws = Draws(world, self.arrays)
         self._goals, self._made, self._finals, self._results = map(
             self.arrays.array,

@@ -11,9 +11,9 @@ from wordcraft_kg.envs.arrays import Array, Arrays
 from wordcraft_kg.envs.guards import Guards
 from wordcraft_kg.envs.world import World
 
-AHEAD, AHEAD_OF_MANY, MANY = 16, 8, 1_024  # episodes drawn at a time: AHEAD_OF_MANY for more than MANY environments
-CHUNK = 8_192  # tables drawn at a time on the CPU, so that the arrays stay in the processor's cache
-LAST_31_BITS = 0x7FFFFFFF
+_AHEAD, _AHEAD_OF_MANY, _MANY = 16, 8, 1_024  # episodes drawn at a time; fewer from _MANY environments on
+_CHUNK = 8_192  # tables drawn at a time on the CPU, so that the arrays stay in the processor's cache
+_LAST_31_BITS = 0x7FFFFFFF
 # Keys that differ by multiples of these hash independently; both are odd, the first is 2**64 / golden ratio.
 _STRIDE = -7046029254386353131
 _EPISODE_STRIDE = -3335678366873096957
@@ -64,8 +64,8 @@ class Draws:
         draws = self.arrays.array((np.arange(first, first + half) * _STRIDE)[:, None])
         hashed = mixed(keys[None, :] + draws)
         numbers = self.arrays.empty((2 * half, len(keys)))
-        numbers[::2] = (hashed >> 33) & LAST_31_BITS
-        numbers[1::2] = hashed & LAST_31_BITS
+        numbers[::2] = (hashed >> 33) & _LAST_31_BITS
+        numbers[1::2] = hashed & _LAST_31_BITS
         return numbers[:count]
 
     def tasks(self, keys: Array) -> Array:
@@ -78,7 +78,7 @@ class Draws:
 
     def tables(self, keys: Array, tasks: Array) -> Array:
         """Draw the tables of tasks, shape (R, width): ids, shuffled, empty slots last."""
-        size = len(keys) if self.arrays.on_device else CHUNK
+        size = len(keys) if self.arrays.on_device else _CHUNK
         pieces = [self._tables(keys[i : i + size], tasks[i : i + size]) for i in range(0, len(keys), size)]
         return self.arrays.xp.concatenate(pieces)
 
@@ -88,7 +88,7 @@ class Draws:
         if self.world.config.num_distractors:
             rows = arrays.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
         places = self._numbers(keys, _PLACES, len(rows)) >> 1
-        return self._in_order(arrays.xp.where(rows == self.world.nothing, LAST_31_BITS, places), rows)
+        return self._in_order(arrays.xp.where(rows == self.world.nothing, _LAST_31_BITS, places), rows)
 
     def _in_order(self, order: Array, ids: Array) -> Array:
         """Return the ids of each column by ascending ``order``, 31-bit numbers: shape (R, K) for (K, R)."""
@@ -96,7 +96,7 @@ class Draws:
         last = (1 << (len(ids) - 1).bit_length()) - 1
         index = self.arrays.array(np.arange(len(ids)))[:, None]
         packed = (((order & ~last) + index) << 32) + ids
-        return self.arrays.cast(self.arrays.sorted_rows(packed.T) & LAST_31_BITS, "int32")
+        return self.arrays.cast(self.arrays.sorted_rows(packed.T) & _LAST_31_BITS, "int32")
 
     # --- distractors -------------------------------------------------------------------------------------------------
 
@@ -155,7 +155,7 @@ class Draws:
             rows = arrays.rows(self._guards.at_risk(candidates, tasks))
             if len(rows):
                 allowed[:, rows] = self._guards.refuse(candidates[:, rows], allowed[:, rows], tasks[rows])
-        order = arrays.xp.where(allowed, 0, LAST_31_BITS)
+        order = arrays.xp.where(allowed, 0, _LAST_31_BITS)
         return self._in_order(order, arrays.xp.where(allowed, candidates, self.world.nothing))[:, :wanted].T
 
     def _avoid_shortcuts(self, keys: Array, tasks: Array, taken: Array, drawn: Array) -> None:
@@ -180,7 +180,7 @@ class Ahead:
     def __init__(self, draws: Draws, keys: Array, episodes: Array):
         """Begin with the given episode numbers, shape (N,)."""
         arrays, count = draws.arrays, len(keys)
-        self.draws, self.keys, self.size = draws, keys, AHEAD if count <= MANY else AHEAD_OF_MANY
+        self.draws, self.keys, self.size = draws, keys, _AHEAD if count <= _MANY else _AHEAD_OF_MANY
         self._tables = arrays.full((count, self.size, draws.width), 0, "int32")
         self._tasks = arrays.full((count, self.size), 0, "int32")
         self._first = arrays.full((count,), -self.size)  # number of the first cached episode

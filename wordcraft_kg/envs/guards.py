@@ -8,8 +8,8 @@ from wordcraft_kg.envs.arrays import Array, Arrays
 from wordcraft_kg.envs.world import World
 
 BITS = 31  # recipes in one table of marks: two bits each in 62
-FILTER_BITS = 15  # recipes that the filter tells apart: two bits each in 30
-ROOM = 32  # places in the filter per ingredient: more give fewer false alarms, fewer fit a smaller cache
+_FILTER_BITS = 15  # recipes that the filter tells apart: two bits each in 30
+_ROOM = 32  # places in the filter per ingredient: more give fewer false alarms, fewer fit a smaller cache
 
 
 class Guards:
@@ -42,13 +42,13 @@ class Guards:
         place = place.reshape(-1, 2)
         tables = int(number.max()) // BITS + 1 if len(number) else 0
         marks = np.zeros((tables, len(keys) + 1), dtype=np.int64)  # the last are those of an entity without any
-        self._mask = (1 << (ROOM * len(keys)).bit_length()) - 1
+        self._mask = (1 << (_ROOM * len(keys)).bit_length()) - 1
         folded = np.zeros(self._mask + 1, dtype=np.int32)
         for side in range(2):
             bit = np.int64(1) << (number % BITS + side * BITS)
             np.bitwise_or.at(marks, (number // BITS, place[:, side]), bit)
             # Most goals have a recipe or two: counted from the goal's id, goals that share places rarely share bits.
-            bit = np.int64(1) << ((number + recipes[:, 2]) % FILTER_BITS + side * FILTER_BITS)
+            bit = np.int64(1) << ((number + recipes[:, 2]) % _FILTER_BITS + side * _FILTER_BITS)
             np.bitwise_or.at(folded, pairs[:, side] & self._mask, bit.astype(np.int32))
         keys = np.append(keys, np.iinfo(np.int64).max)
         self._keys = arrays.array(keys)
@@ -75,7 +75,7 @@ class Guards:
         theirs = marks[0]
         for more in marks[1:]:
             theirs = theirs | more
-        return _completed(theirs, self._near_folded[tasks], FILTER_BITS) != 0
+        return _completed(theirs, self._near_folded[tasks], _FILTER_BITS) != 0
 
     def refuse(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
         """Refuse candidates, in order, that complete a recipe with the start or products of the start.

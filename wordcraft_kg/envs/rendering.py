@@ -18,12 +18,12 @@ Mark = Literal["plain", "goal", "held", "new", "empty"]
 Picture = NDArray[np.uint8]
 _Colour = tuple[int, int, int]
 
-COLUMNS = 6
-# In pixels; HEAD is the height above the table.
-TILE, GAP, MARGIN, HEAD = (148, 52), 10, 22, 92
-SHARPNESS = 2  # pictures are drawn larger by this factor and scaled down, which smooths all edges
+_COLUMNS = 6
+# In pixels; _HEAD is the height above the table.
+TILE, _GAP, MARGIN, _HEAD = (148, 52), 10, 22, 92
+_SHARPNESS = 2  # pictures are drawn larger by this factor and scaled down, which smooths all edges
 
-BACKGROUND, INK, FAINT = (250, 249, 246), (38, 40, 46), (134, 136, 142)
+_BACKGROUND, _INK, _FAINT = (250, 249, 246), (38, 40, 46), (134, 136, 142)
 # Fill and border of tiles; people with red-green blindness can tell blue from orange.
 COLOURS: dict[Mark, tuple[_Colour, _Colour]] = {
     "plain": ((255, 255, 255), (208, 207, 202)),
@@ -43,7 +43,7 @@ class Tile(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Facts in a row, each a heading with a tile or a text, and the table in rows of :data:`COLUMNS` tiles.
+    """Facts in a row, each a heading with a tile or a text, and the table in rows of ``_COLUMNS`` tiles.
 
     All scenes of an environment have equally many tiles.
     """
@@ -75,22 +75,22 @@ def rendered(mode: str | None, words: Callable[[], str], scene: Callable[[], Sce
 def picture(scene: Scene) -> Picture:
     """Draw a scene: shape (height, width, 3), uint8."""
     pygame = _pygame()
-    rows = -(-len(scene.tiles) // COLUMNS)
-    width = 2 * MARGIN + COLUMNS * (TILE[0] + GAP) - GAP
-    height = 2 * MARGIN + HEAD + rows * (TILE[1] + GAP) - GAP
-    canvas = pygame.Surface((width * SHARPNESS, height * SHARPNESS), 0, 32)
-    canvas.fill(BACKGROUND)
+    rows = -(-len(scene.tiles) // _COLUMNS)
+    width = 2 * MARGIN + _COLUMNS * (TILE[0] + _GAP) - _GAP
+    height = 2 * MARGIN + _HEAD + rows * (TILE[1] + _GAP) - _GAP
+    canvas = pygame.Surface((width * _SHARPNESS, height * _SHARPNESS), 0, 32)
+    canvas.fill(_BACKGROUND)
     for column, (heading, fact) in enumerate(scene.facts):
-        left = MARGIN + column * (TILE[0] + GAP)
-        _write(canvas, heading, 15, FAINT, (left + 2, MARGIN), TILE[0])
+        left = MARGIN + column * (TILE[0] + _GAP)
+        _write(canvas, heading, 15, _FAINT, (left + 2, MARGIN), TILE[0])
         if isinstance(fact, Tile):
             _draw_tile(canvas, fact, left, MARGIN + 22)
         else:
             is_last = column == len(scene.facts) - 1
-            _write(canvas, fact, 24, INK, (left + 2, MARGIN + 40), width - left - MARGIN if is_last else TILE[0])
+            _write(canvas, fact, 24, _INK, (left + 2, MARGIN + 40), width - left - MARGIN if is_last else TILE[0])
     for place, tile in enumerate(scene.tiles):
-        row, column = divmod(place, COLUMNS)
-        _draw_tile(canvas, tile, MARGIN + column * (TILE[0] + GAP), MARGIN + HEAD + row * (TILE[1] + GAP))
+        row, column = divmod(place, _COLUMNS)
+        _draw_tile(canvas, tile, MARGIN + column * (TILE[0] + _GAP), MARGIN + _HEAD + row * (TILE[1] + _GAP))
     small = pygame.transform.smoothscale(canvas, (width, height))
     return np.ascontiguousarray(pygame.surfarray.array3d(small).swapaxes(0, 1))
 
@@ -98,13 +98,13 @@ def picture(scene: Scene) -> Picture:
 def _draw_tile(canvas: Any, tile: Tile, left: int, top: int) -> None:
     pygame = _pygame()
     fill, border = COLOURS[tile.mark]
-    box = pygame.Rect(left * SHARPNESS, top * SHARPNESS, TILE[0] * SHARPNESS, TILE[1] * SHARPNESS)
-    pygame.draw.rect(canvas, fill, box, border_radius=9 * SHARPNESS)
+    box = pygame.Rect(left * _SHARPNESS, top * _SHARPNESS, TILE[0] * _SHARPNESS, TILE[1] * _SHARPNESS)
+    pygame.draw.rect(canvas, fill, box, border_radius=9 * _SHARPNESS)
     thick = 1 if tile.mark in ("plain", "empty") else 2
-    pygame.draw.rect(canvas, border, box, width=thick * SHARPNESS, border_radius=9 * SHARPNESS)
+    pygame.draw.rect(canvas, border, box, width=thick * _SHARPNESS, border_radius=9 * _SHARPNESS)
     if tile.number is not None:
-        _write(canvas, str(tile.number), 13, FAINT, (left + 8, top + 6), 40)
-    _write(canvas, tile.label, 21, INK, (left + TILE[0] / 2, top + TILE[1] / 2), TILE[0] - 24, is_centred=True)
+        _write(canvas, str(tile.number), 13, _FAINT, (left + 8, top + 6), 40)
+    _write(canvas, tile.label, 21, _INK, (left + TILE[0] / 2, top + TILE[1] / 2), TILE[0] - 24, is_centred=True)
 
 
 def _write(
@@ -119,11 +119,11 @@ def _write(
 ) -> None:
     """Write a line to the right of a point or centred, scaled down or cut to fit ``width``."""
     drawn = _font(size).render(text, True, colour)
-    room = int(width * SHARPNESS)
+    room = int(width * _SHARPNESS)
     if drawn.get_width() > room:
         drawn = _font(max(11, size * room // drawn.get_width())).render(text, True, colour)
         drawn = drawn.subsurface((0, 0, min(drawn.get_width(), room), drawn.get_height()))
-    x, y = at[0] * SHARPNESS, at[1] * SHARPNESS
+    x, y = at[0] * _SHARPNESS, at[1] * _SHARPNESS
     if is_centred:
         x, y = x - drawn.get_width() / 2, y - drawn.get_height() / 2
     canvas.blit(drawn, (x, y))
@@ -134,7 +134,7 @@ def _font(size: int) -> Any:
     font = _pygame().font
     if not font.get_init():
         font.init()
-    return font.Font(None, size * SHARPNESS)
+    return font.Font(None, size * _SHARPNESS)
 
 
 def _pygame() -> Any:

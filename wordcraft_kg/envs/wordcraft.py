@@ -20,7 +20,7 @@ from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import Task
 
 Observation = dict[str, Any]
-DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
+_DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
 
 
 def observation_space(num_entities: int, num_slots: int, attempts: int) -> spaces.Dict:
@@ -234,7 +234,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     def _random(self) -> float:
         if not self._uniform:
-            self._uniform = self.np_random.random(DRAWN_AT_ONCE).tolist()
+            self._uniform = self.np_random.random(_DRAWN_AT_ONCE).tolist()
         return self._uniform.pop()
 
     def _draw_task(self) -> int:

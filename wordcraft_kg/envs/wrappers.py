@@ -15,7 +15,7 @@ from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import NOTHING, characters, numbered, told
 from wordcraft_kg.envs.world import World
 
-ID_KEYS = ("goal", "selection", "table")
+_ID_KEYS = ("goal", "selection", "table")
 
 
 class _Masked(gym.Wrapper[Any, Any, Any, Any]):
@@ -55,7 +55,7 @@ class FeatureObservation(_Ids):
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Look up the vectors."""
-        vectors = {key: self.vectors[observation[key]] for key in ID_KEYS}
+        vectors = {key: self.vectors[observation[key]] for key in _ID_KEYS}
         left = np.array([observation["attempts_left"]], dtype=np.float32)
         return {**observation, **vectors, "attempts_left": left}
 
@@ -100,7 +100,7 @@ class _Scores:
         import torch
 
         self._bind()
-        goal, selection, table = (torch.as_tensor(np.asarray(observation[key])) for key in ID_KEYS)
+        goal, selection, table = (torch.as_tensor(np.asarray(observation[key])) for key in _ID_KEYS)
         rows = goal.reshape(-1), selection.reshape(-1), table.reshape(-1, table.shape[-1])
         tasks = torch.as_tensor(np.asarray(task)).reshape(-1) if self.has_train_recipes else None
         return {source.name: source(*rows, tasks).reshape(table.shape).numpy() for source in self.sources}

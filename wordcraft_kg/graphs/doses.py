@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, recipe_triples
 
-UNTAUGHT = -1  # result of a recipe outside the dose
+_UNTAUGHT = -1  # result of a recipe outside the dose
 _DRAWS = 1_000  # results tried per recipe until one is wrong
 _STREAM = 0xD05E  # separates this random stream from others with the same seed
 
@@ -38,12 +38,12 @@ class Dose:
     @classmethod
     def of(cls, graph: RecipeGraph, rows: NDArray[np.bool_]) -> "Dose":
         """Return the dose with the given recipes unchanged; ``rows`` has shape (num_recipes,)."""
-        return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], UNTAUGHT)))
+        return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], _UNTAUGHT)))
 
     @property
     def is_taught(self) -> NDArray[np.bool_]:
         """Which recipes are in the dose, shape (num_recipes,)."""
-        return self.results != UNTAUGHT
+        return self.results != _UNTAUGHT
 
     @property
     def is_wrong(self) -> NDArray[np.bool_]:
@@ -131,13 +131,13 @@ def make_dose(
     wrong = train[taken[np.argsort(doubt[taken])][: round(noise * len(taken))]]
     if noise and not len(wrong):
         raise refuse("noise", noise, f"at least one of the {len(taken)} recipes with a wrong result, or 0")
-    results = np.full(graph.num_recipes, UNTAUGHT, dtype=np.int64)
+    results = np.full(graph.num_recipes, _UNTAUGHT, dtype=np.int64)
     results[train[taken]] = graph.recipes[train[taken], 2]
     parts = graph.triples[graph.triples[:, 1] == COMPONENT_OF]
     right = set(zip(parts[:, 0].tolist(), parts[:, 2].tolist(), strict=True))
     for group in np.unique(groups[wrong]).tolist():
         rows = np.sort(wrong[groups[wrong] == group])
-        pool = graph.recipes[(results != UNTAUGHT) & (groups == group), 2]
+        pool = graph.recipes[(results != _UNTAUGHT) & (groups == group), 2]
         results[rows] = _wrong_results(graph.recipes[rows], pool, right, rng, noise)
     return Dose(graph, frozen(results))
 

@@ -22,8 +22,8 @@ from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 NAMESPACE = "urn:wordcraft-kg:"
 """Prefix of IRIs: ``entity:<label>``, ``recipe:<a>+<b>=<result>``, ``relation:<name>``, ``role:ingredient``,
 ``role:result``; labels are percent-encoded."""
-RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
-RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
+_RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+_RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
 ExportPart = Literal["full", "partial", "unseen"]
 """All recipes, the train recipes, or the held-out recipes with the triples that no train recipe gives."""
 MOST_BYTES = 4 * 2**30
@@ -109,12 +109,12 @@ def _statements(content: Content) -> Iterator[tuple[str, str, str]]:
     code = [quote(label, safe="") for label in content.graph.entities]
     entities = [f"{NAMESPACE}entity:{label}" for label in code]
     for iri, label in zip(entities, content.graph.entities, strict=True):
-        yield iri, RDFS_LABEL, label
+        yield iri, _RDFS_LABEL, label
     for head, relation, tail in zip(*(column.tolist() for column in content.triples.T), strict=True):
         yield entities[head], f"{NAMESPACE}relation:{RELATIONS[relation]}", entities[tail]
     for a, b, result in zip(*(column.tolist() for column in content.graph.recipes.T), strict=True):
         recipe = f"{NAMESPACE}recipe:{code[a]}+{code[b]}={code[result]}"
-        yield recipe, RDF_TYPE, f"{NAMESPACE}Recipe"
+        yield recipe, _RDF_TYPE, f"{NAMESPACE}Recipe"
         for part in dict.fromkeys((a, b)):
             yield recipe, f"{NAMESPACE}role:ingredient", entities[part]
         yield recipe, f"{NAMESPACE}role:result", entities[result]
@@ -123,7 +123,7 @@ def _statements(content: Content) -> Iterator[tuple[str, str, str]]:
 def _nt(content: Content, path: Path) -> None:
     def line(subject: str, predicate: str, value: str) -> str:
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return f"<{subject}> <{predicate}> " + (f'"{escaped}" .\n' if predicate == RDFS_LABEL else f"<{value}> .\n")
+        return f"<{subject}> <{predicate}> " + (f'"{escaped}" .\n' if predicate == _RDFS_LABEL else f"<{value}> .\n")
 
     write_atomically(path, (line(*statement) for statement in _statements(content)))
 

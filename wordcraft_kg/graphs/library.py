@@ -25,7 +25,7 @@ _MAX_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True)
-class Fetchable:
+class _Fetchable:
     """A published book that may not be bundled.
 
     Attributes:
@@ -44,7 +44,7 @@ class Fetchable:
 
 
 FETCHABLE = {
-    "little-alchemy-2": Fetchable(
+    "little-alchemy-2": _Fetchable(
         url="https://raw.githubusercontent.com/minqi/wordcraft/a09887ad8bbfa5b3772b48c420f246919fe443ed"
         "/datasets/alchemy2.json",
         sha256="757422df36f8805b1a56c418e613c6418c905b0956e6f2fb3dff78569933d25d",

@@ -23,7 +23,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 
-SPLIT_FORMAT = "wordcraft-kg split 1"
+_SPLIT_FORMAT = "wordcraft-kg split 1"
 TRAIN, VALID, TEST = 0, 1, 2
 PARTS = ("train", "valid", "test")
 Part = Literal["train", "valid", "test"]
@@ -169,7 +169,7 @@ class Split:
     def to_json(self) -> Iterator[str]:
         """Yield ``split.json``: settings, hashes, and each part's recipes as rows of labels, one per line."""
         head = {
-            "format": SPLIT_FORMAT,
+            "format": _SPLIT_FORMAT,
             "graph": self.graph.hash,
             "hash": self.hash,
             **asdict(self.config),
@@ -222,8 +222,8 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
         ArtefactError: for damaged content.
     """
     try:
-        if content["format"] != SPLIT_FORMAT:
-            raise ArtefactError(f"{where} has the format {content['format']!r}; expected {SPLIT_FORMAT!r}.")
+        if content["format"] != _SPLIT_FORMAT:
+            raise ArtefactError(f"{where} has the format {content['format']!r}; expected {_SPLIT_FORMAT!r}.")
         if content["graph"] != graph.hash:
             raise GraphMismatchError(
                 f"{where} belongs to graph {content['graph'][:12]} but the graph beside it is {graph.hash[:12]} "

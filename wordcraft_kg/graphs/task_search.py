@@ -17,13 +17,13 @@ MAX_DEPTH = 5
 """Longest plans that are searched: each further attempt makes the search six times slower."""
 DRAWN_TASKS = 1_000
 """Number of drawn tasks by default."""
-ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
+_ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
 MAX_ENUMERATED = 1_000_000  # plans at depth 2 that are enumerated, about 1 kB each; otherwise tasks are drawn
 _TRIES = 2_000  # draws without a new task after which drawing stops
 
-Posed = tuple[int, Rows]  # a goal and starting ingredients, ascending
+_Posed = tuple[int, Rows]  # a goal and starting ingredients, ascending
 Plans = tuple[Rows, ...]
-Way = frozenset[int]  # numbers of pairs
+_Way = frozenset[int]  # numbers of pairs
 
 
 class PlanSearch:
@@ -54,16 +54,16 @@ class PlanSearch:
         target = self.graph.id_of(goal)
         return self.ordered(self.shortest_ways(target, have, attempts), target, have)
 
-    def shortest_ways(self, goal: int, have: frozenset[int], attempts: int) -> set[Way]:
+    def shortest_ways(self, goal: int, have: frozenset[int], attempts: int) -> set[_Way]:
         """Return all ways with as few attempts as possible, up to ``attempts``."""
         by_budget = (self.ways(goal, have, budget) for budget in range(attempts + 1))
         return next(filter(None, by_budget), set())
 
-    def ways(self, goal: int, have: frozenset[int], attempts: int) -> set[Way]:
+    def ways(self, goal: int, have: frozenset[int], attempts: int) -> set[_Way]:
         """Return all acyclic ways with at most ``attempts`` attempts."""
         return self._ways(goal, attempts, have, frozenset())
 
-    def _ways(self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]) -> set[Way]:
+    def _ways(self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]) -> set[_Way]:
         """Return the ways to make ``entity`` without the entities ``above``, which need ``entity``."""
         if entity in have:
             return {frozenset()}
@@ -79,11 +79,11 @@ class PlanSearch:
                 ways |= {way for way_a, way_b in both if len(way := way_a | way_b | {pair}) <= budget}
         return ways
 
-    def ordered(self, ways: Iterable[Way], goal: int, have: frozenset[int]) -> list[Rows]:
+    def ordered(self, ways: Iterable[_Way], goal: int, have: frozenset[int]) -> list[Rows]:
         """Return ways as plans, sorted."""
         return sorted(self._plan(way, goal, have) for way in ways)
 
-    def _plan(self, way: Way, goal: int, have: frozenset[int]) -> Rows:
+    def _plan(self, way: _Way, goal: int, have: frozenset[int]) -> Rows:
         if len(way) == 1:  # most tasks are of depth 1
             (pair,) = way
             return tuple(row for row in self.rows_of(pair) if self.rows[row][2] == goal)
@@ -150,7 +150,7 @@ def make_tasks(
     sieve = _Sieve(search or PlanSearch(graph), depth, split, part)
     # At depth 2 a plan is a recipe, and a recipe for an ingredient.
     most_plans = graph.recipe_counts[graph.recipes[:, :2]].sum()
-    is_complete = depth <= ENUMERATED_DEPTH and (depth == 1 or most_plans <= MAX_ENUMERATED)
+    is_complete = depth <= _ENUMERATED_DEPTH and (depth == 1 or most_plans <= MAX_ENUMERATED)
     if is_complete:
         tasks = {posed: plans for posed in sorted(set(_enumerated(sieve.search, depth))) if (plans := sieve(posed))}
     else:
@@ -176,9 +176,9 @@ class _Sieve:
     def __init__(self, search: PlanSearch, depth: int, split: Split | None, part: TaskPart):
         self.search, self.depth, self.part = search, depth, part
         self.parts: list[int] | None = None if split is None or part == "all" else split.parts.tolist()
-        self.mixed: set[Posed] = set()
+        self.mixed: set[_Posed] = set()
 
-    def __call__(self, posed: Posed) -> Plans:
+    def __call__(self, posed: _Posed) -> Plans:
         """Return the plans of an accepted task, otherwise an empty tuple."""
         goal, start = posed
         have = frozenset(start)
@@ -194,7 +194,7 @@ class _Sieve:
         return plans if of_plans == {PARTS.index(self.part)} else ()
 
 
-def _enumerated(search: PlanSearch, depth: int) -> Iterator[Posed]:
+def _enumerated(search: PlanSearch, depth: int) -> Iterator[_Posed]:
     """Yield goals and leaves of all plans with ``depth`` attempts, 1 or 2; some have shorter plans."""
     for goal, recipes in enumerate(search.recipes_of):
         for _, x, y in recipes:
@@ -235,7 +235,7 @@ class _Draw:
         self.by_goal = list(last.items())
         self.last_steps = [(goal, pair) for goal, pairs in self.by_goal for pair in pairs]
 
-    def __call__(self) -> Posed | None:
+    def __call__(self) -> _Posed | None:
         """Draw once; None without a plan."""
         goal, (a, b) = self._last_step()
         made, leaves = {goal}, {a, b}
@@ -258,9 +258,9 @@ class _Draw:
         return goal, pairs[self.rng.integers(len(pairs))]
 
 
-def _drawn(sieve: _Sieve, draw: _Draw, limit: int) -> dict[Posed, Plans]:
+def _drawn(sieve: _Sieve, draw: _Draw, limit: int) -> dict[_Posed, Plans]:
     """Return distinct tasks in drawn order."""
-    tasks: dict[Posed, Plans] = {}
+    tasks: dict[_Posed, Plans] = {}
     tries = 0
     while draw.last_steps and len(tasks) < limit and tries < _TRIES:
         tries += 1

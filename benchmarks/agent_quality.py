@@ -25,13 +25,7 @@ MARKS = (100_000, 300_000, 1_000_000)
 PLAIN = {"scale": "standardise", "self-edges": "keep"}
 PARTIAL = {"scorer": "partial", **PLAIN}
 FULL = {"scorer": "full", **PLAIN}
-RELEASED = {
-    "mixing": "softmax",
-    "scale": "none",
-    "self-edges": "keep",
-    "value-readout": "logits",
-    "pooling": "max",
-}
+RELEASED = {"mixing": "softmax", "scale": "none", "self-edges": "keep", "value-readout": "logits", "pooling": "max"}
 CHOSEN = {"mixing": "free", "scale": "ranks", "self-edges": "observed", "value-readout": "softmax"}
 CHOICES: dict[str, dict[str, object]] = {
     "no KG": {},

@@ -51,12 +51,7 @@ from wordcraft_kg.evaluation.reference import (
 )
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.record import run_folders
-from wordcraft_kg.studies.references import (
-    DISTRACTORS,
-    in_order,
-    open_play,
-    scripted_rows,
-)
+from wordcraft_kg.studies.references import DISTRACTORS, in_order, open_play, scripted_rows
 from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN, agent_rows
 from wordcraft_kg.studies.results import StudyResults
 

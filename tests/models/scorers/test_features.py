@@ -518,10 +518,9 @@ def test_a_numpy_file_in_need_of_something_is_refused(kind, npy_file, home):
     if content := {"a zip of arrays": packed.getvalue(), "plain text": GLOVE_TEXT.encode()}.get(kind):
         Path(path).write_bytes(content)
     beside = home / "vectors.labels.txt"
-    expected = {
-        "no labels": f"{path} has no labels",
-        "labels that are not UTF-8": f"{beside}, line 3: not UTF-8",
-    }.get(kind, "not an array of numbers")
+    expected = {"no labels": f"{path} has no labels", "labels that are not UTF-8": f"{beside}, line 3: not UTF-8"}.get(
+        kind, "not an array of numbers"
+    )
     assert expected in refused(path)
 
 

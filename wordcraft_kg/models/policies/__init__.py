@@ -1,7 +1,7 @@
-"""Policies: from the ids of goal, selection and table to logits of the slots and a value.
+"""Policies map ids of goal, selection and table to logits over slots and a value.
 
-Read ``config`` first (every setting), then ``policy`` (shared by all policies) and the two kinds, ``attention``
-(over the table, alone or guided by knowledge) and ``mlp``; ``folder`` makes, writes and loads policies::
+Read ``config`` (settings), then ``policy`` (the base class) and both kinds, ``attention`` and ``mlp``; ``folder``
+makes, writes and loads policies::
 
     policy = load_policy("runs/guided")
     logits, value, sources, lambdas = policy(goal, selection, table)

@@ -1,7 +1,7 @@
 """The self-attention actor-critic, alone or guided by knowledge.
 
-Rows of a batch have few slots, so the shapes of products matter more than their size: vectors are fetched by
-``index_select``, a row's slots are the columns of one small product, and softmax runs along the first axis.
+Tables have few slots, so product shapes matter more than sizes: ``index_select`` fetches vectors, a row's slots are
+columns of one small product, and softmax runs along the first axis.
 """
 
 import math
@@ -16,21 +16,20 @@ from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOut
 from wordcraft_kg.models.policies.sources.source import Source
 
 FOLD_LIMIT = 300
-"""Dimensions up to which query and key weights are multiplied once for all samples of an update."""
+"""Dimensions up to which query and key weights are multiplied once per update."""
 
 
 class AttentionPolicy(Policy):
-    """Self-attention actor-critic, alone or guided by sources; permuting the slots permutes the logits.
+    """Self-attention actor-critic, alone or guided by sources; permuting slots permutes logits.
 
     ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α), and
-    with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with its own weights. An MLP is the linear map W of
-    the paper, a rectifier and a linear map; W, with a bias, is applied to the sum.
+    with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with separate weights. An MLP is the paper's linear
+    map W, a rectifier and a linear map; W, with a bias, is applied to the sum.
 
     Source: Jiang et al. 2020, sections "Self-attention Actor-Critic Network" and "Learning Mixing Coefficients".
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
-        """Take entity vectors and any sources of knowledge."""
         super().__init__(config, vectors, sources)
         if config.kg_only and not self.sources:
             raise ConfigError("`kg_only` mixes a scorer's scores and nothing else; give a `scorer` too.")
@@ -74,14 +73,14 @@ class AttentionPolicy(Policy):
 
 
 def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
-    """Blend the logits of several sources, slot by slot: ``β_i = Σ_s λ_s · source_s,i``.
+    """Mix the logits of sources, slot by slot: ``β_i = Σ_s λ_s · source_s,i``.
 
-    Empty slots become -inf *after* mixing, so no choice of λ can revive them.
+    Empty slots become -inf *after* mixing, so no λ can revive them.
 
     Args:
-        logits: shape (B, S, A). One channel for each active source; the attention's α first if it is active.
+        logits: shape (B, S, A), one channel per active source; α first if active.
         lambdas: shape (B, S).
-        slot_mask: shape (B, A), bool. True where the slot holds an entity.
+        slot_mask: shape (B, A), bool. True for occupied slots.
 
     Returns:
         shape (B, A). Exactly -inf where ``slot_mask`` is False.
@@ -92,28 +91,27 @@ def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
 
 
 def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
-    """Return the softmax over the slots where ``mask`` is True, shape (B, A); exactly 0 elsewhere."""
+    """Return the softmax over slots where ``mask`` is True, shape (B, A); exactly 0 elsewhere."""
     return torch.softmax(logits.masked_fill(~mask, -torch.inf).T.contiguous(), dim=0).T
 
 
 class TableAttention(nn.Module):
-    """Scaled dot-product attention of goal and selection over the slots: ``α_i = Q([x_g; x_s]) · K(x_i) / √d``.
+    """Scaled dot-product attention from goal and selection to slots: ``α_i = Q([x_g; x_s]) · K(x_i) / √d``.
 
-    Since ``q · K x = (Kᵀ q) · x``, and vectors do not depend on the sample, keys are folded into the query. K has no
-    bias, which would add the same to every slot.
+    As ``q · K x = (Kᵀ q) · x``, and vectors do not depend on the sample, keys are folded into the query. K has no bias,
+    which would shift all slots equally.
 
-    Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The second selection is always empty when
-    an action is chosen, and is left out of the query.
+    Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The second selection, always empty at
+    decisions, is omitted from the query.
     """
 
     def __init__(self, dim: int, key_size: int):
-        """Make the projections of F = ``dim`` to d = ``key_size``."""
         super().__init__()
         self.query = nn.Linear(2 * dim, key_size)
         self.key = nn.Linear(dim, key_size, bias=False)
 
     def weights(self) -> dict[str, Tensor]:
-        """Return ``query``, ``query.bias`` and, unless it is folded into them, ``key``."""
+        """Return ``query``, ``query.bias`` and, unless folded, ``key``."""
         key = self.key.weight / math.sqrt(self.key.out_features)
         if self.key.in_features <= FOLD_LIMIT:
             return {"query": self.query.weight.T @ key, "query.bias": self.query.bias @ key}
@@ -121,7 +119,7 @@ class TableAttention(nn.Module):
 
     @staticmethod
     def rows(weights: Mapping[str, Tensor], goal: Tensor, selection: Tensor) -> Tensor:
-        """Return ``Kᵀ q / √d``, shape (B, F), whose product with a slot's vector is its α."""
+        """Return ``Kᵀ q / √d``, shape (B, F); the product with a slot's vector is α."""
         query, bias, vectors = weights["query"], weights["query.bias"], weights.get("vectors")
         if vectors is not None:
             both = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
@@ -133,10 +131,9 @@ class TableAttention(nn.Module):
 
 
 class Slots:
-    """The vectors on the tables of a batch: products with them, and weighted sums of them."""
+    """Vectors on a batch of tables (B, A), from vectors of all entities (E + 1, F), or None for one-hot vectors."""
 
     def __init__(self, vectors: Tensor | None, table: Tensor):
-        """Take the vectors of all entities, shape (E + 1, F), None for one-hot ones, and tables, shape (B, A)."""
         self.table = table
         self.vectors = None if vectors is None else look_up(vectors, table)
 

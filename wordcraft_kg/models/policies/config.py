@@ -1,4 +1,4 @@
-"""Settings of policies: every setting, default and allowed value; imports no torch."""
+"""Settings of policies; imports no torch."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -81,7 +81,7 @@ class PolicyConfig:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The sources in use, in the order in which they are mixed."""
+        """Sources in use, in mixing order."""
         asked = [source.strip() for source in self.use.split(",")]
         known = source_names()
         unknown = [source for source in asked if source not in known]

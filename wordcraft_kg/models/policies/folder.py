@@ -1,4 +1,4 @@
-"""Making policies for a graph, and writing them into a folder that is all that is needed to use them again."""
+"""Making policies, and writing and loading self-contained policy folders."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -42,21 +42,21 @@ def make_policy(
     tasks: TaskSet | None = None,
     seed: int = 0,
 ) -> tuple[Policy, EntityFeatures | None]:
-    """Return an untrained policy for a graph, and its features if they are not learned.
+    """Return an untrained policy for a graph, and its features unless learned.
 
     Args:
         config: settings of the policy.
-        graph: graph among whose entities it decides.
-        num_slots: number of slots of the tables; only an mlp depends on it.
-        scorer: scorer that its sources read, see :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
-        observed: triples of the scorer's training, for ``self_edges`` ``observed``.
-        tasks: tasks of the training, such as ``world.tasks``, which a cross-fitted scorer needs.
-        seed: seed of the parameters and of random features; no global generator is left changed.
+        graph: graph of the entities.
+        num_slots: number of slots; only an mlp depends on this number.
+        scorer: scorer for the sources, see :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
+        observed: training triples of the scorer, for ``self_edges`` ``observed``.
+        tasks: training tasks, such as ``world.tasks``; required by cross-fitted scorers.
+        seed: seed of parameters and random features; global generators stay unchanged.
 
     Raises:
-        ConfigError: if the settings do not fit each other or the graph.
+        ConfigError: if settings conflict with each other or the graph.
         GraphMismatchError: if the scorer belongs to another graph.
-        LeakError: if a task would be scored by a model that has been trained on its recipes.
+        LeakError: if a model has seen the recipes of a task.
     """
     features = None
     if config.features != LEARNED:
@@ -89,7 +89,7 @@ def make_policy(
 
 
 def write_constants(folder: Path, policy: Policy) -> None:
-    """Write the parts that training never changes: ``policy.json`` and ``constants.safetensors`` (features, scores)."""
+    """Write the untrained parts: ``policy.json`` and ``constants.safetensors`` (features, scores)."""
     description = {
         "format": POLICY_FORMAT,
         "graph": policy.graph_hash,
@@ -107,17 +107,13 @@ def write_constants(folder: Path, policy: Policy) -> None:
 
 
 def write_parameters(folder: Path, policy: Policy) -> None:
-    """Write the parts that training changed: ``policy.safetensors``."""
+    """Write the trained parameters: ``policy.safetensors``."""
     parameters = copied(dict(policy.named_parameters()))
     write_atomically(folder / "policy.safetensors", safetensors.torch.save(parameters))
 
 
 def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]) -> Policy:
-    """Rebuild a policy from the files of its folder.
-
-    Raises:
-        ArtefactError: if they do not fit each other.
-    """
+    """Rebuild a policy from the files of its folder. Raises ArtefactError if the files do not fit each other."""
     description = read_json(folder / "policy.json")
     tensors = read_tensors(folder / "constants.safetensors", constants)
     try:
@@ -154,11 +150,11 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
 
 
 def save_policy(folder: str | Path, policy: Policy, *, force: bool = False) -> Path:
-    """Write a policy, such as one that you have trained further, into a folder from which :func:`load_policy` loads it.
+    """Write a policy into a folder for :func:`load_policy`.
 
     Raises:
         OutputExistsError: if ``folder`` exists and ``force`` is False.
-        ConfigError: if the policy was neither made nor loaded here, or a parameter is not a finite number.
+        ConfigError: if the policy has no entities, or a parameter is not finite.
 
     Example:
         >>> policy = load_policy("runs/kitchen")
@@ -191,7 +187,7 @@ from a program, so nothing here says how it was trained or can reproduce that.
 
 
 def usage(entities: tuple[str, ...]) -> str:
-    """Return how to use the policy of a folder, for its model card."""
+    """Return the usage section of a model card."""
     goal, one, other = (entities * 3)[:3]
     return f"""```python
 from wordcraft_kg import load_policy
@@ -202,10 +198,10 @@ policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # what to pick first
 
 
 def load_policy(folder: str | Path) -> Policy:
-    """Load the policy of a finished run, or a saved one; only the folder is needed.
+    """Load the policy of a finished run or a saved policy; the folder suffices.
 
     Raises:
-        ArtefactError: if the run is unfinished, or a file in it is missing or damaged.
+        ArtefactError: if the run is unfinished, or a file is missing or damaged.
 
     Example:
         >>> policy = load_policy("runs/kitchen")

@@ -1,5 +1,3 @@
-"""The paper's simple baseline."""
-
 import torch
 from torch import Tensor, nn
 
@@ -9,13 +7,12 @@ from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOut
 
 
 class MLPPolicy(Policy):
-    """The paper's simple baseline: one hidden layer on the vectors of goal, selection and all slots in their order.
+    """The paper's simple baseline: one hidden layer on the vectors of goal, selection and all slots, in order.
 
-    It works for tables of one size only. Source: Jiang et al. 2020, appendix "Extended Discussion".
+    Works for a single table size. Source: Jiang et al. 2020, appendix "Extended Discussion".
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, num_slots: int):
-        """Take entity vectors and the number of slots."""
         super().__init__(config, vectors)
         self.num_slots = num_slots
         self.hidden = nn.Linear((2 + num_slots) * vectors.dim, config.hidden_size)

@@ -1,4 +1,4 @@
-"""Policies as plain torch modules: ids of goal, selection and table in, logits of the slots and a value out."""
+"""Policies as torch modules: ids of goal, selection and table in, logits over slots and a value out."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
@@ -15,17 +15,17 @@ from wordcraft_kg.models.policies.sources import ALPHA, Label
 from wordcraft_kg.models.policies.sources.source import Source
 
 Weights = dict[str, Tensor]
-"""Tensors that depend on the parameters alone, by name."""
+"""Tensors derived from parameters only, by name."""
 
 
 class PolicyOutput(NamedTuple):
-    """The output of a policy for a batch of states.
+    """Output of a policy for a batch of states.
 
     Attributes:
-        logits: β, shape (B, A): unnormalised log-probabilities, -inf where a slot is empty.
+        logits: β, shape (B, A): unnormalised log-probabilities, -inf for empty slots.
         value: V, shape (B,): expected discounted return.
-        sources: the terms of the mixture β, shape (B, S, A): α if it is mixed in, then each source; None without one.
-        lambdas: λ of each term, shape (B, S); None without a mixture.
+        sources: terms of the mixture β, shape (B, S, A): α if mixed in, then sources; None without mixture.
+        lambdas: λ of each term, shape (B, S); None without mixture.
     """
 
     logits: Tensor
@@ -35,7 +35,7 @@ class PolicyOutput(NamedTuple):
 
 
 class Pick(NamedTuple):
-    """A decision: the slot, the label of the entity there, and the probability of the slot among all."""
+    """A decision: slot, label of its entity, and probability of the slot."""
 
     slot: int
     entity: str
@@ -43,18 +43,18 @@ class Pick(NamedTuple):
 
 
 class EntityVectors(nn.Module):
-    """The vectors x of entities: constant, learned or one-hot (never written out); that of nothing, the id E, is zero.
+    """Entity vectors x: constant, learned or one-hot (implicit); nothing, id E, has the zero vector.
 
     Attributes:
         num_entities: E.
         dim: F, the length of a vector.
-        is_one_hot: whether the vectors are the rows of the identity.
+        is_one_hot: vectors are rows of the identity.
     """
 
     vectors: Tensor
 
     def __init__(self, num_entities: int, vectors: Tensor | None = None, *, learned_dim: int = 0):
-        """Take constant vectors, shape (E, F); without them, learn vectors of ``learned_dim`` or use one-hot ones."""
+        """Use constant vectors, shape (E, F), otherwise learned vectors of ``learned_dim``, otherwise one-hot vectors."""
         super().__init__()
         self.num_entities = num_entities
         self.is_one_hot = vectors is None and not learned_dim
@@ -67,31 +67,30 @@ class EntityVectors(nn.Module):
         self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
 
     def weights(self) -> dict[str, Tensor]:
-        """Return ``vectors`` of all entities and of nothing, shape (E + 1, F); without that key if they are one-hot."""
+        """Return ``vectors`` of all entities and nothing, shape (E + 1, F); no key for one-hot vectors."""
         return {} if self.is_one_hot else {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
 
 
 def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
-    """Return the vectors of entities, ``ids`` of any shape: shape (*ids, F)."""
+    """Return vectors of entities for ``ids`` of any shape: shape (*ids, F)."""
     return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
 
 
 class Policy(nn.Module):
-    """Base of all policies: ``policy(goal, selection, table)`` for a batch of ids, :meth:`act` for one state's labels.
+    """Base class: ``policy(goal, selection, table)`` for a batch of ids, :meth:`act` for one state in labels.
 
     Ids are those of the environments: entities 0 to E - 1, and E for nothing.
 
     Attributes:
-        config: its settings.
+        config: settings.
         num_entities: E.
         sources: sources of knowledge by name; see :mod:`wordcraft_kg.models.policies.sources`.
-        labels: labels of the terms of the mixture, in order: ``alpha`` if it is mixed in, then the sources.
-        entities: labels in id order, set like ``graph_hash`` when a policy is made or loaded.
+        labels: labels of the mixture's terms, in order: ``alpha`` if mixed in, then the sources.
+        entities: labels in id order; set, like ``graph_hash``, on making or loading.
         graph_hash: hash of the graph.
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
-        """Store the settings, the entities' vectors and the sources."""
         super().__init__()
         self.entities: tuple[str, ...] = ()
         self.graph_hash = ""
@@ -105,21 +104,21 @@ class Policy(nn.Module):
 
     @property
     def reads_task(self) -> bool:
-        """Whether the scores of a source depend on the task, which should then be passed."""
+        """Scores of a source depend on the task number."""
         return any(source.reads_task for source in self.sources.values())
 
     def bind(self, tasks: TaskSet) -> None:
-        """Take the tasks whose numbers are passed from now on; does nothing unless :attr:`reads_task`.
+        """Set the tasks of subsequent task numbers; no effect unless :attr:`reads_task`.
 
         Raises:
-            LeakError: if a source would score one by a model that has been trained on its recipes.
-            GraphMismatchError: if they are tasks of another graph or split.
+            LeakError: if a source's model has seen the recipes of a task.
+            GraphMismatchError: if the tasks belong to another graph or split.
         """
         for source in self.sources.values():
             source.bind(tasks)
 
     def weights(self) -> Weights:
-        """Return the tensors that depend on the parameters alone, to compute them once for many calls."""
+        """Return tensors derived from parameters only, for reuse in many calls."""
         raise NotImplementedError
 
     def forward(
@@ -134,22 +133,19 @@ class Policy(nn.Module):
         """Return logits and value of states.
 
         Args:
-            goal: shape (B,), int64: the entity to make.
-            selection: shape (B,), int64: the entity held, E for nothing.
-            table: shape (B, A), int64: the entities on the table, E for an empty slot. No row is empty.
-            weights: result of :meth:`weights`; None computes it.
-            task: shape (B,), int64: number of the task among those of :meth:`bind`, or their number for another task;
-                None for tasks without train recipes, or if :attr:`reads_task` is False.
-            opinions: result of :meth:`opinions`; None computes it.
+            goal: shape (B,), int64: entity to make.
+            selection: shape (B,), int64: entity held, E for nothing.
+            table: shape (B, A), int64: entities on the table, E for empty slots. Each row has an entity.
+            weights: result of :meth:`weights`; computed by default.
+            task: shape (B,), int64: task number among the tasks of :meth:`bind`, or the number of tasks for any other
+                task; None for tasks without train recipes, or if :attr:`reads_task` is False.
+            opinions: result of :meth:`opinions`; computed by default.
         """
         raise NotImplementedError
 
     @torch.no_grad()
     def opinions(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor | None:
-        """Return the scores of the sources, which no training changes, to compute them once for many calls.
-
-        States are those of :meth:`forward`; the result has shape (B, S, A), or is None without sources.
-        """
+        """Return the constant scores of sources, shape (B, S, A), for reuse; None without sources."""
         if not self.sources:
             return None
         return torch.stack([source(goal, selection, table, task) for source in self.sources.values()], dim=1)
@@ -163,17 +159,17 @@ class Policy(nn.Module):
         *,
         generator: torch.Generator | None = None,
     ) -> Pick:
-        """Decide in one state, given by labels or ids.
+        """Decide in one state of labels or ids.
 
         Args:
             goal: entity to make.
-            table: entities on the table; None for an empty slot.
-            selection: the entity held, None for nothing.
-            generator: draws the slot by its probability, on the CPU; by default the first of the most probable slots.
+            table: entities on the table; None for empty slots.
+            selection: entity held, None for nothing.
+            generator: CPU generator that samples a slot; by default the first most probable slot.
 
         Raises:
             UnknownEntityError: with the nearest labels.
-            ConfigError: if there is nothing on the table.
+            ConfigError: if the table is empty.
         """
         if all(entity is None for entity in table):
             raise refuse("table", list(table), "one entity or more")
@@ -185,7 +181,7 @@ class Policy(nn.Module):
         return Pick(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
 
     def id_of(self, entity: Entity | None) -> int:
-        """Return the id of an entity given by label or id; E for None, which is nothing.
+        """Return the id of a label or id; E for None, which is nothing.
 
         Raises:
             UnknownEntityError: with the nearest labels, or the range of ids.
@@ -202,5 +198,5 @@ class Policy(nn.Module):
 
 
 def log_policy(logits: Tensor) -> Tensor:
-    """Return the log-probabilities of masked logits (B, A), slots first: shape (A, B); -inf where a slot is empty."""
+    """Return log-probabilities of masked logits (B, A), slots first: shape (A, B); -inf for empty slots."""
     return torch.log_softmax(logits.T.contiguous(), dim=0)

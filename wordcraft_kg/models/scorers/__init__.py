@@ -1,11 +1,10 @@
-"""Scorers say how plausible a triple is: from a trained model, facts, counts, neighbours or kernels.
+"""Scorers rate the plausibility of triples: trained models, facts, counts, neighbours or kernels.
 
-Read ``protocol`` first (the interface of all scorers), then ``scorer`` (their common handling of ids and labels), then
-the kinds: ``tables`` (computed once, then looked up), ``factors`` (computed on demand), ``baselines`` (counts,
-neighbours, votes), ``kernel`` and ``low_rank_kernel`` (closed form), ``recipes`` (whole recipes). ``folder`` loads a
-trained scorer, ``queries`` parses user queries. ``scales`` brings scores of different origin to one scale,
-``calibration`` turns them into probabilities, ``ranking`` evaluates a scorer on held-out triples, ``features`` gives
-each entity a vector, ``near_synonyms`` finds test recipes that repeat a train recipe in other words::
+Read ``protocol`` first (the interface), then ``scorer`` (the base class: ids and labels) and the kinds: ``tables``
+(precomputed scores), ``factors`` (scores on demand), ``baselines``, ``kernel`` and ``low_rank_kernel`` (closed form),
+``recipes`` (whole recipes). ``folder`` loads a trained scorer, ``queries`` parses queries, ``scales`` maps scores to a
+common scale, ``calibration`` to probabilities, ``ranking`` evaluates held-out triples, ``features`` provides entity
+vectors, ``near_synonyms`` finds reworded train recipes::
 
     scorer = load_scorer("models/mine")
     scorer.score("water", "combinesWith", ["earth", "fire"])

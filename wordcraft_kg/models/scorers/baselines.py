@@ -1,4 +1,4 @@
-"""Scorers that learn nothing: facts, counts, neighbours and votes."""
+"""Baselines without learning: facts, counts, neighbours and votes."""
 
 from functools import cached_property
 from typing import Any
@@ -15,10 +15,9 @@ from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 class SymbolicScorer(Scorer):
-    """Scores 1 for the triples of a set and 0 for all others: a knowledge graph without any generalisation."""
+    """Scores 1 for given triples, shape (T, 3), and 0 for others: a knowledge graph without generalisation."""
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
-        """Keep the triples, shape (T, 3), ids of ``graph``."""
         super().__init__(graph.entities, graph.hash, **kwargs)
         keys = torch.unique(self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T))
         # The last key is larger than that of any triple, so that a search always ends at one.
@@ -40,14 +39,12 @@ class SymbolicScorer(Scorer):
 
 
 class FrequencyScorer(Scorer):
-    """Scores a triple by how often its head is a head and its tail a tail in known triples of the relation.
+    """Scores a triple by the frequency of its head and tail in known triples (T, 3) with the same relation.
 
-    With one slot open, candidates are ranked by their training frequency: the baseline that a link predictor has to
-    beat.
+    With one slot open, candidates rank by training frequency: the baseline for link predictors.
     """
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
-        """Count heads and tails of the triples, shape (T, 3), ids of ``graph``."""
         super().__init__(graph.entities, graph.hash, **kwargs)
         heads, relations, tails = torch.tensor(triples, dtype=torch.int64, device=self.device).T
         size = len(RELATIONS) * len(self.entities)
@@ -60,18 +57,18 @@ class FrequencyScorer(Scorer):
 
 
 class NeighbourScorer(TableScorer):
-    """Scores a triple by how strongly entities like its head are linked to its tail, and its head to ones like it.
+    """Scores a triple by links between entities similar to its head and tail.
 
-    Nothing is learned. With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the
-    cosine of the rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]``. A neighbour shared by n
-    entities weighs 1 / n, a power chosen on validation parts (``benchmarks/link_quality.py neighbours``), and an
-    entity's similarity to itself is 0. Everything is dense, (E, 3 E), for graphs of up to a few thousand entities.
+    With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the cosine of the rows of
+    ``[A_combinesWith, A_componentOf, A_componentOf transposed]`` with a zero diagonal. A neighbour shared by n entities
+    weighs ``n ** -power``; the power was chosen on validation splits (``benchmarks/link_quality.py neighbours``). All
+    matrices are dense, (E, 3 E), for graphs up to a few thousand entities.
 
-    Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here on two relations.
+    Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here with two relations.
     """
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any):
-        """Score all triples from the known ones, shape (T, 3); a neighbour of n entities weighs ``n ** -power``.
+        """Score all triples from the known triples, shape (T, 3).
 
         Raises:
             ConfigError: if the graph has too many entities.
@@ -89,29 +86,28 @@ class NeighbourScorer(TableScorer):
 
 
 UNSEEN = 0.01
-"""What an ingredient counts that no known recipe of the result has."""
+"""Pseudo-count for an ingredient in no known recipe with the result."""
 
 
 class VoteScorer(Scorer):
-    """Scores a recipe by how often each of its ingredients has been in a recipe of its result; nothing is learned.
+    """Scores a recipe by counting, for each ingredient, known recipes with the same result.
 
-    With ``n_xc`` the number of known recipes of c that x is in, and ``m_c`` that of all recipes of c, ::
+    With ``n_xc`` the number of known recipes that make c from x, and ``m_c`` the number that make c, ::
 
         score(a, b -> c) = log((n_ac + eps) (n_bc + eps) / (m_c + 1)).
 
-    As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive Bayes. In a pair of one entity with
-    itself the second factor is ``eps``: nobody votes twice. Triples are scored by summing the open part of the recipe
-    out::
+    As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive Bayes. For an entity paired with itself
+    the second factor is ``eps``: nobody votes twice. Triple scores sum over the open part of the recipe::
 
         score(a, combinesWith, b) = log sum over c of exp score(a, b -> c)
         score(x, componentOf, c) = log sum over b of exp(score(x, combinesWith, b) + score(x, b -> c))
 
-    They need the scores of all pairs, so large graphs are refused; recipes are scored for graphs of any size. Forms and
+    Triples need a table of all pairs, so large graphs are refused; recipes work for graphs of any size. Forms and
     ``eps`` were chosen on validation recipes: ``benchmarks/link_quality.py votes``.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, *, unseen: float = UNSEEN, **kwargs: Any):
-        """Count the votes of known recipes, shape (n, 3), rows of ``graph.recipes``; ``unseen`` is ``eps``, above 0."""
+        """Count the votes of known recipes, shape (n, 3); ``unseen`` is ``eps``, above 0."""
         super().__init__(graph.entities, graph.hash, **kwargs)
         self.unseen = unseen
         one, other, result = recipes.T
@@ -124,13 +120,13 @@ class VoteScorer(Scorer):
         self._made = torch.tensor(np.bincount(result, minlength=size), dtype=torch.float64, device=self.device)
 
     def votes(self, ingredients: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Return how many known recipes of a result an entity is in, float64, of the broadcast shape."""
+        """Count known recipes by ingredient and result; float64, broadcast shape."""
         keys = self.entity_ids(ingredients) * len(self.entities) + self.entity_ids(results)
         found = torch.searchsorted(self._keys, keys)
         return torch.where(self._keys[found] == keys, self._counts[found], 0.0)
 
     def score_recipes(self, one: EntityIds, other: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Score recipes given by ids or labels, which broadcast; the ingredients have no order. Return float32."""
+        """Score recipes of ids or labels, which broadcast; unordered ingredients, float32."""
         a, b, c = self.entity_ids(one), self.entity_ids(other), self.entity_ids(results)
         second = torch.where(a == b, 0.0, self.votes(b, c))
         weight = (self.votes(a, c) + self.unseen) * (second + self.unseen) / (self._made[c] + 1)
@@ -141,7 +137,7 @@ class VoteScorer(Scorer):
 
     @cached_property
     def _tables(self) -> torch.Tensor:
-        """The scores of all triples, shape (R, E, E), by relation, head and tail."""
+        """Scores of all triples, shape (R, E, E)."""
         size = len(self.entities)
         check_table("counting the votes for triples", size)
         dense = torch.full((size, size), self.unseen, dtype=torch.float64, device=self.device)

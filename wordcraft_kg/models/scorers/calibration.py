@@ -1,20 +1,20 @@
-"""Scores as probabilities, fitted on the scores that each fold's model gives to recipes it has not seen.
+"""Probabilities from scores, fitted on out-of-sample scores of each fold's recipes.
 
-A score counts by its *place*: the log-odds of its rank among all pairs of different entities that no train recipe
-gives, so that models of different scales compare. For each relation, and for pairs of an entity with itself apart,
+A score enters as *place*: the log-odds of its percentile rank among all pairs of different entities outside the train
+triples, which makes models on different scales comparable. For each relation, and separately for self pairs,
 
 ``P(true | place t) = σ(α + Σ_i β_i s_i(t))``, with ``s_i`` the part of t within the i-th segment of the axis and
 ``β_i >= 0``, so a higher score is never less probable.
 
-Of the true triples that a fold's model has not seen only the share c is known, those of its fold; the recipes outside
-train look like negatives. So the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The model of all
-train recipes has seen the triples of the folds, and by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the others.
+Only a share c of the true triples that a fold's model has not seen is known: the triples of the fold. Recipes outside
+train look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The model of all
+train recipes has seen the folds' triples; by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the remaining triples.
 
-Recipe scores become shares of the results of a pair by a softmax, whose temperature maximises the likelihood of the
-pair's own results, on pairs of the folds (Guo et al. 2017): "if this pair makes something, it makes this".
+A softmax turns recipe scores into shares of a pair's results; its temperature maximises the likelihood of the results
+of pairs in the folds (Guo et al. 2017): "if this pair makes something, it makes this".
 
-Source: Platt 1999 (the sigmoid); Elkan and Noto 2008 (positives of which a share is labelled); Saerens, Latinne and
-Decaestecker 2002 (another base rate).
+Source: Platt 1999 (the sigmoid); Elkan and Noto 2008 (partially labelled positives); Saerens, Latinne and Decaestecker
+2002 (change of base rate).
 """
 
 import math
@@ -38,36 +38,36 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScores
 
 SEGMENTS = (3.0, 6.0)
-"""Places between which the slope may change: the best 5 % and the best .25 % of all pairs."""
+"""Places between segments of the slope: the best 5 % and the best .25 % of all pairs."""
 MAX_CELLS = 2**20
-"""Pairs of different entities that are scored for a relation: all of them, or a uniform sample where there are more."""
+"""Pairs of different entities scored per relation; more pairs are sampled uniformly."""
 MIN_TRUE = 10
-"""True triples, and others, below which the base rate is all that is fitted."""
+"""Minimum number of true triples, and of others, for a curve; otherwise only the base rate is fitted."""
 MIN_GAIN = 3.0
-"""Nats by which a curve must raise the likelihood of folds left out, or it is the base rate."""
+"""Minimum gain of a curve over the base rate, in nats, on held-out folds."""
 END = 16.0
-"""Places beyond it are not told apart."""
+"""Largest distinguished place."""
 WIDTH = 0.01
-"""Places are counted in bins of this width."""
+"""Bin width of places."""
 KNOTS = 257
-"""Scores by which the places of a model are stored."""
+"""Scores that store the places of a model."""
 RIDGE = 1e-3
 PAIRS = 2**15
-"""Recipes that are scored for a fold to fit the temperature, all results of a pair together."""
+"""Recipes scored per fold to fit the temperature."""
 
 Floats = NDArray[np.float64]
 
 
 class Curve(Record, frozen=True, kw_only=True):
-    """The probability of a triple by its score's place, for the model of all train recipes.
+    """The probability of a triple by place, for the model of all train recipes.
 
     Attributes:
-        intercept: α, for triples that this model has not seen.
-        slopes: β of the segments that :data:`SEGMENTS` bound; one for all of the axis; none for the base rate.
+        intercept: α, for triples outside its training.
+        slopes: β by segment (see :data:`SEGMENTS`); one for the whole axis; none for the base rate.
         rate: the base rate.
         true: true triples of the folds in the fit.
         cells: all triples in the fit.
-        reason: why it is the base rate, else empty.
+        reason: reason for using the base rate, else empty.
     """
 
     intercept: float
@@ -78,19 +78,19 @@ class Curve(Record, frozen=True, kw_only=True):
     reason: str = ""
 
     def probability(self, places: Floats) -> Floats:
-        """Return probabilities, of the shape of ``places``."""
+        """Return probabilities, same shape as ``places``."""
         return np.asarray(expit(self.intercept + _segments(places, len(self.slopes)) @ np.array(self.slopes)))
 
 
 class RelationCurves(Record, frozen=True, kw_only=True):
-    """How scores of a relation become probabilities.
+    """Calibration of one relation.
 
     Attributes:
-        known_share: c, the share of a fold's triples among the true ones that its model has not seen.
+        known_share: c, the known share of true triples unseen by a fold's model.
         scores: scores of the model of all train recipes, ascending.
-        places: their places.
-        distinct: for pairs of different entities.
-        itself: for an entity with itself.
+        places: the places of ``scores``.
+        distinct: curve for pairs of different entities.
+        itself: curve for self pairs.
     """
 
     known_share: Share
@@ -101,12 +101,11 @@ class RelationCurves(Record, frozen=True, kw_only=True):
 
 
 class Probabilities(Record, frozen=True, kw_only=True):
-    """``calibration.json``: how scores of triples that were not in training become probabilities.
+    """``calibration.json``: the mapping from scores to probabilities of triples outside training.
 
     Attributes:
-        relations: curves of each relation, by id.
-        temperature: what recipe scores are divided by before a softmax over all results of a pair; None for a scorer
-            without recipe scores.
+        relations: curves by relation id.
+        temperature: divisor of recipe scores before the softmax over results; None without recipe scores.
     """
 
     format: Literal["wordcraft-kg calibration 1"] = "wordcraft-kg calibration 1"
@@ -115,9 +114,9 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
     @classmethod
     def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
-        """Fit the probabilities of the scorer of all train recipes to the predictions of the model without each fold.
+        """Fit probabilities for ``whole``, the scorer of all train recipes, to out-of-fold predictions.
 
-        Of the recipes outside train only the number is used.
+        Recipes outside train enter by their number only.
         """
         size, train = len(whole.entities), folds.triples()
         true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
@@ -137,7 +136,7 @@ class Probabilities(Record, frozen=True, kw_only=True):
         return cls(relations=(found[0], found[1]), temperature=_temperature(seen))
 
     def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        """Return probabilities of scores of the model of all train recipes, float32; all broadcast to one shape."""
+        """Return probabilities for scores of the model of all train recipes, float32; arguments broadcast."""
         together = torch.broadcast_tensors(scores, heads, relations, tails)
         values, one, kinds, other = (part.cpu().numpy() for part in together)
         found = np.empty(values.shape)
@@ -151,13 +150,13 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Seen:
-    """Scores of triples that a model was not trained on, counted by place.
+    """Histograms of out-of-sample scores by place.
 
     Attributes:
-        true: shape (2, 2, B): triples of its fold by relation, by whether both entities are the same, and by place.
-        others: the same of triples that no train recipe gives; weighted, where they are a sample.
-        results: shape (N, E): scores of all results of some pairs of its fold; None without recipe scores.
-        right: shape (N, E), bool: the results that these pairs have.
+        true: shape (2, 2, B): triples of the fold by relation, self pair (0 or 1) and place.
+        others: as ``true``, for triples outside the train recipes; weighted if sampled.
+        results: shape (N, E): scores of all results of some pairs of the fold; None without recipe scores.
+        right: shape (N, E), bool: correct results.
     """
 
     true: Floats
@@ -167,9 +166,9 @@ class Seen:
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
-    """Count the scores that the model without a fold gives to triples that it has not seen.
+    """Count scores of a fold's model on triples outside its training; ``seed`` draws the sample of pairs.
 
-    Recipes outside train are not looked at; ``seed`` draws the sample of pairs.
+    Recipes outside train are not used.
     """
     size = len(scorer.entities)
     train, trained_on = folds.triples(), folds.triples([fold])
@@ -197,9 +196,9 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
 def known_share(folds: Folds, relation: int) -> float:
     """Return c, the share of a fold's triples among all true triples that its model has not seen.
 
-    The share of new triples falls as a power p of the number of train recipes, measured by leaving out one fold and
-    two. So ``c = m / (m + m')`` with m the mean number of new triples of a fold and
-    ``m' = m (outside / n_fold) (K / (K - 1))^-p``. No recipe outside train is looked at.
+    The number of new triples falls as a power p of the number of train recipes, measured by leaving out one and two
+    folds: ``c = m / (m + m')`` with m the mean number of new triples per fold and ``m' = m (outside / n_fold) (K / (K -
+    1))^-p``. Recipes outside train enter by their number only.
     """
     graph, count = folds.split.graph, folds.count
     train = folds.seen()
@@ -220,11 +219,11 @@ def known_share(folds: Folds, relation: int) -> float:
 
 
 def fit_curve(true: Floats, others: Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
-    """Fit the curve of counts by place; the base rate where scores say nothing.
+    """Fit a curve to histograms; fall back to the base rate if scores are uninformative.
 
     Args:
-        true: shape (K, B), number of true triples of each fold in each bin of places.
-        others: shape (K, B), number of the others, among them true ones that are not known.
+        true: shape (K, B), true triples by fold and place.
+        others: shape (K, B), all other triples, including unknown true triples.
         share: c.
         slopes: number of segments.
     """
@@ -249,7 +248,7 @@ def fit_curve(true: Floats, others: Floats, share: float, slopes: int = len(SEGM
 
 
 def _base(true: Floats, others: Floats, share: float) -> float:
-    """Return the log-odds of the base rate, of half a triple more than was seen: nothing is impossible."""
+    """Return the log-odds of the base rate with a pseudo-count of .5: nothing is impossible."""
     rate = min((true.sum() + 0.5) / (true.sum() + others.sum() + 1) / share, 0.5)
     return math.log(rate / (1 - rate))
 
@@ -265,7 +264,7 @@ def _fit(true: Floats, others: Floats, share: float, slopes: int) -> Floats:
 
 
 def _loss(values: Floats, true: Floats, others: Floats, share: float) -> tuple[float, Floats]:
-    """Return the negative log-likelihood of counts by place, nats, and its gradient."""
+    """Return the negative log-likelihood of histograms, in nats, and its gradient."""
     inputs = _segments(_centres(), len(values) - 1)
     chance = expit(values[0] + inputs @ values[1:])
     labelled = np.clip(share * chance, 1e-300, 1 - 1e-12)
@@ -277,7 +276,7 @@ def _loss(values: Floats, true: Floats, others: Floats, share: float) -> tuple[f
 def _results(
     scorer: TripleScorer, folds: Folds, fold: int, seed: int
 ) -> tuple[Floats, NDArray[np.bool_]] | tuple[None, None]:
-    """Return the scores of all results of some pairs of a fold, and which of them are right."""
+    """Return scores of all results of some pairs of a fold, and a mask of correct results."""
     if not isinstance(scorer, RecipeScores):
         return None, None
     size = len(scorer.entities)
@@ -293,7 +292,7 @@ def _results(
 
 
 def _temperature(seen: Sequence[Seen]) -> float | None:
-    """Return the temperature with which the softmax over results gives the right ones the highest likelihood."""
+    """Return the maximum-likelihood temperature of the softmax over results."""
     known = [(part.results, part.right) for part in seen if part.results is not None and part.right is not None]
     if not known:
         return None
@@ -307,7 +306,7 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
 
 
 def place_of(scores: Floats, among: Floats) -> Floats:
-    """Return the log-odds of the ranks of scores among others, ties halved; 0 is the median."""
+    """Return the log-odds of percentile ranks among other scores, ties halved; 0 is the median."""
     ordered, count = np.sort(among), len(among)
     above = count - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
     rank = np.clip((above + 0.5) / (count + 1), 0.5 / (count + 1), 1 - 0.5 / (count + 1))
@@ -315,7 +314,7 @@ def place_of(scores: Floats, among: Floats) -> Floats:
 
 
 def _map_of_places(scores: Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return some scores, ascending, and their places among all of them."""
+    """Return quantiles of scores, ascending, and their places."""
     if not len(scores):
         return (0.0,), (0.0,)
     end = math.log(2 * len(scores) + 1)
@@ -342,7 +341,7 @@ def _bin(places: Floats) -> Ids:
 
 
 def _cells(size: int, relation: int, seed: int) -> tuple[Ids, Floats]:
-    """Return triples of a relation, shape (N, 3), with each entity and itself once, and how many each stands for."""
+    """Return triples of a relation, shape (N, 3), with every self pair, and the number of triples each represents."""
     everything = np.arange(size)
     pairs = size * (size - 1)
     if pairs <= MAX_CELLS:
@@ -357,7 +356,6 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, Floats]:
 
 
 def _scores(scorer: TripleScorer, triples: Ids) -> Floats:
-    """Score triples in blocks."""
     blocks = np.array_split(triples, max(1, len(triples) // 2**18))
     with torch.no_grad():
         parts = [scorer.score(*torch.from_numpy(block.copy()).T).cpu().numpy() for block in blocks]

@@ -6,14 +6,14 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS
 
 Scale = Literal["standardise", "ranks", "log-softmax", "none"]
-"""See :func:`~wordcraft_kg.models.scorers.scales.scaled_scorer`."""
+"""See :func:`~wordcraft_kg.models.scorers.scales.scaled_table`."""
 SelfEdges = Literal["keep", "observed", "drop"]
-"""What happens to an entity's combinesWith score with itself."""
+"""Treatment of combinesWith scores between an entity and itself."""
 MAX_QUERIES = 40_000
-"""Queries that are ranked by default; of more, a uniform sample is."""
+"""Default number of ranked queries; larger sets are sampled."""
 
 TABLE_LIMIT = 2**28
-"""Bytes. Up to this size all scores are computed once and looked up; above it they come from the embeddings."""
+"""Bytes; larger tables of all scores are replaced by factors."""
 
 
 def table_bytes(num_entities: int) -> int:
@@ -22,11 +22,7 @@ def table_bytes(num_entities: int) -> int:
 
 
 def check_table(what: str, num_entities: int) -> None:
-    """Refuse what needs the scores of all pairs where they are too many.
-
-    Raises:
-        ConfigError: saying how large the table would be.
-    """
+    """Raise ConfigError if a table of all scores is too large."""
     needed = table_bytes(num_entities)
     if needed > TABLE_LIMIT:
         raise ConfigError(
@@ -36,15 +32,11 @@ def check_table(what: str, num_entities: int) -> None:
 
 
 MAX_DENSE = 4_000
-"""Entities up to which kernels are dense: about twenty tables of all pairs are held at once, and E³ operations done."""
+"""Entities up to which kernels are dense: about twenty tables in memory at once, and E³ operations."""
 
 
 def check_dense(what: str, num_entities: int) -> None:
-    """Refuse what needs dense kernels where the graph is too large for them.
-
-    Raises:
-        ConfigError: saying how many entities there are.
-    """
+    """Raise ConfigError if a graph is too large for dense kernels."""
     if num_entities > MAX_DENSE:
         raise ConfigError(
             f"{what} compares each two of {num_entities:,} entities; expected at most {MAX_DENSE:,}. Take ComplEx "

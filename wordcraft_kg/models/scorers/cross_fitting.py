@@ -1,7 +1,7 @@
-"""Cross-fitting: scores of train recipes by a model that has not seen them.
+"""Cross-fitting: out-of-sample scores for train recipes.
 
-A scorer remembers the recipes that it was trained on, so an agent that learns from these scores trusts it too much. The
-train recipes are therefore cut into folds (:mod:`wordcraft_kg.graphs.folds`), and each fold has a model of all others.
+A scorer remembers its training recipes, so an agent that learns from in-sample scores overrates the scorer. The train
+recipes are cut into folds (:mod:`wordcraft_kg.graphs.folds`); one model per fold learns from all other folds.
 
 Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov et al. 2018.
 """
@@ -30,14 +30,14 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
 class Fold(Record, frozen=True, kw_only=True):
-    """The model of all train recipes but those of a fold.
+    """A model trained without one fold.
 
     Attributes:
-        trained_on: hash of its training triples, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
-        triples: number of its training triples.
-        queries: number of queries for triples of the fold that are not among them, all or a sample.
-        mrr: its filtered MRR on these; None without queries.
-        in_sample_mrr: that of the model of all train recipes, which has seen them.
+        trained_on: hash of the training triples, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
+        triples: number of training triples.
+        queries: number of queries for triples of the fold outside training, all or a sample.
+        mrr: filtered MRR on these queries; None without queries.
+        in_sample_mrr: MRR of the model of all train recipes on the same queries.
     """
 
     trained_on: Hash
@@ -51,9 +51,9 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
     """``folds.json``: the folds of a model folder.
 
     Attributes:
-        seed: seed of their draw.
+        seed: seed of the folds.
         hash: hash of split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
-        folds: a record for each.
+        folds: one record per fold.
     """
 
     format: Literal["wordcraft-kg folds 1"] = "wordcraft-kg folds 1"
@@ -68,17 +68,17 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
     @property
     def queries(self) -> int:
-        """Number of queries of all folds."""
+        """Number of queries over all folds."""
         return sum(fold.queries for fold in self.folds)
 
     @property
     def mrr(self) -> float | None:
-        """MRR of the train triples by models that have not seen them: a forecast of the test part's."""
+        """Out-of-sample MRR of train triples: a forecast of the test MRR."""
         return self._mean([fold.mrr for fold in self.folds])
 
     @property
     def in_sample_mrr(self) -> float | None:
-        """MRR of the same triples by the model that has seen them."""
+        """In-sample MRR of the same triples."""
         return self._mean([fold.in_sample_mrr for fold in self.folds])
 
     def _mean(self, values: Sequence[float | None]) -> float | None:
@@ -87,18 +87,17 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
 
 class CrossFitted(Scorer):
-    """A scorer of all train recipes, with one for each fold that has been trained without it.
+    """A scorer of all train recipes with one model per left-out fold.
 
-    Scores and tables are those of ``whole``. Whatever learns on train tasks takes :meth:`left_out` instead, which
-    sources do when they are made with tasks: :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
+    Scores and tables come from ``whole``. Anything that learns on train tasks uses :meth:`left_out`; sources made with
+    tasks do so: :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
 
     Attributes:
         whole: the scorer of all train recipes.
-        record: what is known of the folds.
+        record: record of the folds.
         of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
-        probabilities: what makes probabilities of scores; None in folders of before.
-        taught: the results that recipes were taught with, see :class:`~wordcraft_kg.graphs.doses.Dose`; None if all
-            train recipes were learned from as they are.
+        probabilities: calibration of scores; None in older folders.
+        taught: results as learned, see :class:`~wordcraft_kg.graphs.doses.Dose`; None for unchanged train recipes.
     """
 
     def __init__(
@@ -110,7 +109,7 @@ class CrossFitted(Scorer):
         probabilities: Probabilities | None = None,
         taught: Ids | None = None,
     ):
-        """Take the scorer of all train recipes and, for each fold, what makes that of all others when it is needed."""
+        """Take the scorer of all train recipes and, per fold, a function that makes the model without the fold."""
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
         self._whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
@@ -140,14 +139,13 @@ class CrossFitted(Scorer):
         return self.whole.table(relation)
 
     def probability(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
-        """Return how probable triples outside training are; arguments as for :meth:`score`.
+        """Return the probability that a recipe outside train gives each triple; arguments as for :meth:`score`.
 
         Returns:
-            float32, of the broadcast shape: the chance that a recipe outside the train part gives the triple, see
-            :mod:`~wordcraft_kg.models.scorers.calibration`.
+            float32, broadcast shape, see :mod:`~wordcraft_kg.models.scorers.calibration`.
 
         Raises:
-            ConfigError: if the folder holds no calibration.
+            ConfigError: if the folder has no calibration.
         """
         if self.probabilities is None:
             raise ConfigError(f"{self.name} says nothing of probabilities. Train it again, with folds, to have them.")
@@ -155,17 +153,17 @@ class CrossFitted(Scorer):
         return self.probabilities.predict(self._score(*ids), *ids)
 
     def result_probabilities(self, ingredients: EntityIds, others: EntityIds) -> torch.Tensor:
-        """Return the probability of each result of pairs that make something.
+        """Return the distribution over results for pairs that make something.
 
         Args:
             ingredients: entities, as for :meth:`score`.
-            others: the other ingredients; both broadcast against each other.
+            others: second ingredients; broadcast with ``ingredients``.
 
         Returns:
-            float32, of the broadcast shape and an axis of E results, whose sum is 1.
+            float32, broadcast shape plus an axis of E results that sums to 1.
 
         Raises:
-            ConfigError: if the scorer scores no recipes, or the folder holds no calibration.
+            ConfigError: if the scorer cannot score recipes, or the folder has no calibration.
         """
         temperature = self.probabilities.temperature if self.probabilities else None
         if temperature is None or not isinstance(self.whole, RecipeScores):
@@ -177,17 +175,13 @@ class CrossFitted(Scorer):
         return torch.softmax(scores / temperature, dim=-1)
 
     def left_out(self, fold: int) -> Scorer:
-        """Return the scorer that has been trained on all train recipes but those of a fold."""
+        """Return the scorer trained without a fold."""
         if fold not in self._made:
             self._made[fold] = self._makers[fold]()
         return self._made[fold]
 
     def dose(self, graph: RecipeGraph) -> Dose:
-        """Return what :attr:`whole` has been trained on.
-
-        Raises:
-            GraphMismatchError: if the folds are those of a graph with another number of recipes.
-        """
+        """Return the training recipes of :attr:`whole`. Raises GraphMismatchError if the number of recipes differs."""
         if len(self.of_recipe) != graph.num_recipes:
             raise GraphMismatchError(
                 f"the folds of {self.name} are of {len(self.of_recipe):,} recipes but '{graph.name}' has "
@@ -196,11 +190,11 @@ class CrossFitted(Scorer):
         return Dose.of(graph, self.of_recipe != OUTSIDE) if self.taught is None else Dose(graph, self.taught)
 
     def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
-        """Return the triples that :meth:`left_out` has been trained on, shape (T, 3).
+        """Return the training triples of :meth:`left_out`, shape (T, 3).
 
         Raises:
-            LeakError: if it was trained on others than those of the recipes outside the fold.
-            GraphMismatchError: if the folds are those of a graph with another number of recipes.
+            LeakError: if the model was trained on other triples than the recipes outside the fold.
+            GraphMismatchError: if the number of recipes differs.
         """
         recipes = self.dose(graph).among(seen_by_models(self.of_recipe)[1 + fold])
         triples = recipe_triples(recipes)
@@ -214,11 +208,7 @@ class CrossFitted(Scorer):
         return triples
 
     def check_split(self, split: Split) -> None:
-        """Refuse a split whose folds these are not.
-
-        Raises:
-            GraphMismatchError: naming both.
-        """
+        """Raise GraphMismatchError unless the folds belong to a split."""
         if len(self.of_recipe) == split.graph.num_recipes:
             found = Folds(split, self.count, self.record.seed, self.of_recipe).hash
             if found == self.record.hash and ((self.of_recipe != OUTSIDE) == split.is_in("train")).all():
@@ -230,15 +220,15 @@ class CrossFitted(Scorer):
 
 
 def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) -> CrossFitted:
-    """Return a scorer of all train recipes, with one for each fold that is made without it.
+    """Cross-fit a scorer on the train recipes of a split.
 
     Args:
-        split: the split whose train recipes are taken.
-        make: makes a scorer of the split's graph from some of its recipes, shape (n, 3), and from nothing else.
+        split: split with train recipes.
+        make: makes a scorer for the split's graph from recipes, shape (n, 3), and no other information.
         folds: number of folds.
 
     Raises:
-        ConfigError: for fewer than two folds, or more than can be, or a split without a test part.
+        ConfigError: for fewer than two or too many folds, or a split without test part.
 
     Example:
         >>> from wordcraft_kg.models.scorers.kernel import KernelScorer
@@ -265,22 +255,22 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
 
 
 def whole_of(scorer: TripleScorer) -> TripleScorer:
-    """Return the scorer of all train recipes; any scorer that is not cross-fitted is one itself."""
+    """Return the scorer of all train recipes; a scorer without folds is returned unchanged."""
     folded = folds_of(scorer)
     return scorer if folded is None else folded.whole
 
 
 def folds_of(scorer: TripleScorer) -> CrossFitted | None:
-    """Return a scorer if it is cross-fitted, else None; it takes any object that scores, which may be no Scorer."""
+    """Return a cross-fitted scorer unchanged, None for any other object that scores."""
     return scorer if isinstance(scorer, CrossFitted) else None
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
-    """Return which model has been trained on which recipe, from the fold of each recipe.
+    """Return the recipes seen by each model, given the fold of each recipe.
 
     Returns:
-        shape (K + 2, num_recipes): for the model of all train recipes, for that of all but each fold, and for no model
-        at all.
+        shape (K + 2, num_recipes), bool: the model of all train recipes, the models without each fold, and an empty
+        model.
     """
     train = of_recipe != OUTSIDE
     folds = range(int(of_recipe.max(initial=OUTSIDE)) + 1)
@@ -288,19 +278,19 @@ def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
 
 
 def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return which model answers each task: one that has not been trained on any recipe of the task's plans.
+    """Return for each task a model that was trained on no recipe of the task's plans.
 
     Args:
         of_recipe: fold of each recipe, shape (num_recipes,).
         tasks: tasks of the graph.
 
     Returns:
-        shape (N,): rows of :func:`seen_by_models`: 0 for a task without train recipes, 1 + its fold for one whose train
-        recipes lie in a fold, K + 1, which is no knowledge at all, for the others: every model has seen one of theirs.
+        shape (N,): rows of :func:`seen_by_models`: 0 for tasks without train recipes, 1 + fold for tasks with train
+        recipes from one fold, K + 1 (the empty model) for tasks with recipes from several folds.
 
     Raises:
-        LeakError: if a model would be asked for a recipe that it has seen.
-        GraphMismatchError: if the folds are of another split.
+        LeakError: if a model has seen a recipe of a task.
+        GraphMismatchError: if the folds belong to another split.
     """
     seen = seen_by_models(of_recipe)
     fold = fold_of_tasks(of_recipe, tasks)

@@ -1,4 +1,4 @@
-"""Scores that are computed on demand, for graphs whose table of scores would be too large."""
+"""Scores on demand, for graphs too large for a table of all scores."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -11,17 +11,17 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import StoredScorer, check_shapes
 
 PAIRS = 2**14
-"""Pairs whose factors are looked up at once."""
+"""Pairs with factors in memory at once."""
 
 
 NAMES = [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
-"""Names of the two tensors of each relation in a model folder."""
+"""Names of both tensors of each relation in a model folder."""
 
 
 class _Bilinear(StoredScorer):
     @abstractmethod
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:
-        """Return ``left`` and ``right``, shape (E, m): the score of a pair is ``left[head] · right[tail]``."""
+        """Return ``left`` and ``right``, shape (E, m): a pair scores ``left[head] · right[tail]``."""
 
     def table(self, relation: int | str) -> Tensor:
         left, right = self.factors(relation)
@@ -31,19 +31,15 @@ class _Bilinear(StoredScorer):
 class FactorsScorer(_Bilinear):
     """Computes the score of a pair in relation r as ``left_r[head] · right_r[tail]`` on demand.
 
-    Any bilinear scorer can be written so (RESCAL, DistMult, ComplEx, a kernel of low rank).
+    Any bilinear scorer has this form (RESCAL, DistMult, ComplEx, a low-rank kernel). Factors of a relation have shape
+    (E, m), where m may differ between relations.
     """
 
     kind: ClassVar[str] = "factors"
 
     def __init__(
-        self,
-        factors: Sequence[tuple[Tensor, Tensor]],
-        entities: Sequence[str],
-        graph_hash: str,
-        **kwargs: Any,
+        self, factors: Sequence[tuple[Tensor, Tensor]], entities: Sequence[str], graph_hash: str, **kwargs: Any
     ):
-        """Keep ``left`` and ``right`` of each relation, shape (E, m), where m may differ between relations."""
         super().__init__(entities, graph_hash, **kwargs)
         self._factors = [
             (left.to(self.device, torch.float32), right.to(self.device, torch.float32)) for left, right in factors
@@ -89,7 +85,7 @@ class FactorsScorer(_Bilinear):
 
 
 class ComplExScorer(_Bilinear):
-    """Computes ComplEx scores from the embeddings on demand.
+    """Computes ComplEx scores on demand, from ``{entity,relation}_{real,imag}``, shapes (E, d) and (R, d).
 
     Source: Trouillon et al. 2016; Jiang et al. 2020, Eq. 1.
     """
@@ -97,7 +93,6 @@ class ComplExScorer(_Bilinear):
     kind: ClassVar[str] = "complex"
 
     def __init__(self, embeddings: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
-        """Keep embeddings ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d)."""
         super().__init__(entities, graph_hash, **kwargs)
         tensors = {name: tensor.to(self.device, torch.float32) for name, tensor in embeddings.items()}
         self.entity = torch.complex(tensors["entity_real"], tensors["entity_imag"])
@@ -123,13 +118,13 @@ class ComplExScorer(_Bilinear):
         check_shapes(tensors, {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")})
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return the real and imaginary parts of the embeddings."""
+        """Return real and imaginary parts of the embeddings."""
         parts = {"entity": self.entity, "relation": self.relation}
         return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
 
 
 def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
-    """Return whether ids ask for all tails of some heads, or for all heads of some tails."""
+    """Return whether ids ask for all tails of some heads, or all heads of some tails."""
     by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
     if not by_row or not heads.ndim == tails.ndim == 2:
         return False, False
@@ -137,7 +132,7 @@ def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]
 
 
 def real_dot(queries: Tensor, candidates: Tensor) -> Tensor:
-    """Return ``Re<query, conj(candidate)>`` of (B, d) and (N, d) complex rows, shape (B, N), by one real product."""
+    """Return ``Re<query, conj(candidate)>`` of complex rows (B, d) and (N, d), shape (B, N), by one real product."""
     return (
         torch.view_as_real(queries.resolve_conj()).flatten(1)
         @ torch.view_as_real(candidates.resolve_conj()).flatten(1).T

@@ -1,4 +1,4 @@
-"""Entity features: a vector for each entity, from word vectors, one-hot or random."""
+"""Entity features: word vectors, one-hot or random."""
 
 import codecs
 import gzip
@@ -26,12 +26,12 @@ from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
 
 VOCABULARY_BATCH = 20_000
-"""Words of GloVe's vocabulary that are looked at at a time."""
+"""Words of GloVe's vocabulary per batch."""
 RANDOM_DIMENSIONS = 300
 RANDOM_STD = 0.4
-"""With :data:`RANDOM_DIMENSIONS` the setting of the paper's released code."""
+"""As :data:`RANDOM_DIMENSIONS`, from the paper's released code."""
 MAX_MISSING_SHARE = 0.1
-"""Share of entities without a vector up to which :func:`make_features` uses zeros without being told to."""
+"""Largest share of entities without a vector that :func:`make_features` fills with zeros by default."""
 ONE_HOT_LIMIT = 2**28
 """Bytes; 8,192 entities."""
 Pooling = Literal["mean", "max"]
@@ -49,12 +49,12 @@ class EntityFeatures:
     """A vector for each entity of a list.
 
     Attributes:
-        source: where the vectors come from, in words.
-        vectors: shape (E, D), float32, read-only; zeros where neither the label nor a word of it has a vector.
-        known: shape (E,), bool: whether the label, or some word of it, has a vector.
-        words: the distinct words of all labels in lower case, sorted; empty if the source does not look at words.
-        missing_words: those of them without a vector, sorted; words of a label that was found as a whole do not count.
-        is_one_hot: whether row i is the i-th unit vector, so that a model may look rows up instead of multiplying.
+        source: description of the vectors' origin.
+        vectors: shape (E, D), float32, read-only; zeros for unknown entities.
+        known: shape (E,), bool: the label, or a word of it, has a vector.
+        words: distinct lower-case words of all labels, sorted; empty for sources without words.
+        missing_words: words without a vector, sorted, except words of labels that were found as a whole.
+        is_one_hot: row i is the i-th unit vector, so models may look rows up.
     """
 
     source: str
@@ -69,7 +69,7 @@ class EntityFeatures:
 
     @cached_property
     def unit_vectors(self) -> NDArray[np.float32]:
-        """The vectors scaled to length 1, so that dot products are cosines; zeros stay zeros."""
+        """Vectors of length 1, for cosines by dot product; zeros stay zeros."""
         norms = np.linalg.norm(self.vectors, axis=1, keepdims=True)
         unit: NDArray[np.float32] = self.vectors / np.maximum(norms, np.finfo(np.float32).tiny)
         unit.flags.writeable = False
@@ -77,7 +77,7 @@ class EntityFeatures:
 
     @cached_property
     def sha256(self) -> str:
-        """The SHA-256 of the vectors' shape and little-endian bytes, in hexadecimal, for run records."""
+        """SHA-256 of the vectors' shape and little-endian bytes, for run records."""
         digest = hashlib.sha256(json.dumps(self.vectors.shape).encode())
         digest.update(self.vectors.astype("<f4").tobytes())
         return digest.hexdigest()
@@ -86,31 +86,31 @@ class EntityFeatures:
 def make_features(
     spec: str, labels: Sequence[str], *, pooling: Pooling = "mean", allow_missing: bool = False, seed: int = 0
 ) -> EntityFeatures:
-    """Return features of entities by name or from a file of vectors.
+    """Return entity features by name or from a file of vectors.
 
     - ``glove``: the built-in vectors, see :func:`glove_features`;
     - ``one-hot``: row i is the i-th unit vector, D = E;
-    - ``random``: Laplace noise of mean 0 and standard deviation .4, D = 300; row i depends on the seed and i only;
-    - ``shuffled:<any spec>``: its rows, assigned to the entities at random: no meaning, but entities still differ;
-    - a text file, gzipped or not, with lines ``word v1 ... vD`` as GloVe's, and perhaps a first line ``count D`` as
-      word2vec's (a first line of two whole numbers is always this header); a word may contain spaces;
-    - an ``.npy`` file, floats of shape (N, D), with its N labels, one a line, in ``<same stem>.labels.txt`` or
+    - ``random``: Laplace noise, mean 0, standard deviation .4, D = 300; row i depends only on the seed and i;
+    - ``shuffled:<any spec>``: rows of another spec, randomly permuted: distinct entities without meaning;
+    - a text file, optionally gzipped, with lines ``word v1 ... vD`` (GloVe) and an optional header ``count D``
+      (word2vec; a first line of two whole numbers always counts as header); words may contain spaces;
+    - an ``.npy`` file, floats of shape (N, D), with N labels, one a line, in ``<same stem>.labels.txt`` or
       ``<same stem>.txt``.
 
-    A name takes precedence over a file; write ``./glove`` for the file. In a file, a label is looked up as a whole: as
-    it is, in lower case, then both with ``_`` for spaces; else its vector is pooled from its words, each as it is or in
-    lower case. The first vector of a word counts. Vectors of text files are cached by content.
+    Names take precedence over files; write ``./glove`` for the file. In a file, the whole label is looked up first: as
+    written, in lower case, then both with ``_`` for spaces; otherwise the words are pooled, each as written or in lower
+    case. The first vector of a word counts. Vectors from text files are cached by content.
 
     Args:
-        spec: the features, as above.
+        spec: features, as above.
         labels: labels of the E entities, in id order.
         pooling: mean, or element-wise maximum, over the words of a label.
-        allow_missing: use zeros even if more than a tenth of the entities have no vector.
+        allow_missing: use zeros even if more than a tenth of the entities lack a vector.
         seed: seed of ``random`` and ``shuffled:``, 0 or more.
 
     Raises:
-        ConfigError: if an argument is out of range, ``spec`` neither a name nor a file, a file damaged (naming the
-            line), one-hot vectors too large, or too few entities have a vector.
+        ConfigError: for an invalid argument, an unknown ``spec``, a damaged file (with the line), too large one-hot
+            vectors, or too few known entities.
 
     Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released code.
     """
@@ -137,9 +137,7 @@ def make_features(
 
 
 def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFeatures:
-    """Return GloVe vectors of labels (6B tokens, 50 dimensions), pooled over a label's words that have one.
-
-    Words are split at spaces and looked up in lower case, as the vocabulary is.
+    """Return GloVe vectors of labels (6B tokens, 50 dimensions), pooled over known words, in lower case.
 
     Source: Pennington et al. 2014, "GloVe: Global vectors for word representation"; the vectors are public domain.
     """
@@ -175,7 +173,6 @@ def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
 
 
 def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> None:
-    """Refuse features that lack a vector for too many entities."""
     size = len(features.known)
     missing = size - int(features.known.sum())
     if not missing or (missing < size and (allow_missing or missing <= MAX_MISSING_SHARE * size)):
@@ -198,7 +195,7 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
 
 @dataclass(frozen=True)
 class _WordVectors:
-    """The wanted words that a source has, and the vector of each, shape (N, D), float32."""
+    """Wanted words with vectors, shape (N, D), float32."""
 
     words: tuple[str, ...]
     vectors: NDArray[np.float32]
@@ -209,7 +206,7 @@ def _words(labels: Sequence[str]) -> list[str]:
 
 
 def _spellings(text: str) -> tuple[str, ...]:
-    """Return the spellings under which a label or word is looked up, in order."""
+    """Return spellings of a label or word in order of look-up."""
     joined = "_".join(text.split())
     return text, text.lower(), joined, joined.lower()
 
@@ -247,7 +244,7 @@ def _glove_folder() -> Path:
 
 
 def _glove_rows(words: list[str]) -> NDArray[np.int64]:
-    """Return the row of each word in GloVe's matrix, -1 where it has none."""
+    """Return the row of each word in GloVe's matrix, -1 for unknown words."""
     from pyarrow import parquet
 
     rows = dict.fromkeys(words, -1)
@@ -274,9 +271,9 @@ def _from_file(path: Path, labels: Sequence[str], pooling: Pooling) -> EntityFea
 
 
 def _read_text(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Return the cached vectors of these words in a file of this content, else parse the file and cache them.
+    """Return vectors of words from the cache, keyed by file content, or parse the file.
 
-    A cache entry is the SHA-256 of the rest, then safetensors: which of the sorted words were found, and their vectors.
+    A cache entry is a SHA-256 of the rest, then safetensors: a mask over the sorted words, and the vectors.
     """
     import safetensors.numpy
 
@@ -299,7 +296,7 @@ def _read_text(path: Path, wanted: Set[str]) -> _WordVectors:
 
 
 def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Read the vectors of the wanted words line by line; other lines are only checked for their length."""
+    """Read vectors of wanted words; other lines are only checked for length."""
     found: dict[str, tuple[int, list[float]]] = {}
     announced = None
     count = dimensions = 0
@@ -328,7 +325,6 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
 
 
 def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:
-    """Return the word and the vector of a line."""
     text, *values = line.rsplit(None, dimensions)
     before = text.split()[1:]
     if len(values) < dimensions or (before and _is_number(before[-1]) and not before[-1].isdigit()):
@@ -351,7 +347,7 @@ def _numbers(values: Sequence[bytes], where: str, word: str) -> list[float]:
 
 
 def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Return the rows of an ``.npy`` file that the labels beside it give to wanted words."""
+    """Return the rows of an ``.npy`` file whose labels are wanted."""
     beside = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
     labels = next((file for file in beside if file.is_file()), None)
     if labels is None:
@@ -383,7 +379,7 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines of a file, gzipped or not, with their numbers from 1, stripped of white space."""
+    """Yield stripped lines of a file, gzipped or not, with numbers from 1."""
     with path.open("rb") as raw:
         is_packed = raw.peek(2)[:2] == _GZIP_MAGIC  # no UTF-8 text starts like this
         file = io.BufferedReader(gzip.GzipFile(fileobj=raw)) if is_packed else raw

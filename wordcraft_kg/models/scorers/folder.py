@@ -25,29 +25,28 @@ from wordcraft_kg.runs.record import read_finished_run
 
 WEIGHTS, VOCABULARY = "model.safetensors", "vocabulary.json"
 FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION = "folds.json", "folds.safetensors", "calibration.json"
-"""The folds of a cross-fitted model: their record, their tensors ``fold0.entity_real``, ..., and the calibration of
-probabilities."""
+"""Files of a cross-fitted model: record of the folds, tensors ``fold0.entity_real``, ..., and calibration."""
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 OF_RECIPE = "of_recipe"
-"""The tensor with the fold of each recipe."""
+"""Tensor with the fold of each recipe."""
 TAUGHT = "taught"
-"""The results of a dose, see :class:`~wordcraft_kg.graphs.doses.Dose`; absent if all train recipes were learned."""
+"""Tensor with the results of a :class:`~wordcraft_kg.graphs.doses.Dose`; absent for unchanged train recipes."""
 MODEL = "a model of train-complex, train-links, train-recipes or ask-opinions"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models", {kind.kind: kind for kind in (ComplExScorer, FactorsScorer, TableScorer, RecipeScorer)}
 )
-"""Stored scorers by kind, as ``vocabulary.json`` names it."""
+"""Stored scorers by kind, the key in ``vocabulary.json``."""
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
-    """``vocabulary.json``: the meaning of the rows of the tensors.
+    """``vocabulary.json``: the meaning of tensor rows.
 
     Attributes:
-        scorer: kind of the scorer.
-        graph: hash of the graph that the ids belong to.
-        entities: labels of entities in id order.
-        relations: labels of relations in id order.
+        scorer: kind of scorer.
+        graph: hash of the graph.
+        entities: entity labels in id order.
+        relations: relation labels in id order.
     """
 
     format: Literal["wordcraft-kg vocabulary 1"] = "wordcraft-kg vocabulary 1"
@@ -62,15 +61,15 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
 
     Args:
         folder: folder written by a training command, ``ask-opinions`` or ``save_scorer``.
-        graph: if given, the scorer must belong to it.
-        device: torch device to score on.
+        graph: if given, the scorer must belong to this graph.
+        device: torch device.
 
     Returns:
-        the scorer; a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` one if the folder has folds.
+        the scorer; a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer if the folder has folds.
 
     Raises:
-        ArtefactError: if the folder is unfinished or incomplete, or a file in it or one of its folds is damaged.
-        GraphMismatchError: if it belongs to another graph, or the folds to another split.
+        ArtefactError: if the folder is unfinished, incomplete or damaged.
+        GraphMismatchError: if the scorer belongs to another graph, or the folds to another split.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")
@@ -100,7 +99,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
 
 
 def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> CrossFitted:
-    """Add the models of the folds; each becomes a scorer when it is asked for."""
+    """Add the fold models, which become scorers on first use."""
     path, inputs = files.folder / FOLDS_TENSORS, files.run.inputs
     record, tensors = files.record(FOLDS_RECORD, FoldsRecord), files.tensors(FOLDS_TENSORS)
     if record.hash != inputs.get("folds"):
@@ -140,18 +139,18 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
 def make_scorer(
     kind: str, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
 ) -> Scorer:
-    """Make a scorer from the tensors of a trained model; one with factors becomes a table if that fits the limit.
+    """Make a scorer from the tensors of a trained model; factored scorers become tables within the limit.
 
     Args:
-        kind: kind, one of :data:`SCORERS`.
-        tensors: tensors that this kind needs.
+        kind: key of :data:`SCORERS`.
+        tensors: tensors of this kind.
         entities: labels in id order.
-        graph_hash: hash of the graph that the ids belong to.
+        graph_hash: hash of the graph.
         settings: ``device`` and ``name``.
 
     Raises:
         KeyError: if a tensor is missing.
-        ValueError: if one does not fit the entities.
+        ValueError: if a tensor does not fit the entities.
     """
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
     is_small = table_bytes(len(entities)) <= TABLE_LIMIT

@@ -1,4 +1,4 @@
-"""The recipe kernel: links predicted in closed form from how alike entities are."""
+"""The recipe kernel: closed-form link prediction from similarities between entities."""
 
 from typing import Any
 
@@ -18,20 +18,20 @@ from wordcraft_kg.models.scorers.tables import TableScorer
 NAME = "recipe kernel"
 RIDGE = 1.0
 COMPLETION = 0.5
-"""Weight of the completion term beside the regression, both standardised."""
+"""Weight of the completion term; regression and completion are standardised."""
 
 
 def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = RIDGE, seen: Tensor | None = None) -> Tensor:
     """Return the ridge regression of links on the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
 
-    With ``k = V diag(w) Vᵀ`` it is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not an E² x E² one.
-    Entities outside ``seen`` are predicted only, ``K A Kᵀ``, so that their missing links are no evidence against links.
+    With ``k = V diag(w) Vᵀ`` the solution is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not E² x E².
+    Entities outside ``seen`` are predicted only, ``K A Kᵀ``: missing links give no negative evidence.
 
     Args:
-        kernel: shape (E, E), symmetric; negative eigenvalues are taken as 0.
+        kernel: shape (E, E), symmetric; negative eigenvalues count as 0.
         links: Y, shape (E, E).
         ridge: λ.
-        seen: ids of the entities to learn from; all by default.
+        seen: ids of training entities; all by default.
 
     Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel ridge regression";
     Pahikkala et al. 2013 (Kronecker kernels).
@@ -46,10 +46,10 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = RIDGE, seen:
 
 
 def completion(recipes: Ids, num_entities: int) -> Tensor:
-    """Return how strongly pairs are suggested by pairs of the same result, shape (E, E); ``recipes`` are (n, 3).
+    """Score pairs by pairs with the same result, shape (E, E); ``recipes`` are (n, 3).
 
-    With ``R_c`` the symmetric matrix of the pairs that make c, normalised by degrees, it is ``Σ_c R_c³``: if a + y,
-    x + y and x + b make c, then a + b may as well.
+    With ``R_c`` the degree-normalised symmetric matrix of pairs that make c, the score is ``Σ_c R_c³``: if a + y, x + y
+    and x + b make c, then a + b may as well.
     """
     nodes, pairs = completion_paths(recipes, num_entities)
     return torch.from_numpy((nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32))
@@ -58,8 +58,8 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
 def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     """Return sparse G and R with ``completion = Gᵀ R³ G``.
 
-    A node is an entity as an ingredient of one result: ``G[node, entity]`` is 1, shape (N, E), and R, shape (N, N), has
-    the ``R_c`` of all results as blocks on its diagonal.
+    A node is an entity as ingredient of one result: ``G[node, entity]`` is 1, shape (N, E); R, shape (N, N), is block
+    diagonal with all ``R_c``.
     """
     from scipy import sparse
 
@@ -77,7 +77,7 @@ def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
-    """Return the combinesWith and componentOf links of recipes, two of shape (E, E), row = head, 1 or 0."""
+    """Return combinesWith and componentOf links of recipes, two of shape (E, E), row = head, 1 or 0."""
     triples = recipe_triples(recipes)
     tables = torch.zeros(2, num_entities, num_entities)
     heads, relations, tails = torch.from_numpy(triples.copy()).T
@@ -88,7 +88,7 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
 def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Score all combinesWith and componentOf links, two of shape (E, E), row = head.
 
-    Only entities in ``seen``, by default all, are learned from and standardised by.
+    Training and standardisation use the entities in ``seen`` only, by default all.
     """
     size = len(kernel)
 
@@ -103,23 +103,23 @@ def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> t
 
 
 class KernelScorer(TableScorer):
-    """Links predicted in closed form from how alike entities are; nothing is trained.
+    """Closed-form link prediction without training.
 
-    combinesWith is the standardised kernel regression plus half of the standardised completion, componentOf the
-    standardised regression. It sees recipes, not only their triples, so give it none that are held out.
+    combinesWith is the standardised kernel regression plus half the standardised completion, componentOf the
+    standardised regression. The scorer uses whole recipes: do not pass held-out recipes.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):
         """Precompute the table of scores.
 
         Args:
-            graph: the graph of the ids.
-            recipes: shape (n, 3), those to learn from, such as ``split.recipes("train")``.
-            vectors: vectors of the entities' words, shape (E, D), zeros for unknown ones; None to do without.
+            graph: the graph.
+            recipes: shape (n, 3), training recipes, such as ``split.recipes("train")``.
+            vectors: word vectors of the entities, shape (E, D), zeros for unknown words; optional.
             kwargs: ``device`` and ``name``.
 
         Raises:
-            ConfigError: if the graph has too many entities, or the vectors are not of the graph.
+            ConfigError: if the graph is too large, or the vectors do not fit.
         """
         size = graph.num_entities
         check_table("the recipe kernel as a table", size)

@@ -1,15 +1,14 @@
-"""The links of training that support another link, and the recipes that they come from.
+"""Supporting evidence for a link: similar training links, with their recipes.
 
-A link (h, r, t) is explained by examples: links (h', r, t) whose head is to the scorer like h, and links (h, r, t')
-whose tail is to it like t. ::
+Links (h', r, t) with a head similar to h, and links (h, r, t') with a tail similar to t, support (h, r, t)::
 
     evidence(h, r, t) = Σ_h' cos₊(h, h')³ + Σ_t' cos₊(t, t')³
 
-over the links of training, with the cosine, 0 where it is negative, of both in
-:class:`~wordcraft_kg.models.scorers.roles.EntityRoles`. docs/link-prediction.md measures how faithful it is.
+over the training links, with non-negative cosines from :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`.
+docs/link-prediction.md measures faithfulness.
 
 Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest neighbors"; Hanawa et al.
-2021, "Evaluation of similarity-based explanations"), with the neighbours that share an end.
+2021, "Evaluation of similarity-based explanations"), restricted to neighbours with a common end.
 """
 
 import numpy as np
@@ -23,19 +22,19 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.roles import EntityRoles, Side
 
 POWER = 3
-"""To which cosines are raised, so that what is nearest says most. 2 to 4 agree with scores as well."""
+"""Power of cosines, which emphasises the nearest links; 2 to 4 agree equally well with scores."""
 RECIPES = 3
-"""Most recipes that are named for a link."""
+"""Maximum number of recipes listed per link."""
 
 
 class LinkWitness(Record):
-    """A link of training that supports another one, with which it shares the relation and an end.
+    """A training link that supports another link with the same relation and a common end.
 
     Attributes:
-        weight: how like the other it is to the scorer, 1 for the same.
-        share: its share of the evidence for the other one.
-        recipes: recipes of training that give it, at most :data:`RECIPES`.
-        more: number of further ones.
+        weight: similarity to the supported link, 1 for equality.
+        share: share of the total evidence.
+        recipes: training recipes with this link, at most :data:`RECIPES`.
+        more: number of further recipes.
     """
 
     head: str
@@ -48,12 +47,12 @@ class LinkWitness(Record):
 
 
 class LinkReason(Record):
-    """The reasons of a scorer to believe in a link.
+    """A scorer's evidence for a link.
 
     Attributes:
-        learned_from: recipes of training that give the link itself, at most :data:`RECIPES`: its score is memory.
-        more: number of further ones.
-        evidence: sum of the weights of all supporting links, named or not.
+        learned_from: training recipes with the link itself, at most :data:`RECIPES`: the score is memory.
+        more: number of further recipes.
+        evidence: total weight of all supporting links, listed or not.
         witnesses: supporting links, largest weight first.
     """
 
@@ -64,16 +63,19 @@ class LinkReason(Record):
 
     @property
     def is_memory(self) -> bool:
-        """Whether the scorer was trained on the link."""
+        """The scorer was trained on the link."""
         return bool(self.learned_from)
 
 
 class LinkEvidence:
-    """Names the links and recipes of training that support a link.
+    """Finds training links and recipes that support a link.
 
     Attributes:
-        roles: how alike entities are to the scorer.
-        recipes: shape (n, 3), the recipes of its training.
+        roles: similarities of entities.
+        recipes: shape (n, 3), training recipes.
+
+    Raises:
+        ConfigError: if the scorer has neither factors nor a small enough table.
 
     Example:
         >>> model = open_model("models/kitchen")
@@ -84,19 +86,13 @@ class LinkEvidence:
     """
 
     def __init__(self, scorer: TripleScorer, recipes: Ids):
-        """Compare entities by a scorer's scores; ``recipes``, shape (n, 3), are those of its training.
-
-        Raises:
-            ConfigError: if the scorer has too many entities for a table of scores, and no factors.
-        """
         self.roles, self.recipes = EntityRoles.of(scorer), recipes
         self.entities = scorer.entities
 
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
-        """Return the links that support a link of ids, shape (n, 3), and their weights, shape (n,).
+        """Return supporting links of a link, shape (n, 3), and their weights, shape (n,).
 
-        The link itself is not among them. A combinesWith link of an entity with itself is supported in one direction
-        only.
+        The link itself is excluded. combinesWith links of an entity with itself are supported in one direction only.
         """
         triples, weights = [], []
         sides: tuple[Side, ...] = ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
@@ -113,7 +109,7 @@ class LinkEvidence:
         return np.concatenate(triples), np.concatenate(weights)
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:
-        """Return the entities on a side of the links of training that have the given one on the other; ascending."""
+        """Return the entities on a side of training links with a given entity on the other side; ascending."""
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
             return np.unique(np.concatenate([b[a == entity], a[b == entity]]))
@@ -122,7 +118,7 @@ class LinkEvidence:
         return np.unique(result[(a == entity) | (b == entity)])
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
-        """Return at most ``limit`` supporting links of a link of ids, and the recipes that give it."""
+        """Return at most ``limit`` supporting links of a link, and the recipes with the link."""
         triples, weights = self.weights(head, relation, tail)
         total = float(weights.sum())
         witnesses = []
@@ -145,7 +141,7 @@ class LinkEvidence:
         return LinkReason(self._labels(own[:RECIPES]), max(len(own) - RECIPES, 0), total, tuple(witnesses))
 
     def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
-        """Return the recipes of training that give a link of ids: rows of :attr:`recipes`, ascending."""
+        """Return the training recipes with a link: rows of :attr:`recipes`, ascending."""
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
             return np.flatnonzero(((a == head) & (b == tail)) | ((a == tail) & (b == head)))

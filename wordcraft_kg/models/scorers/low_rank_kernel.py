@@ -1,4 +1,4 @@
-"""The recipe kernel of large graphs: the same similarities, smoothing and paths, of which only factors are kept."""
+"""The recipe kernel for large graphs, in factored form."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -20,31 +20,31 @@ from wordcraft_kg.models.scorers.kernel import COMPLETION, NAME, KernelScorer, c
 from wordcraft_kg.models.scorers.similarity import TEXT, check_vectors, profiles
 
 RANK = 256
-"""Factors of a large graph's scores in each relation."""
+"""Factors per relation."""
 CELLS = 2**24
-"""Most similarities that are held at once, 4 bytes each."""
+"""Maximum number of similarities in memory, 4 bytes each."""
 SMOOTHING = 0.5
-"""Ridge of each of the two steps. On validation parts .2 to .5 rank alike, and the larger loses less by low rank."""
+"""Ridge of both steps. Validation prefers .2 to .5 equally; larger values lose less by low rank."""
 TOLERANCE = 1e-3
-"""Residual, beside the right-hand side, at which the solution is good enough."""
+"""Relative residual at which conjugate gradients stop."""
 MAX_STEPS = 100
 POWERS = 1
-"""How often the range finder multiplies by the scores and back."""
+"""Power iterations of the range finder."""
 
 Block = NDArray[np.float32]
 """Vectors over the entities, shape (E, m)."""
 Product = Callable[[Block], Block]
-"""What a matrix of shape (E, E) does to a block."""
+"""Product of a matrix (E, E) with a block."""
 
 
 @dataclass(frozen=True)
 class SparseSimilarity:
-    """The kernel of :func:`~wordcraft_kg.models.scorers.similarity.similarity`, never computed as a matrix.
+    """The kernel :func:`~wordcraft_kg.models.scorers.similarity.similarity` without its matrix.
 
     Attributes:
-        shared: columns of the profiles in which two or more entities are, sparse, shape (E, M).
-        own: squared length of each entity's other columns, shape (E,); these make an entity like itself only.
-        words: unit vectors of the words, shape (E, D), zeros where there are none; D is 0 without vectors.
+        shared: profile columns with two or more entities, sparse, shape (E, M).
+        own: squared length of each entity's other columns, shape (E,), which add to the diagonal only.
+        words: unit word vectors, shape (E, D), zeros for unknown words; D is 0 without vectors.
     """
 
     shared: Any
@@ -53,10 +53,10 @@ class SparseSimilarity:
 
     @classmethod
     def of(cls, recipes: Ids, num_entities: int, vectors: NDArray[np.floating] | None = None) -> "SparseSimilarity":
-        """Return the similarity from recipes, shape (n, 3), and word vectors, shape (E, D), if there are any.
+        """Return the similarity for recipes, shape (n, 3), and optional word vectors, shape (E, D).
 
         Raises:
-            ConfigError: if the vectors are not of the entities.
+            ConfigError: if the vectors do not fit the entities.
         """
         check_vectors(vectors, num_entities)
         known = profiles(recipes, num_entities)
@@ -68,10 +68,10 @@ class SparseSimilarity:
         return cls(shared, own, torch.nn.functional.normalize(words, dim=1))
 
     def times(self, block: Block) -> Block:
-        """Return the kernel times a block of vectors, shape (E, m).
+        """Return the kernel times a block, shape (E, m).
 
-        A negative cosine of words counts like a positive one here, because conjugate gradients need a positive
-        semi-definite kernel. Neither ranks better.
+        Negative word cosines count as positive: conjugate gradients need a positive semi-definite kernel. Neither ranks
+        better.
         """
         product = self.shared @ (self._columns @ block) + self.own[:, None] * block
         if self._word_pairs is not None:
@@ -87,7 +87,7 @@ class SparseSimilarity:
 
     @cached_property
     def _word_pairs(self) -> NDArray[np.float32] | None:
-        """Vectors whose products are the squared cosines, shape (E, D (D + 1) / 2); None if more than E dimensions."""
+        """Vectors whose products are squared cosines, shape (E, D (D + 1) / 2); None above E dimensions."""
         size, dimensions = self.words.shape
         if not 0 < dimensions * (dimensions + 1) // 2 <= size:
             return None
@@ -96,7 +96,7 @@ class SparseSimilarity:
 
 
 def smoothed(kernel: SparseSimilarity, block: Block, ridge: float = SMOOTHING) -> Block:
-    """Return ``K (K + λ)⁻¹ B``, shape (E, m), by conjugate gradients, all columns side by side.
+    """Return ``K (K + λ)⁻¹ B``, shape (E, m), by conjugate gradients on all columns.
 
     Source: Hestenes and Stiefel 1952.
     """
@@ -119,10 +119,10 @@ def smoothed(kernel: SparseSimilarity, block: Block, ridge: float = SMOOTHING) -
 
 
 def two_step(kernel: SparseSimilarity, links: Any) -> Product:
-    """Return the product with ``P Y P``, ``P = K (K + λ)⁻¹``: ridge regression over the heads, then over the tails.
+    """Return the product with ``P Y P``, ``P = K (K + λ)⁻¹``: ridge regression over heads, then over tails.
 
-    It replaces :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, whose filter ``w w' / (w w' + λ)`` needs
-    all eigenvectors. ``links`` is Y, sparse, shape (E, E), row = head.
+    Replaces :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, whose filter ``w w' / (w w' + λ)`` needs all
+    eigenvectors. ``links`` is Y, sparse, shape (E, E), row = head.
 
     Source: Pahikkala et al. 2014, "A two-step learning approach for solving full and almost full cold start problems in
     dyadic prediction"; Stock et al. 2018.
@@ -131,7 +131,7 @@ def two_step(kernel: SparseSimilarity, links: Any) -> Product:
 
 
 def spread(image: Block) -> float:
-    """Return the root mean square of the entries of a matrix M, estimated from ``M Ω`` for standard normal Ω.
+    """Estimate the root mean square of the entries of a matrix M from ``M Ω`` with standard normal Ω.
 
     Source: Hutchinson 1990.
     """
@@ -140,7 +140,7 @@ def spread(image: Block) -> float:
 
 
 class Term(NamedTuple):
-    """A matrix of shape (E, E), as products, and its weight in a sum once its entries have a root mean square of 1."""
+    """A matrix, shape (E, E), as products, with its weight in a sum after scaling to a root mean square of 1."""
 
     weight: float
     product: Product
@@ -148,9 +148,9 @@ class Term(NamedTuple):
 
 
 def factored_sum(terms: Sequence[Term], drawn: Block) -> tuple[Block, Block]:
-    """Return ``left`` and ``right``, shape (E, m), whose product ``left rightᵀ`` is close to the best of that rank.
+    """Return ``left`` and ``right``, shape (E, m), with ``left rightᵀ`` close to the best approximation of that rank.
 
-    ``drawn`` are random directions, shape (E, m), standard normal.
+    ``drawn`` are standard normal directions, shape (E, m).
 
     Source: Halko, Martinsson and Tropp 2011, "Finding structure with randomness", algorithm 4.4.
     """
@@ -168,11 +168,11 @@ def factored_sum(terms: Sequence[Term], drawn: Block) -> tuple[Block, Block]:
 
 
 class LowRankKernelScorer(FactorsScorer):
-    """Approximates :class:`KernelScorer` for graphs whose table of scores would be too large: factors of low rank.
+    """Approximates :class:`KernelScorer` by low-rank factors, for graphs too large for a table.
 
-    The regression is the one in two steps. It and the completion are scaled by their root mean square, and their sum is
-    factored by a seeded randomised singular value decomposition; cutting the kernel instead, whose spectrum is flat,
-    would lose more. combinesWith is only nearly symmetric, since the loss may differ between (a, b) and (b, a).
+    Two-step regression and completion are scaled by root mean square; a seeded randomised singular value decomposition
+    factors the sum. Truncating the kernel instead, whose spectrum is flat, would lose more. combinesWith is only nearly
+    symmetric: the loss may differ between (a, b) and (b, a).
     """
 
     def __init__(
@@ -185,10 +185,10 @@ class LowRankKernelScorer(FactorsScorer):
         seed: int = 0,
         **kwargs: Any,
     ):
-        """Factor the scores of each relation; arguments are those of :class:`KernelScorer`.
+        """Factor the scores of each relation.
 
         Args:
-            graph: the graph of the ids.
+            graph: the graph.
             recipes: shape (n, 3).
             vectors: shape (E, D), or None.
             rank: number of factors, at most E.
@@ -196,7 +196,7 @@ class LowRankKernelScorer(FactorsScorer):
             kwargs: ``device`` and ``name``.
 
         Raises:
-            ConfigError: if a number is out of range, or the vectors are not of the graph.
+            ConfigError: for an invalid rank, or vectors that do not fit.
         """
         from scipy import sparse
 
@@ -225,7 +225,7 @@ class LowRankKernelScorer(FactorsScorer):
 def kernel_scorer(
     graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any
 ) -> KernelScorer | LowRankKernelScorer:
-    """Return the recipe kernel: a table where it fits :data:`TABLE_LIMIT`, factors above.
+    """Return the recipe kernel as a table within :data:`TABLE_LIMIT`, as factors above.
 
     Example:
         >>> opened = open_graph("kitchen")

@@ -1,6 +1,6 @@
-"""Test recipes that repeat a train recipe in other words: one ingredient replaced by a near-synonym.
+"""Test recipes that reword a train recipe: one ingredient replaced by a near-synonym.
 
-A model that scores well on them may know synonyms rather than the world, so figures are shown with and without them.
+Models may solve these by synonyms alone, so reports show figures with and without them.
 """
 
 import numpy as np
@@ -14,16 +14,15 @@ from wordcraft_kg.graphs.triples import is_in, recipe_triples
 from wordcraft_kg.models.scorers.features import EntityFeatures
 
 NEAR_SYNONYM = 0.7
-"""Cosine from which two ingredients count as near-synonyms, for 50-d GloVe. It is generous: lake and river or bread and
-cake are above it, but so are merely related pairs, such as day and night or chicken and egg."""
+"""Cosine threshold for 50-d GloVe; generous: lake and river pass, but so do merely related pairs (day, night)."""
 
 
 @stage("looking for near-synonyms")
 def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:
-    """Return which test recipes repeat a train recipe but for one ingredient, a near-synonym: shape (num_recipes,).
+    """Return a mask of test recipes that reword a train recipe, shape (num_recipes,).
 
-    Test recipe {a, b} -> c counts if a train recipe {a', b} -> c exists with cos(a, a') >= ``threshold``, by the
-    ``features`` of the graph's entities in id order.
+    Test recipe {a, b} -> c counts if a train recipe {a', b} -> c exists with cos(a, a') >= ``threshold``; ``features``
+    are in id order.
     """
     graph = split.graph
     unit = features.unit_vectors
@@ -39,8 +38,8 @@ def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: floa
 
 
 def near_synonym_triples(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> NDArray[np.bool_]:
-    """Return which triples come from one of the near-synonym recipes, shape (T,).
+    """Return a mask of triples from near-synonym recipes, shape (T,).
 
-    A triple counts even if other test recipes give it too, so that the remaining triples have no such help at all.
+    A triple counts even if other test recipes give the same triple, so the remaining triples are free of near-synonyms.
     """
     return is_in(triples, recipe_triples(graph.recipes[recipes]), graph.num_entities)

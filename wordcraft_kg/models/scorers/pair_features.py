@@ -1,7 +1,7 @@
-"""What recipes say about a pair and a goal, as a few numbers, and the small ranker that makes a score of them.
+"""Features of a pair and a goal from recipes, and the small ranker on top.
 
-For many tables at once, because a policy asks at each step: everything that takes time is a table made before, and what
-depends on three entities, the evidence, is a sum over the few recipes whose results are most like the goal.
+Policies score many tables at each step, so slow parts are precomputed tables; the evidence, which depends on three
+entities, sums over the few recipes with results most similar to the goal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,37 +33,36 @@ FEATURES = (
     "evidence",
     "words_evidence",
 )
-"""The features of a pair (a, b) and a goal c, in the order of the ranker's weights; sums and minima are over a and b.
+"""Features of a pair (a, b) and a goal c, in the order of the ranker's weights; sums and minima run over a and b.
 
 | feature | meaning |
 |---|---|
 | part_* | componentOf(a, c) and (b, c) by kernel regression |
 | link_* | the same by the link ranker |
-| words_sum, words_min | cosines of the words of a and c, b and c |
+| words_sum, words_min | word cosines of a and c, b and c |
 | uses_* | log(1 + recipes that use a), and b |
 | pair, pair_link | combinesWith(a, b) by the kernel and by the link ranker |
-| known, makes | a + b is known to make something; to make c |
-| words_pair, itself | cosine of the words of a and b; a is b |
-| made | log(1 + recipes of c) |
+| known, makes | a + b has known results; c is a known result |
+| words_pair, itself | word cosine of a and b; a equals b |
+| made | log(1 + recipes that make c) |
 | evidence | log of the recipe-to-recipe kernel, see :class:`RecipeKnowledge` |
-| words_evidence | the same with powers of cosines of words instead |
+| words_evidence | the same with powers of word cosines |
 """
 EVIDENCE = 16
-"""Recipes that may speak for a goal: those whose results are most like it. More of them change no figure."""
+"""Supporting recipes per goal: those with the most similar results. More change no figure."""
 FLOOR = 1e-4
 """Added to evidence before the logarithm."""
 WORDS_POWER = 4
-"""To which cosines of words are raised for evidence, so that only near synonyms count."""
+"""Power of word cosines in the evidence; only near synonyms count."""
 
 
 class Speaking(NamedTuple):
-    """A recipe that supports another one.
+    """A recipe that supports another recipe.
 
     Attributes:
         recipe: ids.
-        weight: likeness, 1 for the same recipe: the product of k of both ingredients, in the better order, and of the
-            result.
-        share: its share of the evidence for the other one.
+        weight: similarity, 1 for equality: the product of k over ingredients (in the better order) and result.
+        share: share of the evidence.
     """
 
     recipe: tuple[int, int, int]
@@ -72,21 +71,22 @@ class Speaking(NamedTuple):
 
 
 class RecipeKnowledge(nn.Module):
-    """Tables from which any pair can be scored for any goal, for M models, and the rankers of these models.
+    """Tables for scoring any pair and goal, for M models, and their rankers.
 
-    A row E stands for nothing. The evidence is
-    ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]`` over the recipes r whose results are most
-    like c, with the squared normalised similarity k.
+    Row E stands for nothing. The evidence is
+    ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]`` over the recipes r with results most
+    similar to c, with the squared normalised similarity k.
 
     Attributes:
-        parts: shape (M, E + 1, E + 1, 2), half: by ingredient and goal, the kernel's componentOf and the link ranker's.
-        pairs: shape (M, E + 1, E + 1, 2), half: the kernel's combinesWith and the link ranker's.
-        numbers: shape (M, E + 1, E + 1), int32: the number of a known pair, 0 for an unknown one.
-        results: shape (M, N + 1, L), int32: the results of each known pair; E for nothing more.
+        parts: shape (M, E + 1, E + 1, 2), half: componentOf by ingredient and goal, from the kernel and the link
+            ranker.
+        pairs: shape (M, E + 1, E + 1, 2), half: combinesWith from the kernel and the link ranker.
+        numbers: shape (M, E + 1, E + 1), int32: number of a known pair, 0 for unknown pairs.
+        results: shape (M, N + 1, L), int32: results of each known pair, padded with E.
         alike: shape (M, E + 1, E + 1), half: k.
-        words: shape (E + 1, E + 1), half: cosines of words.
-        counts: shape (M, E + 1, 2): log(1 + recipes that use an entity), log(1 + recipes that make it).
-        speaking: shape (M, E + 1, R, 3), int16: recipes with the results most like a goal; E for none.
+        words: shape (E + 1, E + 1), half: word cosines.
+        counts: shape (M, E + 1, 2): log(1 + recipes) that use, and that make, an entity.
+        speaking: shape (M, E + 1, R, 3), int16: recipes with results most similar to a goal, padded with E.
         first, first_bias, second, bias: the rankers, shapes (M, F, H), (M, H), (M, H) and (M,).
     """
 
@@ -105,7 +105,6 @@ class RecipeKnowledge(nn.Module):
     _words_alike: Tensor
 
     def __init__(self, constants: Mapping[str, Tensor]):
-        """Take the buffers."""
         super().__init__()
         for name in BUFFERS:
             self.register_buffer(name, constants[name])
@@ -115,7 +114,7 @@ class RecipeKnowledge(nn.Module):
 
     @classmethod
     def stacked(cls, models: Sequence["RecipeKnowledge"]) -> Self:
-        """Return the models of several as one."""
+        """Stack models along the first axis."""
         nothing = models[0].num_entities
         shape = [max(model.results.shape[axis] for model in models) for axis in (1, 2)]
 
@@ -137,16 +136,16 @@ class RecipeKnowledge(nn.Module):
         return {name: getattr(self, name) for name in BUFFERS}
 
     def with_ranker(self, weights: Mapping[str, Tensor]) -> Self:
-        """Return the same knowledge of one model with another ranker."""
+        """Return the knowledge of one model with another ranker."""
         return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return the features of the pairs of slots, shape (F, B, P): pairs in the order of :func:`pairs_of`.
+        """Return features of slot pairs, shape (F, B, P), in the order of :func:`pairs_of`.
 
         Args:
             goal: shape (B,), int64.
             table: shape (B, A), int64; E for an empty slot.
-            model: shape (B,), int64: the model that answers.
+            model: shape (B,), int64.
         """
         width = self.num_entities + 1
         slots = table.shape[1]
@@ -179,7 +178,7 @@ class RecipeKnowledge(nn.Module):
         return torch.cat([of_a + of_b, torch.minimum(of_a, of_b), torch.stack(rest), evidence.add(FLOOR).log()])
 
     def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return the evidence for each two slots, by what recipes do and by words, shape (2, B, A, A)."""
+        """Return the evidence for all slot pairs, by recipes and by words, shape (2, B, A, A)."""
         width = self.num_entities + 1
         speaking = self.speaking.flatten(0, 1).index_select(0, model * width + goal).long()
         first, second, result = speaking.unbind(-1)
@@ -196,16 +195,12 @@ class RecipeKnowledge(nn.Module):
         return both + both.transpose(2, 3)
 
     def _words_like(self) -> Tensor:
-        """Return the powers of cosines of words, which are made when they are first asked for."""
         if not len(self._words_alike):
             self._words_alike = (self.words.float().clamp(min=0) ** WORDS_POWER).half()
         return self._words_alike
 
     def speaking_for(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Speaking]:
-        """Return the recipes that support the recipe ``a + b -> goal``, largest share of the evidence first.
-
-        At most ``limit`` are returned, none without a weight; ``model`` is the one that answers.
-        """
+        """Return up to ``limit`` recipes that support ``a + b -> goal`` by a model, largest share first."""
         speaking, alike = self.speaking[model, goal].long(), self.alike[model]
         one, other, result = speaking.T
         like_goal = alike[goal, result].float()
@@ -221,7 +216,7 @@ class RecipeKnowledge(nn.Module):
         return found
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return the score of each two slots for the goal, shape (B, A, A), nats; -inf where one is empty."""
+        """Return the score of all slot pairs for the goal, shape (B, A, A), nats; -inf for empty slots."""
         features = self.features(goal, table, model).transpose(0, 1)
         first = self.first.transpose(1, 2).index_select(0, model)
         hidden = torch.baddbmm(self.first_bias.index_select(0, model)[:, :, None], first, features).relu_()
@@ -235,7 +230,6 @@ class RecipeKnowledge(nn.Module):
 
 
 def _forget(knowledge: nn.Module, _: object) -> None:
-    """Drop what was made of other constants."""
     assert isinstance(knowledge, RecipeKnowledge)
     knowledge._words_alike = torch.empty(0)
 
@@ -245,20 +239,16 @@ BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "
 
 
 def knowledge_of(
-    recipes: Ids,
-    kernel: Tensor,
-    text: Tensor,
-    tables: tuple[Tensor, Tensor],
-    links: tuple[Tensor, Tensor],
+    recipes: Ids, kernel: Tensor, text: Tensor, tables: tuple[Tensor, Tensor], links: tuple[Tensor, Tensor]
 ) -> RecipeKnowledge:
-    """Return the knowledge of one model, with a ranker of zeros.
+    """Return the knowledge of one model, with a zero ranker.
 
     Args:
-        recipes: shape (n, 3), those of its training.
-        kernel: how alike entities are, shape (E, E).
-        text: cosines of words, shape (E, E).
+        recipes: shape (n, 3), training recipes.
+        kernel: similarity, shape (E, E).
+        text: word cosines, shape (E, E).
         tables: the kernel's combinesWith and componentOf, two of shape (E, E).
-        links: the link ranker's.
+        links: combinesWith and componentOf from the link ranker.
     """
     size = len(text)
     alike = normalised(kernel) ** 2
@@ -288,7 +278,7 @@ def knowledge_of(
 
 
 def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
-    """Return the number of each known pair and what it makes, see :class:`RecipeKnowledge`."""
+    """Return ``numbers`` and ``results`` of :class:`RecipeKnowledge`."""
     pairs, number = np.unique(recipes[:, :2], axis=0, return_inverse=True)
     of_pair: list[list[int]] = [[] for _ in range(len(pairs) + 1)]
     for pair, result in zip(number.reshape(-1).tolist(), recipes[:, 2].tolist(), strict=True):
@@ -306,7 +296,7 @@ def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 def _square(slots: int, device: torch.device) -> Tensor:
-    """Return the number of the pair of each two slots, shape (A * A,)."""
+    """Return the pair number of every two slots, shape (A * A,)."""
     one, other = pairs_of(slots, device)
     number = torch.zeros(slots, slots, dtype=torch.int64, device=device)
     number[one, other] = number[other, one] = torch.arange(len(one), device=device)
@@ -314,13 +304,13 @@ def _square(slots: int, device: torch.device) -> Tensor:
 
 
 def _rows(table: Tensor, cells: Tensor) -> Tensor:
-    """Return cells of a table of halves as floats; each may be a row of several numbers."""
+    """Return cells of a half table as floats; cells may hold several numbers."""
     numbers = table.shape[3:]  # of a cell
     flat = table.reshape(-1, *numbers)
     return flat.index_select(0, cells.reshape(-1)).view(*cells.shape, *numbers).float()
 
 
 def _padded(table: Tensor) -> Tensor:
-    """Return a table with a row and a column of zeros for nothing, as halves."""
+    """Append a zero row and column for nothing; half precision."""
     pad = (0, 0) * (table.ndim - 2) + (0, 1, 0, 1)
     return nn.functional.pad(table, pad).half()

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class TripleScorer(Protocol):
-    """Scores triples of one recipe graph; a higher score means more plausible, on a scale of the scorer's own.
+    """Scores triples of one recipe graph; higher scores mean more plausible, on any scale.
 
     Attributes:
-        graph_hash: content hash of the graph whose ids it uses.
+        graph_hash: content hash of the graph.
         entities: labels in id order.
     """
 
@@ -29,11 +29,7 @@ class TripleScorer(Protocol):
     entities: tuple[str, ...]
 
     def score(self, heads: "EntityIds", relations: "RelationIds", tails: "EntityIds") -> "torch.Tensor":
-        """Score triples; ids broadcast against each other.
-
-        Returns:
-            float32, of the broadcast shape, on the scorer's device.
-        """
+        """Score triples; ids broadcast. Returns float32 on the scorer's device."""
         ...
 
     def table(self, relation: "int | str") -> "torch.Tensor":
@@ -43,19 +39,15 @@ class TripleScorer(Protocol):
 
 @runtime_checkable
 class FactoredScorer(TripleScorer, Protocol):
-    """A scorer whose scores of all pairs are one matrix product, so that no table of them is needed."""
+    """A scorer that computes all pairs by one matrix product, without a table."""
 
     def factors(self, relation: "int | str") -> "tuple[torch.Tensor, torch.Tensor]":
-        """Return ``left`` and ``right``, shape (E, m), float32: the score of a pair is ``left[head] · right[tail]``."""
+        """Return ``left`` and ``right``, shape (E, m), float32: a pair scores ``left[head] · right[tail]``."""
         ...
 
 
 def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
-    """Refuse a scorer of another graph.
-
-    Raises:
-        GraphMismatchError: naming both graphs.
-    """
+    """Raise GraphMismatchError if a scorer belongs to another graph."""
     if scorer.graph_hash != graph.hash:
         raise GraphMismatchError(
             f"{getattr(scorer, 'name', 'the scorer')} was trained on graph {scorer.graph_hash[:12]} "

@@ -1,4 +1,4 @@
-"""Queries of a scorer: a triple or a recipe, perhaps with an open slot; read from arguments or from a file."""
+"""Queries of a scorer: triples or recipes with at most one open slot, from arguments or a file."""
 
 import csv
 import io
@@ -14,12 +14,12 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.triples import RELATIONS
 
 OPEN = ("_", "?")
-"""How an open slot is written; ``_`` needs no quotes in a shell, where ``?`` stands for any file of one letter."""
+"""Spellings of an open slot; shells expand ``?``, but not ``_``."""
 HEADER = ["head", "relation", "tail"]
 RECIPE_HEADER = ["ingredient_a", "ingredient_b", "result"]
-"""The header of a file of recipe queries; without a header a file is one of triples."""
+"""Header of a file of recipe queries; files without header contain triples."""
 PLUS, MAKES = "+", ("=", "->", "→")
-"""Signs of a recipe query, ``a + b = c``; ``=`` and ``+`` need no quotes in a shell, where ``>`` writes a file."""
+"""Signs of a recipe query, ``a + b = c``; ``=`` and ``+`` need no quotes in a shell."""
 _SIGNS = {PLUS, *MAKES}
 _SIGN = re.compile(r"\s*(\+|=|->|→)\s*")
 
@@ -28,22 +28,22 @@ class _Slots(ABC):
     @property
     @abstractmethod
     def slots(self) -> tuple[str | None, ...]:
-        """Entities by label; None is an open slot."""
+        """Entity labels; None is an open slot."""
 
     @property
     def is_open(self) -> bool:
-        """Whether a slot is open."""
+        """A slot is open."""
         return None in self.slots
 
     @property
     def labels(self) -> list[str]:
-        """The entities that it names."""
+        """The named entities."""
         return [slot for slot in self.slots if slot is not None]
 
 
 @dataclass(frozen=True)
 class Query(_Slots):
-    """A triple of labels in which the head or the tail may be open (None); ``line`` is that of its file, from 1."""
+    """A triple of labels; head or tail may be open (None). ``line`` is the line in its file, from 1."""
 
     head: str | None
     relation: str
@@ -52,10 +52,10 @@ class Query(_Slots):
 
     @classmethod
     def of(cls, head: str, relation: str, tail: str, entities: Collection[str], *, line: int | None = None) -> "Query":
-        """Check a query as typed: :data:`OPEN` or nothing is an open slot, unless an entity has this label.
+        """Check a typed query: :data:`OPEN` or an empty string is an open slot, unless an entity has this label.
 
         Raises:
-            UnknownEntityError: for an unknown entity or relation, with the nearest ones.
+            UnknownEntityError: for an unknown entity or relation, with the nearest names.
             ConfigError: if both slots are open.
         """
         slots = _slots((head, tail), entities)
@@ -75,7 +75,7 @@ class Query(_Slots):
 
 @dataclass(frozen=True)
 class RecipeQuery(_Slots):
-    """A recipe of labels, of which one may be open (None); ``line`` is that of its file, from 1."""
+    """A recipe of labels with at most one open slot (None). ``line`` is the line in its file, from 1."""
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -84,11 +84,11 @@ class RecipeQuery(_Slots):
 
     @classmethod
     def of(cls, a: str, b: str, result: str, entities: Collection[str], *, line: int | None = None) -> "RecipeQuery":
-        """Check a query as typed; open slots are those of :meth:`Query.of`.
+        """Check a typed query; open slots as in :meth:`Query.of`.
 
         Raises:
-            UnknownEntityError: for an unknown entity, with the nearest ones.
-            ConfigError: if more than one slot is open.
+            UnknownEntityError: for an unknown entity, with the nearest labels.
+            ConfigError: if several slots are open.
         """
         slots = _slots((a, b, result), entities)
         if slots.count(None) > 1:
@@ -106,19 +106,19 @@ class RecipeQuery(_Slots):
 def parse_query(
     words: Sequence[str], entities: Collection[str], allowed: Collection[str] | None = None
 ) -> Query | RecipeQuery:
-    """Read a query from the arguments of a command line.
+    """Parse a query from command line arguments.
 
-    A triple is ``head relation [tail]``. A recipe is ``a + b``, ``a + b c`` or ``a + b = c``, in one argument or in
-    several; ``->`` and ``→`` mean ``=``. An argument that is a label is never taken apart.
+    A triple is ``head relation [tail]``. A recipe is ``a + b``, ``a + b c`` or ``a + b = c``, in one or several
+    arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split.
 
     Args:
         words: the arguments.
         entities: the entities of the graph.
-        allowed: entities that may be named; by default those of the graph.
+        allowed: entities that queries may name; by default ``entities``.
 
     Raises:
-        UnknownEntityError: for an unknown entity or relation, with the nearest ones.
-        ConfigError: if it is neither, or has more than one open slot.
+        UnknownEntityError: for an unknown entity or relation, with the nearest names.
+        ConfigError: if the words are neither triple nor recipe, or several slots are open.
     """
     allowed = entities if allowed is None else allowed
     pieces = [] if any(word in RELATIONS for word in words) else list(_pieces(words, entities))
@@ -156,14 +156,13 @@ def _check_known(slots: Sequence[str | None], entities: Collection[str]) -> None
 
 
 def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[RecipeQuery]:
-    """Read queries from a CSV or TSV file of three columns: head, relation and tail, or those of a recipe.
+    """Read queries from a CSV or TSV file with three columns: triples, or recipes under :data:`RECIPE_HEADER`.
 
-    A header is optional for triples, and :data:`RECIPE_HEADER` says that they are recipes. Columns are separated by
-    tabs if the first line has one, without quotes, as in a graph folder's ``triples/``; else by commas. Blank lines
-    are skipped.
+    The header is optional for triples. A tab in the first line means unquoted TSV, as in a graph folder's ``triples/``;
+    otherwise the file is CSV. Blank lines are skipped.
 
     Raises:
-        QueryFileError: if the file cannot be read, naming the line if one is wrong.
+        QueryFileError: if the file is unreadable or a line is wrong, with its number.
     """
     rows = list(_rows(path))
     header = rows[0][1] if rows and rows[0][1] in (HEADER, RECIPE_HEADER) else None
@@ -184,7 +183,7 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the cells of each line that is not blank, with the number of the line on which they begin."""
+    """Yield the cells of non-blank rows with the number of their first line."""
     if not path.is_file():
         raise QueryFileError(f"'{path}' is not a file; expected a CSV or TSV file of {', '.join(HEADER)}.")
     try:

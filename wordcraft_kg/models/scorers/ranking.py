@@ -1,4 +1,4 @@
-"""Filtered ranking of held-out triples: per-query ranks, metrics with intervals, slices and calibration."""
+"""Filtered ranking of held-out triples: ranks, metrics with intervals, slices and calibration."""
 
 from typing import Annotated
 
@@ -18,11 +18,11 @@ from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 MIN_TRIPLES = 30
-"""Fewer held-out triples than this give no meaningful figure."""
+"""Minimum number of held-out triples for meaningful figures."""
 BATCH = 1_024
-"""Most queries scored at once: (BATCH, E) floats."""
+"""Maximum number of queries scored at once: (BATCH, E) floats."""
 CELLS = 2**23
-"""Most scores held at once, up to 8 bytes each with a few copies: of more than 8,192 entities, fewer queries."""
+"""Maximum number of scores in memory, up to 8 bytes each with a few copies; limits queries above 8,192 entities."""
 
 
 class RankingMetrics(Record, omit_defaults=True):
@@ -36,7 +36,7 @@ class RankingMetrics(Record, omit_defaults=True):
         hits_at_10: share of ranks up to 10.
         mean_rank: mean rank, from 1.
         amri: adjusted mean rank index, 0 for a random order and 1 for a perfect one (Berrendorf et al. 2020).
-        mrr_ci: 95 % interval of ``mrr``, if it was computed.
+        mrr_ci: 95 % interval of ``mrr``, if computed.
     """
 
     queries: Count
@@ -50,7 +50,7 @@ class RankingMetrics(Record, omit_defaults=True):
 
 
 class CalibrationBin(Record):
-    """Queries of similar confidence: their mean confidence, and how often the best candidate is the true entity."""
+    """Queries with similar confidence: mean confidence, and accuracy of the best candidate."""
 
     confidence: Share
     accuracy: Share
@@ -58,43 +58,43 @@ class CalibrationBin(Record):
 
 
 class Calibration(Record):
-    """Expected calibration error, and bins of equal size by confidence."""
+    """Expected calibration error, and equal-sized bins by confidence."""
 
     ece: Share
     bins: tuple[CalibrationBin, ...]
 
 
 def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
-    """Return a uniform sample of triples, without replacement and in their order; all if there are at most ``size``."""
+    """Return a uniform sample of triples in their order, without replacement; all if at most ``size``."""
     if len(triples) <= size:
         return triples
     return triples[np.sort(np.random.default_rng(seed).permutation(len(triples))[:size])]
 
 
 def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
-    """Return as many triples as a training ranks: 20,000 at most, and fewer of more than 26,000 entities."""
+    """Return the triples ranked after training: at most 20,000, fewer above 26,000 entities."""
     return sampled(triples, min(20_000, max(1_000, 2**29 // graph.num_entities)))
 
 
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
-    """Rank the true head and the true tail of each triple among all entities.
+    """Rank the true head and tail of each triple among all entities.
 
-    Filtered: other entities that ``known`` has in that slot do not compete. Ties are ranked realistically (the mean of
-    the best and the worst rank), so a constant scorer gets the rank that chance would give.
+    Filtered: other true answers in ``known`` do not compete. Ties get the realistic rank (mean of best and worst), so a
+    constant scorer ranks like chance.
 
     Args:
-        scorer: scorer of the graph that the ids belong to.
+        scorer: scorer of the graph.
         triples: shape (T, 3), the queries.
         known: shape (K, 3), all true triples, train and held out.
 
     Returns:
-        2 T rows, first all queries for tails, then all for heads, in the order of ``triples``. Columns: head, relation,
-        tail (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates (how
-        many entities compete, the true one included), score (of the true one), top (id of the best candidate) and
-        confidence (its share of the softmax over the candidates).
+        2 T rows, first all tail queries, then all head queries, in the order of ``triples``. Columns: head, relation,
+        tail (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates
+        (number of competing entities, including the true entity), score (of the true entity), top (best candidate) and
+        confidence (softmax share of ``top``).
 
     Raises:
-        ArtefactError: if a score is not a finite number.
+        ArtefactError: if a score is not finite.
     """
     num_entities = len(scorer.entities)
     parts: list[pd.DataFrame] = []
@@ -155,7 +155,7 @@ def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns:
 
 
 def _count(mask: torch.Tensor) -> torch.Tensor:
-    """Return how many entries of each row are True; in 32 bits, which takes less than half the time."""
+    """Count True entries per row; 32 bits take less than half the time."""
     return mask.sum(1, dtype=torch.int32).long()
 
 
@@ -167,12 +167,12 @@ def _ranges(left: Ids, right: Ids) -> Ids:
 
 
 def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
-    """Return the MRR of ranked queries, at least one."""
+    """Return the MRR of at least one ranked query."""
     return float(np.mean(1 / ranks["rank"].to_numpy(dtype=float)))
 
 
 def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics:
-    """Return the metrics of ranked queries, by one of their columns of ranks."""
+    """Return the metrics of ranked queries for a column of ranks."""
     rank = ranks[column].to_numpy(dtype=float)
     if not len(rank):
         return RankingMetrics(0)
@@ -196,7 +196,7 @@ def random_reciprocal_ranks(ranks: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
-    """Return the expected metrics of a random order on the same queries (computed, not sampled)."""
+    """Return the exact expected metrics of a random order."""
     n = ranks["candidates"].to_numpy(dtype=float)
     if not len(n):
         return RankingMetrics(0)
@@ -212,14 +212,13 @@ def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
 
 
 def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
-    """Return, for each triple, the number of the first pair whose recipes give it; shape (T,).
+    """Return for each triple the number of the first pair with a recipe that gives it; shape (T,).
 
-    Queries of one pair are not independent (its two mirrored combinesWith triples least of all), so intervals resample
-    pairs, the unit of the split, not queries.
+    Queries from one pair depend on each other (its mirrored combinesWith triples most), so intervals resample pairs.
 
     Args:
         graph: the graph.
-        recipes: shape (num_recipes,), bool: the recipes that the triples come from.
+        recipes: shape (num_recipes,), bool: recipes that give the triples.
         triples: shape (T, 3).
     """
     a, b, result = graph.recipes[recipes].T
@@ -237,7 +236,7 @@ def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
 
 
 def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000, seed: int = 0) -> RankingMetrics:
-    """Return :func:`ranking_metrics` with ``mrr_ci``, a 95 % interval by bootstrap over recipes."""
+    """Return :func:`ranking_metrics` with ``mrr_ci``, a 95 % bootstrap interval over recipes."""
     metrics = ranking_metrics(ranks)
     if not metrics.queries:
         return metrics
@@ -246,9 +245,9 @@ def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000,
 
 
 def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
-    """Compare the softmax confidence of the best candidate with how often it is the true entity.
+    """Compare the softmax confidence of the best candidate with its accuracy.
 
-    Most unseen triples have several plausible answers, so neither is expected to be near 1.
+    Most unseen triples have several plausible answers, so values near 1 are not expected.
     """
     confidence = ranks["confidence"].to_numpy(dtype=float)
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"])
@@ -262,7 +261,7 @@ def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
-    """Return which queries belong to each standard slice: all, each relation, each relation and side."""
+    """Return masks of the standard slices: all, each relation, each relation and side."""
     relation, side = ranks["relation"].to_numpy(), ranks["side"].to_numpy()
     masks = {"all": np.ones(len(ranks), dtype=bool)}
     masks |= {name: relation == i for i, name in enumerate(RELATIONS)}

@@ -1,4 +1,4 @@
-"""Recipe-level scores: how plausible it is that a pair makes a result, and which train recipes say so."""
+"""Recipe-level scores, and train recipes that support them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -15,17 +15,17 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
 ROWS = 4_096
-"""Recipes scored at a time."""
+"""Recipes scored at once."""
 DTYPES = {
     **dict.fromkeys(("parts", "pairs", "alike", "words"), torch.half),
     **dict.fromkeys(("numbers", "results", "recipes"), torch.int32),
     "speaking": torch.int16,
 }
-"""Types of the stored tensors that are not float32."""
+"""Types of stored tensors other than float32."""
 
 
 class Witness(Record):
-    """A recipe that supports another one, see :class:`~wordcraft_kg.models.scorers.pair_features.Speaking`."""
+    """A recipe that supports another recipe, see :class:`~wordcraft_kg.models.scorers.pair_features.Speaking`."""
 
     ingredient_a: str
     ingredient_b: str
@@ -35,52 +35,50 @@ class Witness(Record):
 
     @classmethod
     def of(cls, speaking: Speaking, entities: Sequence[str]) -> "Witness":
-        """Give the ids their labels."""
+        """Replace ids by labels."""
         a, b, result = (entities[entity] for entity in speaking.recipe)
         return cls(a, b, result, speaking.weight, speaking.share)
 
     @property
     def recipe(self) -> Recipe:
-        """The recipe, as a value of its own."""
+        """The recipe as a value."""
         return Recipe(self.ingredient_a, self.ingredient_b, self.result)
 
 
 @runtime_checkable
 class RecipeScores(TripleScorer, Protocol):
-    """A scorer that scores recipes, too; ``recipes``, shape (n, 3), are those of its training."""
+    """A scorer with recipe scores; ``recipes``, shape (n, 3), are its training recipes."""
 
     recipes: Tensor
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Return how plausible it is that each pair makes a result; ids broadcast, the order of a pair is no matter."""
+        """Score unordered pairs with a result; ids broadcast."""
         ...
 
     def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return the recipes that speak for a recipe, those that say most first."""
+        """Return recipes that support a recipe, largest share first."""
         ...
 
 
 class RecipeScorer(StoredScorer):
-    """The learned scorer of recipes and links: rankers on features of recipes that were held out of the features.
+    """The learned scorer of recipes and links: rankers on out-of-sample features.
 
-    A score of a recipe is in nats: the log-odds, up to a constant, that among the pairs on a table it is this one that
-    makes the goal. Scores of links are those of the link ranker.
+    A recipe score is in nats: the log-odds, up to a constant, that of all pairs on a table this pair makes the goal.
+    Link scores come from the link ranker.
 
     Attributes:
         knowledge: tables and rankers.
-        recipes: shape (n, 3), the recipes of its training.
-        link_rankers: weights of the link rankers by relation, which score entities that are not in the graph.
+        recipes: shape (n, 3), training recipes.
+        link_rankers: weights of the link rankers by relation, for entities outside the graph.
+
+    Raises:
+        KeyError: if a tensor is missing.
+        ValueError: if a tensor has another shape or type than the entities require.
     """
 
     kind: ClassVar[str] = "recipes"
 
     def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
-        """Take the tensors that :meth:`tensors` returns.
-
-        Raises:
-            KeyError: if one is missing.
-            ValueError: if one has another shape or type than the entities ask for.
-        """
         super().__init__(entities, graph_hash, **kwargs)
         self.check(tensors, len(self.entities))
         self.knowledge = RecipeKnowledge(tensors).to(self.device).requires_grad_(False)
@@ -88,7 +86,7 @@ class RecipeScorer(StoredScorer):
         self.link_rankers = {relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS}
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors that it can be made from again."""
+        """Return the tensors that restore the scorer."""
         links = {
             f"{of}.{name}": weights for of, ranker in self.link_rankers.items() for name, weights in ranker.items()
         }
@@ -103,13 +101,13 @@ class RecipeScorer(StoredScorer):
         return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Score recipes given by ids or labels: one, a sequence, or a tensor of ids of any shape, which broadcast.
+        """Score recipes of ids or labels (single, sequence or tensor), which broadcast.
 
         Returns:
-            float32, of the broadcast shape, nats.
+            float32, broadcast shape, nats.
 
         Raises:
-            UnknownEntityError: for a label or id that the scorer does not know.
+            UnknownEntityError: for an unknown label or id.
         """
         ids = torch.broadcast_tensors(*(self.entity_ids(part) for part in (ingredients, others, results)))
         a, b, result = (part.reshape(-1) for part in ids)
@@ -120,13 +118,13 @@ class RecipeScorer(StoredScorer):
         return torch.cat(found).view(ids[0].shape)
 
     def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return at most ``limit`` recipes that support a recipe of labels, largest share of the evidence first.
+        """Return at most ``limit`` train recipes that support a recipe of labels, largest share of the evidence first.
 
-        These are train recipes, and the recipe itself if it is one. Evidence is one of the features of a score, see
+        A train recipe supports itself. Evidence is one feature of a score, see
         :data:`~wordcraft_kg.models.scorers.pair_features.FEATURES`.
 
         Raises:
-            UnknownEntityError: for a label that the scorer does not know.
+            UnknownEntityError: for an unknown label.
         """
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
         found = self.knowledge.speaking_for(a, b, goal, limit=limit)

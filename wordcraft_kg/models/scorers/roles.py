@@ -1,4 +1,4 @@
-"""How alike entities are to a scorer: as heads and as tails of each relation, by what it scores them with."""
+"""Similarity of entities to a scorer: as heads and as tails of each relation, by scores."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,15 +24,15 @@ Rows = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class EntityRoles:
-    """The likeness of entities to a scorer, role by role: an entity is a head or a tail of a relation.
+    """Similarity of entities by role: head or tail of a relation.
 
-    In a role, an entity is the row (as a tail: the column) of its scores with all others, centred by row and by column;
-    otherwise rows would mainly show which entities score high overall. Only products of rows are needed, so factors
-    and a low rank replace large tables: :attr:`units` are then other coordinates of (nearly) the same vectors.
+    In a role, an entity is represented by its row (as tail: column) of scores with all entities, centred by row and
+    column; uncentred rows mainly show which entities score high overall. Only products of rows matter, so factors
+    replace tables: :attr:`units` are other coordinates of the same vectors.
 
     Attributes:
-        units: by relation and side (head, tail), rows of length 1, or 0 for an entity without scores, shape (E, m).
-        lengths: shape (E, 4), float32: length of each of these rows beside the root mean square of its role.
+        units: by relation and side (head, tail), unit rows (0 for entities without scores), shape (E, m).
+        lengths: shape (E, 4), float32: row lengths relative to the root mean square of the role.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")
@@ -46,10 +46,10 @@ class EntityRoles:
 
     @classmethod
     def of(cls, scorer: TripleScorer) -> "EntityRoles":
-        """Take the roles from the scores of all pairs, or from their factors.
+        """Compute roles from the scores of all pairs, or from their factors.
 
         Raises:
-            ConfigError: if there are no factors, and too many pairs.
+            ConfigError: for too many pairs without factors.
         """
         size = len(scorer.entities)
         units, lengths = [], []
@@ -65,15 +65,12 @@ class EntityRoles:
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))  # type: ignore[arg-type]
 
     def alike(self, entity: int, relation: int, side: Side) -> Rows:
-        """Return the cosine of an entity and all others in a role, shape (E,)."""
+        """Return cosines between an entity and all entities in a role, shape (E,)."""
         rows = self.units[relation][side == "tail"]
         return np.asarray(rows @ rows[entity])
 
     def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
-        """Return the entities most like one in all roles together, nearest first, with the cosine of all their scores.
-
-        Each role counts alike, whatever the scale of its scores.
-        """
+        """Return the nearest entities over all roles with cosines, nearest first; each role weighs the same."""
         weights = self.lengths * self.lengths[entity] / np.maximum(self._total * self._total[entity], 1e-12)[:, None]
         cosines = np.stack([self.alike(entity, relation, side) for relation, side in ROLES], axis=1)
         found = (weights * cosines).sum(axis=1)
@@ -90,7 +87,7 @@ ROLES: tuple[tuple[int, Side], ...] = tuple((relation, side) for relation in (0,
 
 
 def centred(scores: NDArray[Any]) -> NDArray[Any]:
-    """Return scores of all pairs, shape (E, E), with means of 0 by row and by column."""
+    """Return scores of all pairs, shape (E, E), with row and column means of 0."""
     by_row = scores - scores.mean(axis=1, keepdims=True)
     return np.asarray(by_row - by_row.mean(axis=0))
 
@@ -117,7 +114,7 @@ def _projected(rows: Rows, drawn: Rows) -> Rows:
 
 
 def _of_factors(left: Rows, right: Rows) -> tuple[Rows, Rows]:
-    """Return vectors with the same products as the rows and the columns of ``left rightᵀ`` once it is centred."""
+    """Return vectors with the same products as rows and columns of the centred ``left rightᵀ``."""
     heads, tails = (side.astype(np.float64) - side.mean(axis=0, dtype=np.float64) for side in (left, right))
     return _turned(heads, tails), _turned(tails, heads)
 
@@ -129,6 +126,6 @@ def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> Rows:
 
 
 def _unit(rows: Rows, lengths: Rows) -> Rows:
-    """Return rows scaled to length 1; those that are zero, up to rounding, are zeros."""
+    """Scale rows to length 1; rows of zeros up to rounding become zeros."""
     least = 1e-6 * float(np.max(lengths, initial=0)) or 1.0
     return np.asarray(np.where(lengths > least, 1 / np.maximum(lengths, least), 0)[:, None] * rows, dtype=np.float32)

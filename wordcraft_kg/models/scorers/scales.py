@@ -1,4 +1,4 @@
-"""Views of scorers on a common scale, so that scores of different scorers and relations can be mixed."""
+"""Scores on a common scale, for mixing scorers and relations."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -25,19 +25,19 @@ def scaled_table(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> Tensor:
-    """Return a scorer's scores of all pairs in one relation, on a common scale: shape (E, E), row = head.
+    """Return scaled scores of all pairs in one relation: shape (E, E), row = head.
 
     Args:
         scorer: any scorer.
         relation: id of the relation.
-        scale: ``standardise`` the scores of all pairs; ``ranks`` standardises their ranks among all pairs, and
-            ``log-softmax`` their log-softmax over the heads of each tail; ``none`` leaves scores as they are.
-        self_edges: ``keep`` an entity's score with itself; ``observed`` keeps those among ``observed``; ``drop`` keeps
-            none. A dropped score becomes the mean of all pairs of different entities.
-        observed: triples of the scorer's training, shape (T, 3).
+        scale: ``standardise`` scores of all pairs; ``ranks`` standardises ranks among all pairs, ``log-softmax`` the
+            log-softmax over heads for each tail; ``none`` keeps raw scores.
+        self_edges: scores between an entity and itself: ``keep`` all, keep those in ``observed``, or ``drop`` all.
+            Dropped scores become the mean over pairs of different entities.
+        observed: training triples of the scorer, shape (T, 3).
 
     Raises:
-        ConfigError: for an unknown scale or kind of self edges, or for ``observed`` without triples.
+        ConfigError: for an unknown scale or kind of self edges, or ``observed`` without triples.
     """
     one_of("scale", scale, get_args(Scale))
     one_of("self_edges", self_edges, get_args(SelfEdges))
@@ -58,18 +58,18 @@ def scaled_table(
 
 
 FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "none")
-"""The scales that need no table of all pairs."""
+"""Scales that need no table of all pairs."""
 
 
 @dataclass(frozen=True)
 class ScaledFactors:
-    """Scores of all pairs in one relation, on a common scale, as factors: ``left[head] · right[tail] - shift``.
+    """Scaled scores of one relation as factors: ``left[head] · right[tail] - shift``.
 
     Attributes:
         left: shape (E, m).
         right: shape (E, m).
         shift: shape ().
-        dropped: shape (E,), bool: the entities whose score with themselves is ``itself`` instead.
+        dropped: shape (E,), bool: entities with self score ``itself``.
         itself: shape ().
     """
 
@@ -88,10 +88,10 @@ def scaled_factors(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> ScaledFactors:
-    """Return what :func:`scaled_table` returns, without a table: mean and deviation follow from the factors' moments.
+    """Return :func:`scaled_table` in factored form; mean and deviation follow from the factors' moments.
 
-    With X and Y the factors, the sum of all scores is ``Σ x · Σ y`` and that of their squares the sum of the entries of
-    ``XᵀX * YᵀY``, both less what the entities with themselves contribute.
+    With X and Y the factors, scores sum to ``Σ x · Σ y`` and squared scores to the sum over the entries of ``XᵀX *
+    YᵀY``, both minus the contribution of self pairs.
 
     Raises:
         ConfigError: for a scale that needs the table, or ``observed`` without triples.
@@ -116,7 +116,6 @@ def scaled_factors(
 
 
 def _dropped_self_edges(size: int, relation: int, self_edges: SelfEdges, observed: Ids | None) -> Ids:
-    """Return the entities whose score with themselves is dropped."""
     kept = np.zeros(size, dtype=bool)
     if self_edges == "observed":
         if observed is None:
@@ -130,13 +129,9 @@ def _dropped_self_edges(size: int, relation: int, self_edges: SelfEdges, observe
 
 
 def scaled_scorer(
-    scorer: TripleScorer,
-    *,
-    scale: Scale = "standardise",
-    self_edges: SelfEdges = "keep",
-    observed: Ids | None = None,
+    scorer: TripleScorer, *, scale: Scale = "standardise", self_edges: SelfEdges = "keep", observed: Ids | None = None
 ) -> TableScorer:
-    """Return a scorer's scaled tables as a scorer, see :func:`scaled_table`; self edges are those of combinesWith."""
+    """Return the tables of :func:`scaled_table` as a scorer; ``self_edges`` apply to combinesWith."""
     tables = [
         scaled_table(scorer, COMBINES_WITH, scale, self_edges=self_edges, observed=observed),
         scaled_table(scorer, COMPONENT_OF, scale),

@@ -1,8 +1,4 @@
-"""The base of scorers.
-
-All follow :class:`~wordcraft_kg.models.scorers.protocol.TripleScorer`. A new scorer is a subclass of :class:`Scorer`
-with one method, ``_score``.
-"""
+"""The base class of scorers; a new scorer implements ``_score``."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -29,13 +25,12 @@ class Scorer(ABC):
 
     Attributes:
         entities: labels in id order.
-        graph_hash: content hash of the graph that the ids belong to.
-        device: where scores are computed and returned.
-        name: what reports call the scorer.
+        graph_hash: content hash of the graph.
+        device: device of computation and results.
+        name: name in reports.
     """
 
     def __init__(self, entities: Sequence[str], graph_hash: str, device: str | torch.device = "cpu", name: str = ""):
-        """Store the vocabulary; subclasses store what they score with."""
         self.entities = tuple(entities)
         self.graph_hash = graph_hash
         self.device = torch.device(device)
@@ -44,31 +39,31 @@ class Scorer(ABC):
 
     @property
     def whole(self) -> "Scorer":
-        """The scorer of all train recipes: this one, unless it is cross-fitted."""
+        """The scorer of all train recipes: ``self`` unless cross-fitted."""
         return self
 
     @property
     def folds(self) -> "CrossFitted | None":
-        """The scorer itself if it is cross-fitted, with a model for each fold; else None."""
+        """This scorer if it is cross-fitted, else None."""
         return None
 
     @property
     def observed(self) -> Ids | None:
-        """The triples that it holds to be true, shape (T, 3); None for those of its training."""
+        """Triples that the scorer takes for true, shape (T, 3); None for the training triples."""
         return None
 
     @abstractmethod
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        """Score broadcastable int64 ids that are in range; return float32 of the broadcast shape."""
+        """Score broadcastable int64 ids within range; float32."""
 
     def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> Tensor:
-        """Score triples given by ids or labels: one, a sequence, or a tensor of ids of any shape, which broadcast.
+        """Score triples of ids or labels (single, sequence or tensor), which broadcast.
 
         Returns:
-            float32, of the broadcast shape.
+            float32, broadcast shape.
 
         Raises:
-            UnknownEntityError: for a label or id that the scorer does not know.
+            UnknownEntityError: for an unknown label or id.
         """
         return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
 
@@ -78,7 +73,7 @@ class Scorer(ABC):
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 
     def entity_ids(self, entities: EntityIds) -> Tensor:
-        """Return entities as a tensor of ids on the scorer's device.
+        """Return entities as int64 ids on the scorer's device.
 
         Raises:
             UnknownEntityError: with the nearest labels, or the range of ids.
@@ -99,10 +94,10 @@ class Scorer(ABC):
         return ids
 
     def relation_ids(self, relations: RelationIds) -> Tensor:
-        """Return relations as a tensor of ids on the scorer's device.
+        """Return relations as int64 ids on the scorer's device.
 
         Raises:
-            UnknownEntityError: naming the known relations.
+            UnknownEntityError: with the known relations.
         """
         if isinstance(relations, str):
             if relations not in RELATIONS:
@@ -116,7 +111,7 @@ class Scorer(ABC):
     def top(
         self, head: EntityIds | None, relation: RelationIds, tail: EntityIds | None, limit: int | None = 10
     ) -> list[tuple[str, float]]:
-        """Return entities for the one open slot (None), best first, with their scores; all if ``limit`` is None."""
+        """Rank entities for the open slot (None): labels and scores, best first; all if ``limit`` is None."""
         if (head is None) == (tail is None):
             raise ValueError("exactly one of head and tail must be None.")
         everything = torch.arange(len(self.entities), device=self.device)
@@ -126,40 +121,35 @@ class Scorer(ABC):
 
 
 class StoredScorer(Scorer):
-    """A scorer that a model folder stores as tensors of its own.
+    """A scorer with its own tensors in a model folder.
 
     Attributes:
-        kind: name in ``vocabulary.json``, by which :data:`~wordcraft_kg.models.scorers.folder.SCORERS` has the class.
+        kind: name in ``vocabulary.json`` and key of :data:`~wordcraft_kg.models.scorers.folder.SCORERS`.
     """
 
     kind: ClassVar[str]
 
     @abstractmethod
     def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors that it can be made from again."""
+        """Return the tensors that restore the scorer."""
 
     @staticmethod
     @abstractmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:
-        """Refuse tensors that are not those of one scorer of E entities.
-
-        Raises:
-            KeyError: if one is missing.
-            ValueError: if one has another shape or type, or holds what it cannot.
-        """
+        """Raise KeyError for a missing tensor, ValueError for a wrong shape, type or value; ``size`` is E."""
 
     @classmethod
     def restored(
         cls, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
     ) -> Scorer:
-        """Return the scorer of some tensors; ``settings`` are ``device`` and ``name``."""
+        """Restore a scorer from tensors; ``settings`` are ``device`` and ``name``."""
         return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
 
 
 def check_shapes(
     tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]], dtypes: Mapping[str, torch.dtype] = {}
 ) -> None:
-    """Refuse tensors of another type (float32 unless in ``dtypes``) or shape, with KeyError or ValueError."""
+    """Raise KeyError or ValueError for tensors with another shape or type (float32 unless in ``dtypes``)."""
     for name, shape in expected.items():
         if tensors[name].dtype != (kind := dtypes.get(name, torch.float32)):
             raise ValueError(f"{name} is of {tensors[name].dtype}, not {kind}")
@@ -168,7 +158,7 @@ def check_shapes(
 
 
 def check_ids(name: str, ids: Tensor, high: int) -> None:
-    """Refuse ids outside 0 .. ``high``, with ValueError."""
+    """Raise ValueError for ids outside 0 .. ``high``."""
     if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) <= high:
         raise ValueError(f"{name} holds numbers outside 0 .. {high}")
 

@@ -1,4 +1,4 @@
-"""How alike entities are, by what recipes do with them and by the words of their labels."""
+"""Similarity of entities by use in recipes and by words."""
 
 from typing import Any
 
@@ -11,19 +11,18 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 
 DAMPING = 0.25
-"""A column of the profiles is divided by its sum to this power, so that what many entities share says less."""
+"""Profile columns are divided by their sum to this power, which damps common columns."""
 CONTEXT = 2.0
-"""Weight of (partner, result) contexts beside single links."""
+"""Weight of (partner, result) contexts relative to single links."""
 TEXT = 0.2
-"""Weight of the squared cosine of word vectors beside that of profiles."""
+"""Weight of squared word cosines relative to profile cosines."""
 
 
 def profiles(recipes: Ids, num_entities: int) -> Any:
-    """Return the use of each entity in recipes, shape (n, 3), as unit rows of a sparse matrix: shape (E, M).
+    """Return the use of each entity in recipes (n, 3) as unit rows of a sparse matrix, shape (E, M).
 
     With C the symmetric combinesWith links, P the componentOf links (ingredient, result) and R the contexts (partner,
-    result) in which an entity is an ingredient, the rows are those of ``[C | P | Pᵀ | 2 R]``, damped and normalised. An
-    entity of no recipe has a row of zeros.
+    result), rows are ``[C | P | Pᵀ | 2 R]``, damped and normalised; zeros for entities without recipes.
     """
     from scipy import sparse
 
@@ -47,15 +46,15 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
 
 
 def cosines(vectors: Tensor) -> Tensor:
-    """Return the cosine of each two rows, shape (E, E); 0 where one is zero."""
+    """Return row cosines, shape (E, E); 0 for zero rows."""
     unit = torch.nn.functional.normalize(vectors, dim=1)
     return unit @ unit.T
 
 
 def similarity(recipes: Ids, text: Tensor) -> Tensor:
-    """Return ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E); ``text`` are the cosines of words.
+    """Return ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E); ``text`` are word cosines.
 
-    Without words it is positive semi-definite; with vectors of few dimensions it may have negative eigenvalues.
+    Positive semi-definite without words; vectors with few dimensions may cause negative eigenvalues.
     """
     rows = profiles(recipes, len(text))
     structure = torch.from_numpy((rows @ rows.T).toarray().astype(np.float32))
@@ -63,17 +62,13 @@ def similarity(recipes: Ids, text: Tensor) -> Tensor:
 
 
 def normalised(kernel: Tensor) -> Tensor:
-    """Return ``k(x, y) / √(k(x, x) k(y, y))``; 0 where an entity is like nothing, not even itself."""
+    """Return ``k(x, y) / √(k(x, x) k(y, y))``; 0 for entities without any similarity."""
     scale = kernel.diagonal().clamp(min=1e-9).rsqrt()
     return scale[:, None] * kernel * scale
 
 
 def check_vectors(vectors: NDArray[np.floating] | None, num_entities: int) -> None:
-    """Refuse word vectors that are not a row for each entity.
-
-    Raises:
-        ConfigError: saying what they are.
-    """
+    """Raise ConfigError unless word vectors have one row per entity."""
     if vectors is not None and (vectors.ndim != 2 or len(vectors) != num_entities):
         raise ConfigError(
             f"`vectors` have shape {vectors.shape}; expected a row for each of the {num_entities:,} entities. "

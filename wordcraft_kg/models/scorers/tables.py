@@ -1,4 +1,4 @@
-"""Scorers that look up scores that were computed once."""
+"""Scorers with precomputed scores."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -11,12 +11,11 @@ from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer, check_shape
 
 
 class TableScorer(StoredScorer):
-    """Looks scores up in a table of all triples, shape (R, E, E): any link predictor, once it has scored everything."""
+    """Looks up scores in a table, shape (R, E, E), by relation, head and tail."""
 
     kind: ClassVar[str] = "table"
 
     def __init__(self, scores: Tensor, entities: Sequence[str], graph_hash: str, **kwargs: Any):
-        """Keep ``scores``, shape (R, E, E), float, indexed by relation, head, tail."""
         super().__init__(entities, graph_hash, **kwargs)
         self.scores = scores.to(self.device, torch.float32).contiguous()
 
@@ -35,7 +34,7 @@ class TableScorer(StoredScorer):
 
     @classmethod
     def of(cls, scorer: Scorer) -> "TableScorer":
-        """Return what looks up all that a scorer scores."""
+        """Tabulate all scores of a scorer."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name)
 

@@ -1,4 +1,4 @@
-"""Writing the files of a model folder from which its scorer is loaded, folds included."""
+"""Writing a scorer and its folds into a model folder."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -37,12 +37,12 @@ Tensors = Mapping[str, torch.Tensor]
 
 
 def stored(scorer: TripleScorer) -> StoredScorer:
-    """Return the form in which a model folder keeps a scorer; of a cross-fitted one that of all train recipes.
+    """Return the stored form of a scorer (of ``whole`` if cross-fitted).
 
-    A scorer without a form of its own becomes a table of all scores, or its factors where the table is too large.
+    Scorers without a stored form become a table, or factors above the table limit.
 
     Raises:
-        ConfigError: if neither is possible, or a score is not a finite number.
+        ConfigError: if neither is possible, or a score is not finite.
     """
     scorer, size = whole_of(scorer), len(scorer.entities)
     found: StoredScorer
@@ -87,8 +87,8 @@ def write_folds(
         folder: folder of the model.
         folds: the folds.
         whole: the scorer of all train recipes.
-        kind: kind of the scorers of the folds.
-        part: returns the hash of the training triples and the tensors of the model without a fold.
+        kind: kind of the fold scorers.
+        part: returns the hash of the training triples, and the tensors, of the model without a fold.
     """
     graph = folds.split.graph
     tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
@@ -108,13 +108,7 @@ def write_folds(
             for scorer in (others, whole)
         )
         found.append(
-            Fold(
-                trained_on=trained_on,
-                triples=len(seen),
-                queries=2 * len(queries),
-                mrr=mrr,
-                in_sample_mrr=in_sample,
-            )
+            Fold(trained_on=trained_on, triples=len(seen), queries=2 * len(queries), mrr=mrr, in_sample_mrr=in_sample)
         )
     record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(found))
     write_atomically(folder / CALIBRATION, dump_json(as_values(Probabilities.fit(whole, folds, seen_by))))

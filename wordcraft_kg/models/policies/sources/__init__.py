@@ -1,12 +1,13 @@
-"""Sources: the one way in which knowledge enters a decision.
+"""Sources: the single path from knowledge to decisions.
 
-A source scores how good it is to pick each slot of a table: ``source(goal, selection, table) -> (B, A)``. A policy
-mixes the sources that it is made with, wrappers put their scores into observations, scripted players follow them, and
-explanations and reports name their columns after them. The policy's own attention logits are called :data:`ALPHA`.
+A source scores the slots of a table: ``source(goal, selection, table) -> (B, A)``. Policies mix sources, wrappers add
+scores to observations, scripted players follow scores, explanations and reports name columns by source. A policy's own
+attention logits are called :data:`ALPHA`.
 
-A new source is a subclass of :class:`~wordcraft_kg.models.policies.sources.source.Source`. Of a package that is
-installed, an entry point in the group ``wordcraft_kg.sources`` makes it known to every command by its name; in Python,
-:func:`~wordcraft_kg.models.policies.sources.registry.register_source` does. Importing this package imports no torch::
+A new source subclasses :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry point in the group
+``wordcraft_kg.sources`` registers an installed package's source for all commands;
+:func:`~wordcraft_kg.models.policies.sources.registry.register_source` registers in Python. This package imports no
+torch::
 
     sources = make_sources(["u", "v"], load_scorer("models/mine"))
     sources[0](goal, selection, table)
@@ -17,19 +18,19 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
 GROUP = "wordcraft_kg.sources"
-"""Entry points of sources: the name of each, and its class."""
+"""Entry point group of sources: name and class."""
 
 
 @dataclass(frozen=True)
 class Label:
-    """The names of a source.
+    """Names of a source.
 
     Attributes:
-        name: its name in settings and records.
-        symbol: its symbol in formulas.
-        about: meaning of the scores, for the head of a column; ``{held}`` stands for the entity held.
-        words: its name in running text; by default the name.
-        meaning: a sentence that explains the scores, for reports.
+        name: name in settings and records.
+        symbol: symbol in formulas.
+        about: column header; ``{held}`` stands for the entity held.
+        words: name in running text; by default ``name``.
+        meaning: explanatory sentence for reports.
     """
 
     name: str
@@ -43,16 +44,16 @@ class Label:
 
     @property
     def needs_held(self) -> bool:
-        """Whether the scores are meaningful only while an entity is held."""
+        """Scores are meaningful only with an entity held."""
         return "{held}" in self.about
 
     @property
     def coefficient(self) -> str:
-        """The symbol of its mixing coefficient."""
+        """Symbol of the mixing coefficient."""
         return f"λ{self.symbol}"
 
     def title(self, held: str | None) -> str:
-        """Return the head of a column of its scores, given the entity held, None for nothing."""
+        """Return the column header, given the entity held (None for nothing)."""
         return f"{self.about.format(held=held or 'nothing')} ({self.symbol})"
 
 
@@ -77,27 +78,23 @@ W = Label(
 )
 BUILT_IN = {label.name: label for label in (U, V, W)}
 LABELS = dict(BUILT_IN)
-"""Labels by name: those above, and those of the classes that have been registered."""
+"""Labels of built-in and registered sources by name."""
 
 
 @cache
 def installed_sources() -> dict[str, EntryPoint]:
-    """Return the entry points of sources in installed packages, by name."""
+    """Return the entry points of installed sources by name."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def source_names() -> tuple[str, ...]:
-    """Return the names of all sources, in the order in which policies mix them: ours, then others by name."""
+    """Return the names of all sources in mixing order: built-in, then others by name."""
     others = {*LABELS, *installed_sources()} - BUILT_IN.keys()
     return (*BUILT_IN, *sorted(others))
 
 
 def label_of(name: str) -> Label:
-    """Return the label of a source by its name; ``alpha`` has one too.
-
-    Raises:
-        KeyError: if no source of that name is registered or installed.
-    """
+    """Return the label of a source or ``alpha``; KeyError for unknown names."""
     if name == ALPHA.name:
         return ALPHA
     if name in LABELS:

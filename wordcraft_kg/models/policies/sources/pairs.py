@@ -1,4 +1,4 @@
-"""Sources that score pairs of entities: u, with the entity held, and v, with the goal."""
+"""Sources of pair scores: u, with the entity held, and v, with the goal."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -22,15 +22,15 @@ _FACTORS = {"left": "N m float32", "right": "N m float32", "shift": "float32", "
 
 
 class PairSource(FoldedSource):
-    """Scores each slot's entity with a key, the goal or the entity held: by a table of all pairs, or by factors.
+    """Scores each slot's entity with a key, the goal or the entity held, by a table of all pairs or by factors.
 
-    Of a cross-fitted scorer there are K + 2 tables, or factors, along the first axis of each buffer; those of no model,
-    the last, are 0. The task decides which one is asked; without a task it is that of all train recipes.
+    Cross-fitted scorers add a first axis of K + 2 models to each buffer; the last, the empty model, is 0. The task
+    selects the model; without a task, the model of all train recipes answers.
 
     Attributes:
-        scores: buffer of a table, shape (E + 1, E + 1): by key, by the slot's entity; 0 for nothing.
+        scores: buffer of a table, shape (E + 1, E + 1): by key and slot's entity; 0 for nothing.
         left, right, shift, dropped, itself: buffers of factors, see
-            :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`, with a row of 0 for nothing.
+            :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`, with a zero row for nothing.
     """
 
     scores: Tensor
@@ -41,7 +41,6 @@ class PairSource(FoldedSource):
     itself: Tensor
 
     def __init__(self, num_entities: int, constants: Mapping[str, Tensor]):
-        """Take the buffers, either ``scores`` or those of factors, and ``fold_of_recipe`` of a cross-fitted scorer."""
         super().__init__(num_entities, constants.get("fold_of_recipe"))
         self.is_table = "scores" in constants
         for name in _TABLE if self.is_table else _FACTORS:
@@ -49,7 +48,7 @@ class PairSource(FoldedSource):
 
     @classmethod
     def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
-        """Return the source of a scorer's scores of all pairs in one relation, slot's entity first, then key."""
+        """Make the source from scores of one relation, slot's entity first, then key."""
         size = len(scorer.entities)
         constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
         folded = folds_of(scorer)
@@ -85,7 +84,7 @@ class PairSource(FoldedSource):
 
     @abstractmethod
     def key(self, goal: Tensor, selection: Tensor) -> Tensor:
-        """Return the entity whose scores are asked for, shape (B,)."""
+        """Return the entity to score slots with, shape (B,)."""
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
         key = self.key(goal, selection)[:, None]
@@ -138,7 +137,7 @@ class ComponentOf(PairSource):
 
 
 def _constants(scorer: TripleScorer, relation: int, view: ScoreView) -> dict[str, Tensor]:
-    """Return the buffers of one model's scores of all pairs."""
+    """Return the buffers of one model."""
     size = len(scorer.entities)
     settings: dict[str, Any] = {"self_edges": view.self_edges, "observed": view.observed}
     if not view.by_factors:
@@ -151,5 +150,4 @@ def _constants(scorer: TripleScorer, relation: int, view: ScoreView) -> dict[str
 
 
 def _with_nothing(rows: Tensor) -> Tensor:
-    """Return rows of all entities with one of zeros for nothing."""
     return torch.cat([rows, torch.zeros_like(rows[:1])])

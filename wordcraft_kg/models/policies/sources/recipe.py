@@ -1,4 +1,4 @@
-"""w: whether a slot is part of a pair that makes the goal."""
+"""w: the score of the best recipe for the goal with a slot's entity."""
 
 from collections.abc import Mapping
 
@@ -34,17 +34,16 @@ _LAYOUTS = {
 class BestRecipe(FoldedSource):
     """``w_i = S(e_i, e_s -> e_g)``; while nothing is held, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
 
-    S is the score of a recipe, in nats, so w needs no common scale. Of a list of recipes with weights it is a
+    S is a recipe score in nats, so w needs no common scale. Weighted recipe lists use
     :class:`~wordcraft_kg.models.policies.sources.weighted.BestWeighted`.
 
     Attributes:
-        knowledge: tables and rankers; of a cross-fitted scorer those of K + 1 models.
+        knowledge: tables and rankers, of K + 1 models for cross-fitted scorers.
     """
 
     label = W
 
     def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
-        """Take the knowledge, and the fold of each recipe if the scorer is cross-fitted."""
         super().__init__(num_entities, fold_of_recipe)
         self.knowledge = knowledge
         self._last: tuple[tuple[Tensor, Tensor, Tensor], Tensor] | None = None
@@ -75,7 +74,7 @@ class BestRecipe(FoldedSource):
 
     @staticmethod
     def serves(scorer: TripleScorer) -> bool:
-        """Return whether a scorer has the scores of recipes that this source needs."""
+        """Return whether a scorer has the recipe scores for this source."""
         return isinstance(whole_of(scorer), RecipeScorer | WeightedRecipes)
 
     @classmethod
@@ -126,16 +125,15 @@ class BestRecipe(FoldedSource):
             None
             if entity == self.num_entities
             else Evidence(
-                partner,
-                tuple(self.knowledge.speaking_for(entity, partner, int(goal), model=model, limit=limit)),
+                partner, tuple(self.knowledge.speaking_for(entity, partner, int(goal), model=model, limit=limit))
             )
             for entity, partner in zip(table[0].tolist(), partners, strict=True)
         )
 
     def knows(self, recipes: Tensor, model: int) -> Tensor:
-        """Return which recipes, shape (n, 3), a model has been trained on, shape (n,), bool.
+        """Return a mask of recipes (n, 3) in a model's training data, shape (n,).
 
-        Fewer than its folds say, if it was taught a dose of them only.
+        With a dose, these are fewer than the folds' recipes.
         """
         one, other, result = recipes.T
         number = self.knowledge.numbers[model, one, other].long()
@@ -144,18 +142,18 @@ class BestRecipe(FoldedSource):
     def _with_absent(
         self, goal: Tensor, selection: Tensor, table: Tensor, model: Tensor | None, best: Tensor
     ) -> Tensor:
-        """Return the scores with an entity that is held but not on the table; ``best`` where nothing is held."""
+        """Return scores with a held entity missing from the table; ``best`` where nothing is held."""
         asked = torch.zeros_like(goal) if model is None else model.clamp(max=len(self.knowledge.bias) - 1)
         wider = torch.cat([table, selection[:, None]], dim=1)
         scores = self.knowledge(goal, wider, asked)[:, -1, :-1]
         return torch.where((selection == self.num_entities)[:, None], best, scores)
 
     def _scores(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return the scores of all pairs on the tables, shape (B, A, A).
+        """Return scores of all pairs on the tables, shape (B, A, A).
 
-        Most tables are asked for twice in a row, before and after the first pick, so the last ones are kept. Slots that
-        are empty in all tables, which come last, are left out. Several threads may ask at once: what is kept is looked
-        up once and replaced as a whole.
+        Most tables recur once, before and after the first selection, so the last scores are cached. Trailing slots that
+        are empty in all tables are skipped. Threads may call concurrently: the cache is read once and replaced as a
+        whole.
         """
         last = self._last
         slots, is_used = table.shape[1], (table != self.num_entities).any(0)
@@ -171,7 +169,6 @@ class BestRecipe(FoldedSource):
 
 
 def _forget(source: nn.Module, _: object) -> None:
-    """Drop what was kept of other constants."""
     assert isinstance(source, BestRecipe)
     source._last = None
 

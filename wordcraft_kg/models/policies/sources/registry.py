@@ -1,4 +1,4 @@
-"""Sources by name: those of this package, of installed packages, and those that a program registers."""
+"""Sources by name: built-in, installed and registered."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -22,12 +22,12 @@ _CLASSES: dict[str, type[Source]] = {kind.label.name: kind for kind in (Combines
 
 
 def register_source(kind: SourceT) -> SourceT:
-    """Make a source known by the name in its label, in this process; a decorator of its class.
+    """Register a source under its label's name in this process; a class decorator.
 
-    Commands and their worker processes find a source by an entry point in the group ``wordcraft_kg.sources`` instead.
+    Commands and worker processes find sources by entry points in the group ``wordcraft_kg.sources``.
 
     Raises:
-        ConfigError: if a source of this package has the name.
+        ConfigError: if the name is built in.
     """
     name = kind.label.name
     if name == ALPHA.name or name in BUILT_IN:
@@ -37,11 +37,7 @@ def register_source(kind: SourceT) -> SourceT:
 
 
 def source_class(name: str) -> type[Source]:
-    """Return the class of a source by its name.
-
-    Raises:
-        ConfigError: if no source of that name is registered or installed.
-    """
+    """Return the class of a source by name. Raises ConfigError for unknown names."""
     if name not in _CLASSES:
         point = installed_sources().get(name)
         if point is None:
@@ -54,10 +50,10 @@ def source_class(name: str) -> type[Source]:
 
 
 def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale) -> bool:
-    """Return whether tables of all pairs would be too large, so that sources have to score by factors.
+    """Return whether tables of all pairs are too large, so that sources must score by factors.
 
     Raises:
-        ConfigError: if they have to and cannot.
+        ConfigError: if factors are needed but unavailable.
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
@@ -83,15 +79,15 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
 def make_sources(
     names: Iterable[str], scorer: TripleScorer, view: ScoreView = AS_IS, *, tasks: TaskSet | None = None
 ) -> list[Source]:
-    """Return sources of a scorer by name, reading it as ``view`` says.
+    """Make sources of a scorer by name; ``view`` selects scale and self edges.
 
-    ``tasks`` are those that will be scored, such as ``world.tasks``; without them, sources of a cross-fitted scorer
-    answer for test tasks only.
+    ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, sources of cross-fitted scorers serve test
+    tasks only.
 
     Raises:
-        ConfigError: if the scorer cannot serve one, or only by a table that would be too large (before it is computed).
-        LeakError: if a task would be scored by a model that has been trained on its recipes.
-        GraphMismatchError: if the tasks are of another graph or split than the scorer's folds.
+        ConfigError: if the scorer cannot serve a source, or only by a too large table (before computing the table).
+        LeakError: if a model has seen the recipes of a task.
+        GraphMismatchError: if the tasks belong to another graph or split than the scorer's folds.
 
     Example:
         >>> u, v = make_sources(["u", "v"], load_scorer("models/kitchen"))

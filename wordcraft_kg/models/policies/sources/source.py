@@ -1,4 +1,4 @@
-"""The base of all sources, and of those that ask another model for each fold."""
+"""The base class of sources, and of sources with one model per fold."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -21,14 +21,14 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 
 @dataclass(frozen=True)
 class ScoreView:
-    """How a source reads a scorer; the default takes the scores as they are.
+    """Settings for reading a scorer; the default keeps raw scores.
 
     Attributes:
         scale: see :func:`~wordcraft_kg.models.scorers.scales.scaled_table`.
         self_edges: see there.
-        observed: triples that the scorer was trained on, shape (T, 3), for ``self_edges`` ``observed``.
-        by_factors: take the scores of pairs from the scorer's factors, because a table of all would be too large.
-        tasks: tasks that will be scored, which a cross-fitted scorer needs, see :meth:`Source.bind`.
+        observed: training triples of the scorer, shape (T, 3), for ``self_edges`` ``observed``.
+        by_factors: use the scorer's factors because a table of all pairs would be too large.
+        tasks: tasks to score, required by cross-fitted scorers, see :meth:`Source.bind`.
     """
 
     scale: Scale = "none"
@@ -39,24 +39,23 @@ class ScoreView:
 
 
 AS_IS = ScoreView()
-"""Scores as the scorer gives them."""
+"""Raw scores."""
 
 
 class Source(nn.Module, ABC):
-    """Scores of slots that receive no gradient, from buffers that are saved with a policy.
+    """Gradient-free slot scores from buffers that are saved with a policy.
 
     Attributes:
-        label: its name and symbol.
-        reads_task: whether scores depend on the task; only then is the task passed.
-        num_entities: E, which is also the id of nothing.
-        graph_hash: hash of the graph whose ids it uses; empty if it was restored with a policy, which has the hash.
+        label: name and symbol.
+        reads_task: scores depend on the task number.
+        num_entities: E, also the id of nothing.
+        graph_hash: hash of the graph; empty for sources restored with a policy.
     """
 
     label: ClassVar[Label]
     reads_task: bool = False
 
     def __init__(self, num_entities: int):
-        """Prepare empty constants for E entities."""
         super().__init__()
         self.num_entities = num_entities
         self.graph_hash = ""
@@ -69,28 +68,24 @@ class Source(nn.Module, ABC):
     @classmethod
     @abstractmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Source":
-        """Return the source of a scorer.
-
-        Raises:
-            ConfigError: if this scorer cannot give what the source needs.
-        """
+        """Make the source of a scorer; ConfigError if the scorer lacks the scores."""
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Source":
-        """Return a source whose buffers have the sizes of the saved ones, so that these can be loaded."""
+        """Return a source with buffers sized for the saved constants."""
         return cls(num_entities)
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:
-        """Return the size of the constants of a scorer, as far as it is known before they are computed."""
+        """Estimate the size of a scorer's constants before computing them."""
         return 0
 
     def bind(self, tasks: TaskSet) -> None:
-        """Take the tasks whose numbers are passed from now on; does nothing unless scores depend on the task.
+        """Set the tasks of subsequent task numbers; no effect unless scores depend on the task.
 
         Raises:
-            LeakError: if one would be scored by a model that has been trained on its recipes.
-            GraphMismatchError: if they are tasks of another graph or split.
+            LeakError: if a model has seen the recipes of a task.
+            GraphMismatchError: if the tasks belong to another graph or split.
         """
 
     @abstractmethod
@@ -98,20 +93,19 @@ class Source(nn.Module, ABC):
         """Score every slot.
 
         Args:
-            goal: shape (B,), int64: the entity to make.
-            selection: shape (B,), int64: the entity held, E for nothing.
-            table: shape (B, A), int64: the entities on the table, E for an empty slot.
-            task: shape (B,), int64: number of the task among those of :meth:`bind`, or their number for another task.
-                None for tasks without train recipes, or if :attr:`reads_task` is False.
+            goal: shape (B,), int64: entity to make.
+            selection: shape (B,), int64: entity held, E for nothing.
+            table: shape (B, A), int64: entities on the table, E for empty slots.
+            task: shape (B,), int64, as in :meth:`~wordcraft_kg.models.policies.policy.Policy.forward`.
 
         Returns:
-            shape (B, A), float32; 0 for an empty slot.
+            shape (B, A), float32; 0 for empty slots.
         """
 
     def evidence(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
     ) -> "tuple[Evidence | None, ...]":
-        """Return the evidence for each slot of one state (B = 1), at most ``limit`` recipes each; None without any."""
+        """Return the evidence for each slot of one state (B = 1), at most ``limit`` recipes each; None without evidence."""
         return (None,) * table.shape[1]
 
 
@@ -136,27 +130,26 @@ def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str],
 
 
 class Evidence(NamedTuple):
-    """The evidence for a slot: its supposed partner, and supporting recipes, largest share first."""
+    """Evidence for a slot: the assumed partner, and supporting recipes, largest share first."""
 
     partner: int
     speaking: tuple[Speaking, ...]
 
 
 class FoldedSource(Source):
-    """A source that, of a cross-fitted scorer, asks for each task a model that has not seen its recipes.
+    """A source that scores each task by a model that has not seen the task's recipes.
 
     Models are numbered as in :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`.
 
     Attributes:
-        fold_of_recipe: buffer of a cross-fitted scorer only, shape (num_recipes,), int64; empty without tasks.
-        model_of_task: model of each bound task, and then that of all train recipes, shape (N + 1,). Not saved.
+        fold_of_recipe: buffer for cross-fitted scorers, shape (num_recipes,), int64; empty without tasks.
+        model_of_task: model of each bound task, then the model of all train recipes, shape (N + 1,). Not saved.
     """
 
     fold_of_recipe: Tensor
     model_of_task: Tensor
 
     def __init__(self, num_entities: int, fold_of_recipe: Tensor | None):
-        """Take the fold of each recipe, None if the scorer is not cross-fitted."""
         super().__init__(num_entities)
         self.reads_task = fold_of_recipe is not None
         if fold_of_recipe is not None:
@@ -175,14 +168,14 @@ class FoldedSource(Source):
 
     @staticmethod
     def fold_numbers(scorer: CrossFitted, view: ScoreView) -> Tensor:
-        """Return the fold of each recipe for a source that is made with tasks; empty for one that is not."""
+        """Return the fold of each recipe; empty for sources made without tasks."""
         if view.tasks is None:
             return torch.empty(0, dtype=torch.int64)
         check_scorer(scorer, view.tasks.graph)
         return torch.from_numpy(scorer.of_recipe.copy())
 
     def bound(self, view: ScoreView) -> Self:
-        """Return itself, bound to the tasks of a view if it has any."""
+        """Bind the source to the tasks of a view, if any, and return the source."""
         if view.tasks is not None:
             self.bind(view.tasks)
         return self
@@ -206,11 +199,11 @@ class FoldedSource(Source):
         self.bound_to = tasks.hash
 
     def model_of(self, task: Tensor | None) -> Tensor | None:
-        """Return the model that answers each state, shape (B,); None for that of all train recipes.
+        """Return the model for each state, shape (B,); None for the model of all train recipes.
 
         Raises:
-            LeakError: if the tasks are not known.
-            IndexError: for a number that no task has.
+            LeakError: if the tasks are unknown.
+            IndexError: for a number without task.
         """
         if task is None or not self.reads_task:
             return None

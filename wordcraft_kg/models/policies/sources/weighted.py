@@ -1,4 +1,4 @@
-"""w of a list of recipes with weights: whether a slot is part of a listed pair that makes the goal."""
+"""w of a weighted recipe list."""
 
 from collections.abc import Mapping
 from typing import Protocol, Self, runtime_checkable
@@ -14,21 +14,20 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 @runtime_checkable
 class WeightedRecipes(TripleScorer, Protocol):
-    """A scorer whose scores of recipes are the weights of a list, such as the opinions of a language model."""
+    """A scorer with a weighted list of recipes, such as elicited recipes."""
 
     def weighted_recipes(self) -> tuple[Tensor, Tensor]:
-        """Return recipes, shape (n, 3), int64, in ascending order of their keys, and weights, shape (n,), above 0."""
+        """Return recipes, shape (n, 3), int64, in ascending order of keys, and positive weights, shape (n,)."""
         ...
 
 
 class BestWeighted(Source):
     """``w_i = S(e_i, e_s -> e_g)``; while nothing is held, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
 
-    S is the weight of the recipe in the list, 0 if it is not there. The list rests on no recipe of the graph, so there
-    is nothing to keep from a task.
+    S is the weight of a listed recipe, otherwise 0. The list uses no recipe of the graph, so nothing can leak.
 
     Attributes:
-        keys: buffer, shape (n + 1,), see :func:`recipe_keys`.
+        keys: buffer, shape (n + 1,), see :func:`recipe_keys`; the last key stands for no recipe.
         weights: buffer, shape (n + 1,).
     """
 
@@ -38,7 +37,6 @@ class BestWeighted(Source):
     weights: Tensor
 
     def __init__(self, num_entities: int, keys: Tensor, weights: Tensor):
-        """Take keys and weights; the last ones stand for no recipe."""
         super().__init__(num_entities)
         self.register_buffer("keys", keys)
         self.register_buffer("weights", weights)
@@ -66,21 +64,21 @@ class BestWeighted(Source):
 
 
 def recipe_keys(recipes: Tensor, size: int) -> Tensor:
-    """Return a key for each recipe, shape (..., 3) -> (...), that does not depend on the order of the pair.
+    """Return order-independent recipe keys, shape (..., 3) -> (...).
 
-    Ids are 0 .. E, where E stands for nothing; no recipe of entities has the key of one with nothing in it.
+    Ids are 0 .. E, where E stands for nothing; keys with nothing differ from all keys of entities.
     """
     one, other, result = recipes.unbind(-1)
     return (torch.minimum(one, other) * (size + 1) + torch.maximum(one, other)) * (size + 1) + result
 
 
 def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Tensor:
-    """Return the weight of each recipe, shape (..., 3) -> (...); 0 for one that is not listed.
+    """Return recipe weights, shape (..., 3) -> (...); 0 for unlisted recipes.
 
     Args:
         recipes: ids, as in :func:`recipe_keys`.
-        keys: shape (n + 1,), of the listed recipes, ascending; the last one stands for none, see :func:`with_end`.
-        weights: shape (n + 1,); the last one is 0.
+        keys: shape (n + 1,), keys of listed recipes, ascending, see :func:`with_end`.
+        weights: shape (n + 1,); the last weight is 0.
         size: number of entities.
     """
     asked = recipe_keys(recipes, size).contiguous()
@@ -89,5 +87,5 @@ def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Ten
 
 
 def with_end(keys: Tensor) -> Tensor:
-    """Return keys with one more that is larger than any, so that a search always ends at one."""
+    """Append a key larger than all others, so searches always end at a key."""
     return torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])

@@ -5,8 +5,8 @@ import shutil
 from pathlib import Path
 from typing import Literal, get_args
 
-CachePart = Literal["books", "vectors", "opinions"]
-"""Fetched recipe books, word vectors for a graph, and answers from language models."""
+CachePart = Literal["books", "opinions"]
+"""Fetched recipe books, and answers from language models."""
 
 
 def cache_folder(part: CachePart) -> Path:

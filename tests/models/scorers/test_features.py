@@ -350,7 +350,7 @@ def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
     def forbidden(path):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(features_module, "sha256_of", forbidden)
+    monkeypatch.setattr(features_module, "_lines", forbidden)
     assert "cannot be read: [Errno 13] Permission denied" in refused(vectors_file(GLOVE_TEXT))
 
 
@@ -377,82 +377,6 @@ def test_what_a_file_says_is_what_is_read(tmp_path_factory, vectors):
     path.write_text("\n".join(lines), encoding="utf-8")
     found = features_module._parse(path, set(vectors))
     assert dict(zip(found.words, found.vectors.tolist(), strict=True)) == vectors
-
-
-# --- the cache -------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def parses(monkeypatch):
-    """Return a list that grows by a file name with each parse of a text file."""
-    parsed, parse = [], features_module._parse
-    monkeypatch.setattr(features_module, "_parse", lambda path, wanted: parsed.append(path.name) or parse(path, wanted))
-    return parsed
-
-
-def entries(home):
-    return sorted((home / "cache" / "wordcraft-kg" / "vectors").iterdir())
-
-
-LABELS = ["sea", "acid rain", "the", "rain zqxjkv"]
-
-
-def test_a_text_file_is_parsed_once_for_each_content_and_set_of_words(vectors_file, parses, home):
-    path = vectors_file(GLOVE_TEXT)
-    first, again = make_features(path, LABELS), make_features(path, LABELS)
-    for name in ("vectors", "known", "missing_words"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
-    moved = make_features(vectors_file(GLOVE_TEXT, "moved.vec"), LABELS[::-1], pooling="max")
-    assert parses == ["vectors.txt"]
-    np.testing.assert_array_equal(moved.vectors[-1], first.vectors[0])
-    assert moved.source == "moved.vec, 3-d, max of words"
-    make_features(path, [*LABELS, "acid"])
-    assert parses == ["vectors.txt"]  # no new word
-    make_features(path, [*LABELS, "iron"], allow_missing=True)
-    assert parses == ["vectors.txt"] * 2
-    changed = make_features(vectors_file(GLOVE_TEXT.replace("sea 1", "sea 5")), LABELS)
-    assert parses == ["vectors.txt"] * 3
-    assert changed.vectors[0].tolist() == [5, 2, 3]
-    assert len(entries(home)) == 3
-
-
-def test_a_damaged_entry_is_ignored_and_written_again(vectors_file, parses, home):
-    path = vectors_file(GLOVE_TEXT)
-    first = make_features(path, LABELS)
-    (entry,) = entries(home)
-    whole = entry.read_bytes()
-    damaged = [b"", whole[:10], whole[:-1], whole + b"\0", b"\0" * len(whole)]
-    damaged += [whole[:i] + bytes([whole[i] ^ 1]) + whole[i + 1 :] for i in range(0, len(whole), 7)]
-    for count, content in enumerate(damaged, 2):
-        entry.write_bytes(content)
-        assert make_features(path, LABELS).sha256 == first.sha256
-        assert len(parses) == count
-        assert entry.read_bytes() == whole
-
-
-@pytest.mark.parametrize("reason", ["another format", "no room", "a folder in its place"])
-def test_an_entry_that_is_not_to_be_had_is_no_error(reason, vectors_file, parses, home, monkeypatch):
-    path = vectors_file(GLOVE_TEXT)
-    if reason == "no room":
-        (home / "cache").write_text("a file where the folder should be")
-    make_features(path, LABELS)
-    if reason == "another format":
-        monkeypatch.setattr(features_module, "_CACHE_FORMAT", 2)
-    if reason == "a folder in its place":
-        (entry,) = entries(home)
-        entry.unlink()
-        entry.mkdir()
-    assert make_features(path, LABELS).vectors[0].tolist() == SEA
-    assert len(parses) == 2
-    if reason == "a folder in its place":
-        assert entries(home) == [entry]  # no temporary file is left
-
-
-@pytest.mark.parametrize(("content", "times"), [(GLOVE_TEXT, 1), ("sea 1 2\niron x 3\n", 2)])
-def test_a_file_without_any_wanted_word_is_cached_and_a_damaged_one_is_not(content, times, vectors_file, parses):
-    path, labels = vectors_file(content), ["iron"]
-    assert refused(path, labels) == refused(path, labels)
-    assert len(parses) == times
 
 
 # --- NumPy files -----------------------------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ import os
 import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence, Set
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress, takewhile
@@ -19,8 +18,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.artefacts import sha256_of, write_atomically
-from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
@@ -37,8 +34,6 @@ ONE_HOT_LIMIT = 2**28
 Pooling = Literal["mean", "max"]
 _POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
 _LISTED = 20
-_CACHE_FORMAT = 1
-_DIGEST_BYTES = hashlib.sha256().digest_size
 _GZIP_MAGIC = b"\x1f\x8b"
 _HEADER = re.compile(rb"(\d{1,12})\s+([1-9]\d{0,5})")
 _MAX_FLOAT = float(np.finfo(np.float32).max)
@@ -99,7 +94,7 @@ def make_features(
 
     Names take precedence over files; write ``./glove`` for the file. In a file, the whole label is looked up first: as
     written, in lower case, then both with ``_`` for spaces; otherwise the words are pooled, each as written or in lower
-    case. The first vector of a word counts. Vectors from text files are cached by content.
+    case. The first vector of a word counts.
 
     Args:
         spec: features, as above.
@@ -262,7 +257,7 @@ def _glove_rows(words: list[str]) -> NDArray[np.int64]:
 
 def _from_file(path: Path, labels: Sequence[str], pooling: Pooling) -> EntityFeatures:
     wanted = {spelt for label in labels for text in (label, *label.split()) for spelt in _spellings(text)}
-    read = _read_array if path.suffix.lower() == ".npy" else _read_text
+    read = _read_array if path.suffix.lower() == ".npy" else _parse
     try:
         found = read(path, wanted)
     except (OSError, EOFError, zlib.error) as error:
@@ -270,34 +265,10 @@ def _from_file(path: Path, labels: Sequence[str], pooling: Pooling) -> EntityFea
     return _of_labels(path.name, labels, found, pooling)
 
 
-def _read_text(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Return vectors of words from the cache, keyed by file content, or parse the file.
-
-    A cache entry is a SHA-256 of the rest, then safetensors: a mask over the sorted words, and the vectors.
-    """
-    import safetensors.numpy
-
-    words = sorted(wanted)
-    key = hashlib.sha256(json.dumps([_CACHE_FORMAT, sha256_of(path), words]).encode())
-    entry = cache_folder("vectors") / key.hexdigest()
-    with suppress(OSError):
-        data = entry.read_bytes()
-        if hashlib.sha256(data[_DIGEST_BYTES:]).digest() == data[:_DIGEST_BYTES]:
-            kept = safetensors.numpy.load(data[_DIGEST_BYTES:])
-            return _WordVectors(tuple(compress(words, kept["is_found"])), kept["vectors"])
-    found = _parse(path, wanted)
-    has = set(found.words)
-    is_found = np.array([word in has for word in words], dtype=bool)  # np.isin takes "a" and "a\0" as equal
-    data = safetensors.numpy.save({"is_found": is_found, "vectors": found.vectors})
-    with suppress(OSError):
-        entry.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(entry, hashlib.sha256(data).digest() + data)
-    return found
-
-
 def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
     """Read vectors of wanted words; other lines are only checked for length."""
     found: dict[str, tuple[int, list[float]]] = {}
+    spelt = {word.encode() for word in wanted}
     announced = None
     count = dimensions = 0
     for number, line in filter(lambda row: row[1], _lines(path)):
@@ -309,6 +280,10 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
             if not dimensions:
                 raise ConfigError(f"{path}, line {number}: no numbers at the end; expected a word and its vector.")
         count += 1
+        # Most lines are of other words: to count their spaces takes a fifth of the time of dividing them.
+        text = line.partition(b" ")[0]
+        if text.isascii() and text not in spelt and line.count(b" ") == dimensions:
+            continue
         word, values = _divided(line, dimensions, path, number)
         if word in wanted and word not in found:
             found[word] = number, _numbers(values, f"{path}, line {number}", word)

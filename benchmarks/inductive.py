@@ -27,12 +27,12 @@ from wordcraft_kg.models.recipes.base import Base, link_features
 from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_link_rankers, knowledge_from, scorer_tensors
 from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, random_reciprocal_ranks, rank_triples, slice_masks
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.models.scorers.similarity import cosines
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 FOLDS = 5
 MIN_RECIPES = 3

@@ -22,7 +22,7 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
-from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.models.scorers.factors import TableScorer
 
 ATTEMPTS = 30
 FOUR = ["air", "earth", "fire", "water"]

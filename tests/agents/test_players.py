@@ -26,8 +26,8 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 def success(table, player, distractors=1):

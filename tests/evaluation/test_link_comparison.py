@@ -14,6 +14,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.model import History, Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     rank_triples,
@@ -22,7 +23,6 @@ from wordcraft_kg.models.scorers.ranking import (
     with_interval,
 )
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 def model(scorer: Scorer, data: OpenedGraph, **settings: object) -> Model:

@@ -8,8 +8,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.scorers.factors import ComplExScorer
-from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
 def normal(*shape: int, seed: int = 0) -> Tensor:

@@ -40,8 +40,7 @@ def books(
     Args:
         fetch: book to download into the cache, checked against its pinned SHA-256.
         show_cache: list the files kept outside the folders that commands are given.
-        clear_cache: remove the fetched books, the word vectors and the answers of language models; PyKEEN's folder is
-            left alone.
+        clear_cache: remove the fetched books and the answers of language models; PyKEEN's folder is left alone.
     """
     if (fetch is not None) + (show_cache or clear_cache) > 1:
         raise ConfigError("`fetch` and the options of the cache cannot be combined; give one of them.")
@@ -78,7 +77,6 @@ def _cache(clear: bool, output: Output) -> None:
         clear_cache()
     places = {
         "fetched recipe books": cache_folder("books"),
-        "word vectors read from files": cache_folder("vectors"),
         "answers of language models": cache_folder("opinions"),
         PYKEEN: Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data") / "pykeen",
     }

@@ -13,9 +13,8 @@ from wordcraft_kg.graphs.folder import OpenedGraph, Taught
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.models.model import History
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
-from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, VOCABULARY, WEIGHTS
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, VOCABULARY, WEIGHTS, stored, write_folds, write_scorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.writing import stored, write_folds, write_scorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.files import RunFiles
@@ -52,7 +51,7 @@ def save_scorer(
     """Write a scorer of your own as a model folder, which every command then takes like one that was trained here.
 
     With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn on honest scores. The
-    folder holds the form that :func:`~wordcraft_kg.models.scorers.writing.stored` returns.
+    folder holds the form that :func:`~wordcraft_kg.models.scorers.folder.stored` returns.
 
     Args:
         folder: folder to write.

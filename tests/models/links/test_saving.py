@@ -12,12 +12,11 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
-from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.low_rank_kernel import LowRankKernelScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.reports.link_report import make_link_report
 
 
@@ -133,7 +132,7 @@ def test_a_folder_that_exists_is_replaced_only_by_force(mine, opened_kitchen, tm
 
 
 def test_a_table_that_is_too_large_is_refused_before_it_is_computed(mine, opened_kitchen, tmp_path, monkeypatch):
-    monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
     monkeypatch.setattr(Lengths, "table", None)
     with pytest.raises(ConfigError, match="80 entities"):
         save_scorer(tmp_path / "x", mine, opened_kitchen, kg="partial")
@@ -143,7 +142,7 @@ def test_a_table_that_is_too_large_is_refused_before_it_is_computed(mine, opened
 def test_factors_are_saved_where_a_table_would_be_too_large(opened_kitchen, tmp_path, monkeypatch):
     mine = LowRankKernelScorer(opened_kitchen.graph, opened_kitchen.split.recipes("train"), rank=20)
     as_table = save_scorer(tmp_path / "table", mine, opened_kitchen, kg="partial")
-    monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
     folder = save_scorer(tmp_path / "factors", mine, opened_kitchen, kg="partial")
     tables = [load_scorer(folder)]  # small enough for a table after all
     monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
@@ -157,7 +156,7 @@ def test_factors_are_saved_where_a_table_would_be_too_large(opened_kitchen, tmp_
 
 
 def test_factors_that_do_not_fit_the_vocabulary_are_refused(opened_kitchen, tmp_path, monkeypatch):
-    monkeypatch.setattr("wordcraft_kg.models.scorers.writing.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
     size = opened_kitchen.graph.num_entities
     for name, shapes in {"rows": ((size - 1, 3),) * 2, "widths": ((size, 3), (size, 4))}.items():
         wrong = FactorsScorer(

@@ -18,9 +18,9 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import Source
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 @pytest.fixture(scope="module")

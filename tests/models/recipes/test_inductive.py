@@ -17,9 +17,8 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.kernel import kernel_regression
+from wordcraft_kg.models.scorers.kernel import cosines, kernel_regression
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.models.scorers.similarity import cosines
 
 DIMENSIONS = 8
 NEW = ("naan", "muffin", "cheese cake")

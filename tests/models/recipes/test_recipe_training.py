@@ -28,9 +28,9 @@ from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
-from wordcraft_kg.models.scorers.similarity import cosines
 from wordcraft_kg.runs import side_by_side
 
 FILES = ["model.safetensors", "folds.safetensors", "folds.json", "vocabulary.json", "config.toml"]

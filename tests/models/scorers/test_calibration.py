@@ -32,8 +32,8 @@ from wordcraft_kg.models.scorers.calibration import (
     predictions,
 )
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 CENTRES = np.arange(-calibration.END, calibration.END + calibration.WIDTH / 2, calibration.WIDTH)
 

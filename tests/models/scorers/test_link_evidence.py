@@ -13,8 +13,8 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.link_evidence import POWER, RECIPES, LinkEvidence
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 GRAPH = random_graph(num_entities=9, num_recipes=40)
 SIZE = GRAPH.num_entities

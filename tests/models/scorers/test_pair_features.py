@@ -9,6 +9,7 @@ import torch
 from link_helpers import random_graph
 
 from wordcraft_kg.models.recipes.base import Base
+from wordcraft_kg.models.scorers.kernel import cosines, normalised
 from wordcraft_kg.models.scorers.pair_features import (
     EVIDENCE,
     FEATURES,
@@ -18,7 +19,6 @@ from wordcraft_kg.models.scorers.pair_features import (
     knowledge_of,
     pairs_of,
 )
-from wordcraft_kg.models.scorers.similarity import cosines, normalised
 
 SIZE = 12
 

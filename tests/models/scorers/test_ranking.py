@@ -30,7 +30,7 @@ from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factor
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers import ranking as link_prediction
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.factors import ComplExScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
     CalibrationBin,
@@ -44,7 +44,6 @@ from wordcraft_kg.models.scorers.ranking import (
     slice_masks,
     with_interval,
 )
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 HITS = (1, 3, 10)
 

@@ -14,7 +14,16 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.features import glove_features
-from wordcraft_kg.models.scorers.kernel import KernelScorer, completion, kernel_regression, link_matrices
+from wordcraft_kg.models.scorers.kernel import (
+    KernelScorer,
+    completion,
+    cosines,
+    kernel_regression,
+    link_matrices,
+    normalised,
+    profiles,
+    similarity,
+)
 from wordcraft_kg.models.scorers.low_rank_kernel import (
     SMOOTHING,
     LowRankKernelScorer,
@@ -28,7 +37,6 @@ from wordcraft_kg.models.scorers.low_rank_kernel import (
 )
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
-from wordcraft_kg.models.scorers.similarity import cosines, normalised, profiles, similarity
 
 SIZE = 9
 """Entities; the last one is in no recipe."""

@@ -8,11 +8,11 @@ from small_scorers import complex_scorer, cosine, normal, table_scorer
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.scorers import config, roles
+from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
-from wordcraft_kg.models.scorers.roles import ROLES, EntityRoles
+from wordcraft_kg.models.scorers.factors import TableScorer
+from wordcraft_kg.models.scorers.roles import ROLES, EntityRoles, centred
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 GRAPH = random_graph(num_entities=9, num_recipes=30)
 SIZE = GRAPH.num_entities
@@ -49,20 +49,9 @@ def test_factors_and_their_table_say_the_same():
         assert [other for other, _ in of_factors.nearest(entity)] == [other for other, _ in of_table.nearest(entity)]
 
 
-def test_a_large_table_keeps_the_directions_that_matter(monkeypatch: pytest.MonkeyPatch):
-    scorer = complex_scorer(40, 2)
-    whole = EntityRoles.of(TableScorer.of(scorer))
-    monkeypatch.setattr(roles, "EXACT", 39)
-    monkeypatch.setattr(roles, "RANK", 6)
-    reduced = EntityRoles.of(TableScorer.of(scorer))
-    assert reduced.units[0][0].shape == (40, 6)
-    for relation, side in ROLES:
-        np.testing.assert_allclose(reduced.alike(7, relation, side), whole.alike(7, relation, side), atol=1e-4)
-
-
 def test_the_nearest_entities_have_the_highest_cosine_of_standardised_scores(opened_kitchen: OpenedGraph):
     scorer = NeighbourScorer(opened_kitchen.graph, opened_kitchen.split.partial)
-    tables = [roles.centred(scorer.table(relation).double().numpy()) for relation in (0, 1)]
+    tables = [centred(scorer.table(relation).double().numpy()) for relation in (0, 1)]
     profiles = np.concatenate([part / table.std() for table in tables for part in (table, table.T)], axis=1)
     profiles /= np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
     found = EntityRoles.of(scorer)

@@ -15,9 +15,9 @@ from small_scorers import BareScorer, complex_scorer, table_scorer
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_scorer, scaled_table
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 GRAPH = random_graph(num_entities=9, num_recipes=20)
 SIZE = GRAPH.num_entities

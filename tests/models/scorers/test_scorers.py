@@ -35,11 +35,10 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
-from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 GRAPH = random_graph(num_entities=12, num_recipes=30)
 SIZE = GRAPH.num_entities

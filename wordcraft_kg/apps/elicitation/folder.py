@@ -18,7 +18,7 @@ from wordcraft_kg.apps.elicitation.scorer import OpinionScorer
 from wordcraft_kg.base.artefacts import dump_json, staged_folder, with_a_name, write_atomically
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.models.scorers.writing import write_scorer
+from wordcraft_kg.models.scorers.folder import write_scorer
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.record import end_run, start_run
 

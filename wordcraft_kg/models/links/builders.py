@@ -22,8 +22,7 @@ from wordcraft_kg.models.links.popularity import with_popularity
 from wordcraft_kg.models.links.pykeen_bridge import all_scores, pykeen_guard, quiet_pykeen
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop, SampledSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.factors import ComplExScorer
-from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:

@@ -26,8 +26,8 @@ from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import FoldDone
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
+from wordcraft_kg.models.scorers.folder import write_folds
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.writing import write_folds
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.side_by_side import not_done, train_jobs
 

@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.tables import TableScorer
+from wordcraft_kg.models.scorers.factors import TableScorer
 
 Vocabulary = dict[str, int]
 """PyKEEN's ids by label."""

@@ -13,10 +13,9 @@ from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
-from wordcraft_kg.models.scorers.folder import make_scorer
+from wordcraft_kg.models.scorers.folder import make_scorer, write_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.writing import write_scorer
 from wordcraft_kg.runs.cards import scorer_card
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")

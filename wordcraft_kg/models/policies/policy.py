@@ -54,7 +54,7 @@ class EntityVectors(nn.Module):
     vectors: Tensor
 
     def __init__(self, num_entities: int, vectors: Tensor | None = None, *, learned_dim: int = 0):
-        """Use constant vectors, shape (E, F), otherwise learned vectors of ``learned_dim``, otherwise one-hot vectors."""
+        """Use constant vectors, shape (E, F), else learned vectors of ``learned_dim``, else one-hot vectors."""
         super().__init__()
         self.num_entities = num_entities
         self.is_one_hot = vectors is None and not learned_dim

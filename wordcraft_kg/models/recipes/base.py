@@ -7,9 +7,8 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.scorers.kernel import completion, kernel_scores, link_matrices
+from wordcraft_kg.models.scorers.kernel import TEXT, completion, kernel_scores, link_matrices, normalised, similarity
 from wordcraft_kg.models.scorers.pair_features import FLOOR
-from wordcraft_kg.models.scorers.similarity import TEXT, normalised, similarity
 
 
 @dataclass(frozen=True, eq=False)

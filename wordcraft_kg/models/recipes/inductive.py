@@ -21,10 +21,10 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import Ranker, knowledge_from, scorer_tensors
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.pair_features import RANKER
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.models.scorers.similarity import cosines
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_finished_run

@@ -28,10 +28,9 @@ from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensor
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
+from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.models.scorers.similarity import cosines
-from wordcraft_kg.models.scorers.writing import write_folds, write_scorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.files import RunFiles

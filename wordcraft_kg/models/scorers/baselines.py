@@ -10,8 +10,8 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.config import check_table
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 class SymbolicScorer(Scorer):

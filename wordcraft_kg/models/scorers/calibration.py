@@ -120,32 +120,30 @@ class Probabilities(Record, frozen=True, kw_only=True):
         """
         size, train = len(whole.entities), folds.triples()
         true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
-        found = []
+        curves: list[RelationCurves] = []
         for relation in range(len(RELATIONS)):
             share = known_share(folds, relation)
             cells, _ = _cells(size, relation, seed)
             cells = cells[~is_in(cells, train, size) & (cells[:, 0] != cells[:, 2])]
             scores, places = _map_of_places(_scores(whole, cells))
-            distinct, itself = (
-                fit_curve(true[:, relation, kind], others[:, relation, kind], share, slopes)
-                for kind, slopes in ((0, len(SEGMENTS) + 1), (1, 1))
-            )
-            found.append(
+            distinct = fit_curve(true[:, relation, 0], others[:, relation, 0], share)
+            itself = fit_curve(true[:, relation, 1], others[:, relation, 1], share, slopes=1)
+            curves.append(
                 RelationCurves(known_share=share, scores=scores, places=places, distinct=distinct, itself=itself)
             )
-        return cls(relations=(found[0], found[1]), temperature=_temperature(seen))
+        return cls(relations=(curves[0], curves[1]), temperature=_temperature(seen))
 
     def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         """Return probabilities for scores of the model of all train recipes, float32; arguments broadcast."""
         together = torch.broadcast_tensors(scores, heads, relations, tails)
         values, one, kinds, other = (part.cpu().numpy() for part in together)
-        found = np.empty(values.shape)
+        probabilities = np.empty(values.shape)
         for relation, curves in enumerate(self.relations):
             places = np.interp(values, curves.scores, curves.places)
             for curve, chosen in ((curves.itself, one == other), (curves.distinct, one != other)):
                 mask = chosen & (kinds == relation)
-                found[mask] = curve.probability(places[mask])
-        return torch.from_numpy(found.astype(np.float32)).to(scores.device)
+                probabilities[mask] = curve.probability(places[mask])
+        return torch.from_numpy(probabilities.astype(np.float32)).to(scores.device)
 
 
 @dataclass(frozen=True)
@@ -237,9 +235,11 @@ def fit_curve(true: Floats, others: Floats, share: float, slopes: int = len(SEGM
     gain = 0.0
     for fold in range(len(true)):
         rest = np.arange(len(true)) != fold
-        found, plain = (_fit(true[rest], others[rest], share, number) for number in (slopes, 0))
-        losses = (_loss(values, true[fold], others[fold], share)[0] for values in (plain, found))
-        gain += next(losses) - next(losses)
+        plain, curve = (
+            _loss(_fit(true[rest], others[rest], share, number), true[fold], others[fold], share)[0]
+            for number in (0, slopes)
+        )
+        gain += plain - curve
     if gain < MIN_GAIN:
         reason = f"scores tell the {known:,.0f} true triples of folds left out no better from the others than that"
         return msgspec.structs.replace(base, reason=reason)

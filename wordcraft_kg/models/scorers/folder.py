@@ -1,25 +1,29 @@
-"""Loading the scorer of a model folder."""
+"""Loading and writing the scorer of a model folder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import safetensors.torch
 import torch
 
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, reason
-from wordcraft_kg.base.records import Record
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, reason
+from wordcraft_kg.base.records import Record, as_values
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.tensors import with_prefix
+from wordcraft_kg.base.tensors import copied, with_prefix
+from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.models.scorers.calibration import Probabilities
+from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
+from wordcraft_kg.models.scorers.calibration import Probabilities, predictions
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, FoldsRecord
-from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer
-from wordcraft_kg.models.scorers.protocol import FactoredScorer, check_scorer
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
+from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, TableScorer
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_finished_run
 
@@ -126,14 +130,8 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
         raise ArtefactError(f"{path} does not say what each recipe was taught as. Train again, or restore a copy.")
     # Folders of earlier versions have no calibration.
     probabilities = files.record(CALIBRATION, Probabilities) if CALIBRATION in files.run.outputs else None
-    return CrossFitted(
-        scorer,
-        makers,
-        tensors[OF_RECIPE].numpy(),
-        record,
-        probabilities,
-        taught=None if taught is None else taught.numpy(),
-    )
+    results = None if taught is None else taught.numpy()
+    return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities, results)
 
 
 def make_scorer(
@@ -155,3 +153,87 @@ def make_scorer(
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
     is_small = table_bytes(len(entities)) <= TABLE_LIMIT
     return TableScorer.of(scorer) if is_small and isinstance(scorer, FactoredScorer) else scorer
+
+
+Tensors = Mapping[str, torch.Tensor]
+
+
+def stored(scorer: TripleScorer) -> StoredScorer:
+    """Return the stored form of a scorer (of ``whole`` if cross-fitted).
+
+    Scorers without a stored form become a table, or factors above the table limit.
+
+    Raises:
+        ConfigError: if neither is possible, or a score is not finite.
+    """
+    scorer, size = whole_of(scorer), len(scorer.entities)
+    found: StoredScorer
+    if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer | FactorsScorer):
+        found = scorer
+    elif table_bytes(size) <= TABLE_LIMIT:
+        tables = [scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))]
+        for relation, table in zip(RELATIONS, tables, strict=True):
+            if table.shape != (size, size):
+                raise ConfigError(
+                    f"the scorer's table of {relation} has shape {tuple(table.shape)}; expected {(size, size)}, by "
+                    "head and tail."
+                )
+        found = TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)
+    elif isinstance(scorer, FactoredScorer):
+        factors = [scorer.factors(relation) for relation in range(len(RELATIONS))]
+        found = FactorsScorer(factors, scorer.entities, scorer.graph_hash)
+    else:
+        raise ConfigError(
+            f"the scores of all triples of {size:,} entities take {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; "
+            f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer, or a scorer with "
+            "`factors`, can be saved without them."
+        )
+    if not all(torch.isfinite(tensor).all() for tensor in found.tensors().values()):
+        raise ConfigError("the scorer gives scores that are not finite numbers. Nothing was written.")
+    return found
+
+
+def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) -> None:
+    """Write the tensors of a scorer and their vocabulary."""
+    vocabulary = Vocabulary(scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS)
+    write_atomically(folder / WEIGHTS, safetensors.torch.save(copied(dict(tensors))))
+    write_atomically(folder / VOCABULARY, dump_json(as_values(vocabulary)))
+
+
+def write_folds(
+    folder: Path, folds: Folds, whole: Scorer, kind: str, part: Callable[[int], tuple[str, Tensors]]
+) -> FoldsRecord:
+    """Write the files of the folds and return their record.
+
+    Args:
+        folder: folder of the model.
+        folds: the folds.
+        whole: the scorer of all train recipes.
+        kind: kind of the fold scorers.
+        part: returns the hash of the training triples, and the tensors, of the model without a fold.
+    """
+    graph = folds.split.graph
+    tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
+    if folds.is_dosed:
+        tensors[TAUGHT] = torch.from_numpy(folds.dose.results.copy())
+    found, seen_by = [], []
+    for number in range(folds.count):
+        trained_on, own_tensors = part(number)
+        tensors |= {f"fold{number}.{name}": tensor for name, tensor in own_tensors.items()}
+        seen = folds.triples([number])
+        own = recipe_triples(folds.recipes_of(number))
+        queries = sampled_for(graph, own[~is_in(own, seen, graph.num_entities)])
+        others = make_scorer(kind, own_tensors, graph.entities, graph.hash)
+        seen_by.append(predictions(others, folds, number))
+        mrr, in_sample = (
+            mean_reciprocal_rank(rank_triples(scorer, queries, folds.triples())) if len(queries) else None
+            for scorer in (others, whole)
+        )
+        found.append(
+            Fold(trained_on=trained_on, triples=len(seen), queries=2 * len(queries), mrr=mrr, in_sample_mrr=in_sample)
+        )
+    record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(found))
+    write_atomically(folder / CALIBRATION, dump_json(as_values(Probabilities.fit(whole, folds, seen_by))))
+    write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
+    write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
+    return record

@@ -125,20 +125,10 @@ class LinkEvidence:
         for row in np.argsort(-weights, kind="stable")[:limit].tolist():
             if weights[row] > 0:
                 (h, _, t), weight = triples[row].tolist(), float(weights[row])
-                recipes = self.recipes_of(h, relation, t)
-                witnesses.append(
-                    LinkWitness(
-                        head=self.entities[h],
-                        relation=RELATIONS[relation],
-                        tail=self.entities[t],
-                        weight=weight,
-                        share=min(weight / total, 1.0),
-                        recipes=self._labels(recipes[:RECIPES]),
-                        more=max(len(recipes) - RECIPES, 0),
-                    )
-                )
-        own = self.recipes_of(head, relation, tail)
-        return LinkReason(self._labels(own[:RECIPES]), max(len(own) - RECIPES, 0), total, tuple(witnesses))
+                labels = self.entities[h], RELATIONS[relation], self.entities[t]
+                recipes = self._listed(h, relation, t)
+                witnesses.append(LinkWitness(*labels, weight, min(weight / total, 1.0), *recipes))
+        return LinkReason(*self._listed(head, relation, tail), total, tuple(witnesses))
 
     def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
         """Return the training recipes with a link: rows of :attr:`recipes`, ascending."""
@@ -147,6 +137,8 @@ class LinkEvidence:
             return np.flatnonzero(((a == head) & (b == tail)) | ((a == tail) & (b == head)))
         return np.flatnonzero(((a == head) | (b == head)) & (result == tail))
 
-    def _labels(self, rows: Ids) -> tuple[Recipe, ...]:
-        found = self.recipes[rows].tolist()
-        return tuple(Recipe.of(*(self.entities[entity] for entity in row)) for row in found)
+    def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
+        """Return the first recipes with a link, and the number of others."""
+        rows = self.recipes_of(head, relation, tail)
+        recipes = [[self.entities[entity] for entity in row] for row in self.recipes[rows[:RECIPES]].tolist()]
+        return tuple(Recipe.of(*labels) for labels in recipes), max(len(rows) - RECIPES, 0)

@@ -16,8 +16,15 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, recipe_triples
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.factors import FactorsScorer
-from wordcraft_kg.models.scorers.kernel import COMPLETION, NAME, KernelScorer, completion_paths
-from wordcraft_kg.models.scorers.similarity import TEXT, check_vectors, profiles
+from wordcraft_kg.models.scorers.kernel import (
+    COMPLETION,
+    NAME,
+    TEXT,
+    KernelScorer,
+    check_vectors,
+    completion_paths,
+    profiles,
+)
 
 RANK = 256
 """Factors per relation."""
@@ -39,7 +46,7 @@ Product = Callable[[Block], Block]
 
 @dataclass(frozen=True)
 class SparseSimilarity:
-    """The kernel :func:`~wordcraft_kg.models.scorers.similarity.similarity` without its matrix.
+    """The kernel :func:`~wordcraft_kg.models.scorers.kernel.similarity` without its matrix.
 
     Attributes:
         shared: profile columns with two or more entities, sparse, shape (E, M).
@@ -100,9 +107,7 @@ def smoothed(kernel: SparseSimilarity, block: Block, ridge: float = SMOOTHING) -
 
     Source: Hestenes and Stiefel 1952.
     """
-    solution = np.zeros_like(block)
-    residual = block.copy()
-    direction = block.copy()
+    solution, residual, direction = np.zeros_like(block), block.copy(), block.copy()
     square = (residual**2).sum(0)
     enough = TOLERANCE**2 * square
     for _ in range(MAX_STEPS):
@@ -187,16 +192,8 @@ class LowRankKernelScorer(FactorsScorer):
     ):
         """Factor the scores of each relation.
 
-        Args:
-            graph: the graph.
-            recipes: shape (n, 3).
-            vectors: shape (E, D), or None.
-            rank: number of factors, at most E.
-            seed: seed of the random directions.
-            kwargs: ``device`` and ``name``.
-
-        Raises:
-            ConfigError: for an invalid rank, or vectors that do not fit.
+        Arguments as for :class:`KernelScorer`, and the number of factors ``rank`` and the ``seed`` of the random
+        directions. Raises ConfigError for an invalid rank, or vectors that do not fit.
         """
         from scipy import sparse
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.graphs.arrays import Ids, padded
-from wordcraft_kg.models.scorers.similarity import normalised
+from wordcraft_kg.models.scorers.kernel import normalised
 
 FEATURES = (
     "part_sum",

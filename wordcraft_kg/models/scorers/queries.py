@@ -3,7 +3,6 @@
 import csv
 import io
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,11 +23,10 @@ _SIGNS = {PLUS, *MAKES}
 _SIGN = re.compile(r"\s*(\+|=|->|→)\s*")
 
 
-class _Slots(ABC):
+class _Slots:
     @property
-    @abstractmethod
     def slots(self) -> tuple[str | None, ...]:
-        """Entity labels; None is an open slot."""
+        raise NotImplementedError
 
     @property
     def is_open(self) -> bool:

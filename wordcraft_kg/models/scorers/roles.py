@@ -11,13 +11,6 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 
-EXACT = 1_024
-"""Entities up to which a table's rows are kept whole: 16 MiB."""
-RANK = 256
-"""Dimensions that are kept of the rows of larger tables."""
-POWERS = 1
-"""How often the range finder multiplies by the scores and back."""
-
 Side = Literal["head", "tail"]
 Rows = NDArray[np.float32]
 
@@ -95,22 +88,7 @@ def centred(scores: NDArray[Any]) -> NDArray[Any]:
 def _of_table(scores: Rows) -> tuple[Rows, Rows]:
     """Return the rows of a table as heads and as tails, shape (E, m) each."""
     whole = centred(scores)
-    if len(whole) <= EXACT:
-        return whole, np.ascontiguousarray(whole.T)
-    drawn = np.random.default_rng(0).standard_normal((len(whole), RANK), dtype=np.float32)
-    return _projected(whole, drawn), _projected(whole.T, drawn)
-
-
-def _projected(rows: Rows, drawn: Rows) -> Rows:
-    """Return rows in the directions that they lie in most, shape (E, m).
-
-    Source: Halko, Martinsson and Tropp 2011, "Finding structure with randomness", algorithm 4.4.
-    """
-    basis, _ = np.linalg.qr(rows.T @ drawn)
-    for _ in range(POWERS):
-        image, _ = np.linalg.qr(rows @ basis)
-        basis, _ = np.linalg.qr(rows.T @ image)
-    return np.asarray(rows @ basis)
+    return whole, np.ascontiguousarray(whole.T)
 
 
 def _of_factors(left: Rows, right: Rows) -> tuple[Rows, Rows]:

@@ -13,8 +13,8 @@ from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.tables import TableScorer
 
 
 def scaled_table(

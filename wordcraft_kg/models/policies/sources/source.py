@@ -105,7 +105,7 @@ class Source(nn.Module, ABC):
     def evidence(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
     ) -> "tuple[Evidence | None, ...]":
-        """Return the evidence for each slot of one state (B = 1), at most ``limit`` recipes each; None without evidence."""
+        """Return up to ``limit`` supporting recipes for each slot of one state (B = 1); None without evidence."""
         return (None,) * table.shape[1]
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
+from wordcraft_kg.models.scorers.scales import scaled_table
 
 
 def normal(*shape: int, seed: int = 0) -> Tensor:
@@ -53,6 +54,13 @@ class BareScorer:
 
     def table(self, relation):
         return self.scores[RELATIONS.index(relation) if isinstance(relation, str) else relation]
+
+
+def scaled_scorer(scorer, *, scale="standardise", self_edges="keep", observed=None) -> TableScorer:
+    """The scaled tables of a scorer, as a scorer; self edges are those of combinesWith."""
+    tables = [scaled_table(scorer, COMBINES_WITH, scale, self_edges=self_edges, observed=observed)]
+    tables.append(scaled_table(scorer, COMPONENT_OF, scale))
+    return TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)
 
 
 def states(num_entities: int, size: int = 9, num_slots: int = 5, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:

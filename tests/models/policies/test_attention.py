@@ -57,9 +57,6 @@ def alpha_of(attention: TableAttention, vectors: EntityVectors, goal: Tensor, se
     return Slots(vectors.weights().get("vectors"), table).dot(rows)
 
 
-# --- logits ----------------------------------------------------------------------------------------------------------
-
-
 @any_vectors
 def test_alpha_is_the_product_of_query_and_key_over_the_root_of_the_key_size(kind: str):
     vectors = VECTORS[kind]()
@@ -102,9 +99,6 @@ def test_the_goal_and_the_selection_have_places_of_their_own_in_the_query():
     assert attention.key.bias is None  # it would shift all logits
 
 
-# --- products and sums over slots ------------------------------------------------------------------------------------
-
-
 @any_vectors
 def test_products_with_slots_and_sums_over_them_are_those_of_loops(kind: str):
     vectors = VECTORS[kind]()
@@ -130,9 +124,6 @@ def test_vectors_are_looked_up_for_ids_of_any_shape(shape: tuple[int, ...]):
     assert found.shape == (*shape, 5)
     for row, entity in zip(found.reshape(-1, 5), ids.flatten().tolist(), strict=True):
         assert torch.equal(row, vectors[entity])
-
-
-# --- softmax ---------------------------------------------------------------------------------------------------------
 
 
 @st.composite
@@ -167,9 +158,6 @@ def test_the_log_policy_is_the_log_of_the_softmax_with_slots_first(drawn: tuple[
     assert found.shape == logits.T.shape
     assert torch.equal(found.isneginf(), ~mask.T)
     torch.testing.assert_close(found.exp(), masked_softmax(logits, mask).T)
-
-
-# --- mixing ----------------------------------------------------------------------------------------------------------
 
 
 def slow_mixture(logits: Tensor, lambdas: Tensor, mask: Tensor) -> list[list[float]]:
@@ -220,9 +208,6 @@ def test_masked_slots_neither_receive_nor_send_gradients():
     assert lambdas.grad.isfinite().all()
     assert not logits.grad[:, :, 1].any()
     torch.testing.assert_close(logits.grad[0, :, 0], torch.tensor([1.0, 1.5]))
-
-
-# --- vectors ---------------------------------------------------------------------------------------------------------
 
 
 def test_constant_vectors_are_a_float32_copy_that_nothing_trains():

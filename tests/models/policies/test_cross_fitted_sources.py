@@ -199,9 +199,6 @@ def test_a_model_trained_on_other_triples_than_the_folds_say_is_not_used(opened,
         make_sources(["u"], swapped, tasks=world_of(opened).tasks)
 
 
-# --- policies, players and evaluations -------------------------------------------------------------------------------
-
-
 def guided(opened, scorer, world, **settings):
     config = PolicyConfig(**SMALL, **settings)
     partial = opened.split.partial
@@ -307,9 +304,6 @@ def test_a_run_on_memory_says_so(folder, tmp_path: Path, caplog, in_sample: bool
 def test_in_sample_needs_a_scorer():
     with refuses("in_sample"):
         AgentConfig("kitchen", policy=PolicyConfig(in_sample=True))
-
-
-# --- wrappers and other libraries ------------------------------------------------------------------------------------
 
 
 def test_wrappers_give_the_scores_of_models_that_have_not_seen_the_task(opened, scorer):

@@ -89,9 +89,6 @@ def same(found, expected, *, exactly: bool = False) -> None:
 CLOSE = {"atol": 1e-5, "rtol": 1e-5}
 
 
-# --- loops -----------------------------------------------------------------------------------------------------------
-
-
 def dot(one: list[float], other: list[float]) -> float:
     return sum(x * y for x, y in zip(one, other, strict=True))
 
@@ -169,9 +166,6 @@ def close(found: Tensor, expected: list[float]) -> None:
     torch.testing.assert_close(found.double(), torch.tensor(expected).double(), atol=1e-5, rtol=1e-4)
 
 
-# --- formulas of the paper -------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", [kind for kind in ATTENTIVE if kind not in KNOWING])
 def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind: str):
     policy, state = KINDS[kind](), states()
@@ -221,9 +215,6 @@ def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_o
         real = [slot for slot, entity in enumerate(whole[2]) if entity != NOTHING]
         close(output.logits[i, real], [logits[slot] for slot in real])
         close(output.value[i], value)
-
-
-# --- every policy ----------------------------------------------------------------------------------------------------
 
 
 @any_policy
@@ -331,9 +322,6 @@ def test_one_hot_vectors_act_as_the_rows_of_an_identity_matrix(kind: str):
     same(*(made(features)(*states()) for features in ("one-hot", "identity")))
 
 
-# --- attention -------------------------------------------------------------------------------------------------------
-
-
 @any_attention
 @settings(max_examples=15)
 @given(order=st.permutations(range(SLOTS)), seed=st.integers(0, 20))
@@ -366,9 +354,6 @@ def test_without_a_scorer_nothing_is_mixed():
     output = policy(*states())
     assert (policy.labels, output.sources, output.lambdas) == ((), None, None)
     assert not any(name.startswith("mixture") for name in policy.state_dict())
-
-
-# --- mixing ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("use", "scores"), [("u", ("u",)), ("v", ("v",)), ("u,v", ("u", "v")), ("v, u", ("u", "v"))])
@@ -423,9 +408,6 @@ def test_kg_only_without_a_scorer_is_an_error_that_names_both_settings():
         attention(kg_only=True)
 
 
-# --- mlp -------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("num_slots", [SLOTS - 1, SLOTS + 1])
 def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots: int):
     table = torch.zeros(2, num_slots, dtype=torch.int64)
@@ -437,9 +419,6 @@ def test_the_mlp_depends_on_the_order_of_the_slots():
     goal, selection, table = states()
     plain, flipped = mlp()(goal, selection, table), mlp()(goal, selection, table.flip(1))
     assert (plain.value - flipped.value).abs().max() > 0.01
-
-
-# --- settings --------------------------------------------------------------------------------------------------------
 
 
 SIZES_OF = ("key_size", "value_size", "hidden_size", "embedding_size")

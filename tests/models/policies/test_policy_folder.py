@@ -11,6 +11,7 @@ import safetensors.torch
 import torch
 from link_helpers import flip_bit, global_states, random_graph
 from refusals import refuses
+from small_scorers import scaled_scorer
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
@@ -22,7 +23,6 @@ from wordcraft_kg.models.policies.folder import load_policy, make_policy, read_p
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.scales import scaled_scorer
 from wordcraft_kg.runs.record import end_run, read_run, start_run
 
 GRAPH = random_graph(num_entities=8, num_recipes=20)
@@ -98,9 +98,6 @@ def train_a_step(policy: Policy) -> None:
     logits, value, *_ = policy(*states())
     (logits[logits.isfinite()].sum() + value.sum()).backward()
     torch.optim.SGD(policy.parameters(), lr=0.1).step()
-
-
-# --- making ----------------------------------------------------------------------------------------------------------
 
 
 @any_kind
@@ -225,9 +222,6 @@ def test_only_an_mlp_depends_on_the_number_of_slots():
     assert plain(policy="mlp").num_slots == SLOTS
 
 
-# --- there and back --------------------------------------------------------------------------------------------------
-
-
 def written(folder: Path, policy: Policy, graph: RecipeGraph = GRAPH) -> Path:
     folder.mkdir(exist_ok=True)
     write_constants(folder, policy)
@@ -294,9 +288,6 @@ def test_reading_draws_nothing_from_the_global_generators(tmp_path: Path):
     before = global_states()
     read(folder)
     assert global_states() == before
-
-
-# --- damage ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 from refusals import refuses
-from small_scorers import BareScorer
+from small_scorers import BareScorer, scaled_scorer
 from torch import Tensor
 
 import wordcraft_kg  # noqa: F401 - registers the environments
@@ -44,7 +44,6 @@ from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.scales import scaled_scorer
 from wordcraft_kg.reports.glossary import find_term
 
 SIZE = 6
@@ -82,9 +81,6 @@ def slow_scores(names, goal: Tensor, selection: Tensor, table: Tensor) -> list[l
         [[ask(entity, relation, key[i]) for entity in row] for relation, key in (keys[name] for name in names)]
         for i, row in enumerate(table.tolist())
     ]
-
-
-# --- u and v ---------------------------------------------------------------------------------------------------------
 
 
 @any_sources
@@ -178,9 +174,6 @@ def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names,
         make_sources(names, SCORER)
 
 
-# --- by factors, where a table would not fit -------------------------------------------------------------------------
-
-
 class Factored(BareScorer):
     """Scores that are a matrix product."""
 
@@ -259,9 +252,6 @@ def test_an_agent_learns_with_factors_and_its_policy_comes_back(
     assert set(loaded.sources["u"].state_dict()) == buffers
 
 
-# --- names -----------------------------------------------------------------------------------------------------------
-
-
 def test_every_source_has_a_label_of_its_own_name_and_symbol():
     labels = [label_of(name) for name in (ALPHA.name, *source_names())]
     assert [label.name for label in labels] == [ALPHA.name, *source_names()]
@@ -281,9 +271,6 @@ def test_importing_the_names_of_sources_imports_no_torch():
     code = "import sys, wordcraft_kg.models.policies.config\nprint('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
-
-
-# --- a third source --------------------------------------------------------------------------------------------------
 
 
 class Triple(Source):

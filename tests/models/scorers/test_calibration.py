@@ -67,9 +67,6 @@ def counts(chances: np.ndarray, share: float, folds: int = 2, amount: float = 4_
     return true, np.tile(weights, (folds, 1)) - true
 
 
-# --- fitting ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("share", [0.3, 0.8])
 def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share: float):
     low, high = SEGMENTS
@@ -127,9 +124,6 @@ def test_places_are_log_odds_of_ranks_with_ties_halved():
     assert place_of(np.array([7.0]), np.full(5, 7.0)) == pytest.approx(0)
 
 
-# --- what is counted -------------------------------------------------------------------------------------------------
-
-
 def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer: CrossFitted, folds: Folds):
     size, known = len(scorer.entities), {tuple(row) for row in folds.triples().tolist()}
     for fold in range(folds.count):
@@ -174,9 +168,6 @@ def test_the_share_that_is_known_follows_from_the_number_of_recipes(folds: Folds
     # new ingredients of a result.
     assert known_share(folds, COMBINES_WITH) == pytest.approx(plain)
     assert plain + 0.01 < known_share(folds, COMPONENT_OF) < plain + 0.15
-
-
-# --- probabilities of a scorer ---------------------------------------------------------------------------------------
 
 
 def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
@@ -237,9 +228,6 @@ def test_constant_scores_have_the_base_rate(folds: Folds):
     ids = torch.arange(size)
     chances = found.predict(scorer.table(1), ids[:, None], torch.tensor(1), ids[None])
     assert float(chances[0, 1]) == pytest.approx(found.relations[1].distinct.rate)
-
-
-# --- results of a pair -----------------------------------------------------------------------------------------------
 
 
 def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path: Path):

@@ -67,9 +67,6 @@ def test_meaning_is_in_the_vectors():
     assert cosine(lake, river) > NEAR_SYNONYM > cosine(lake, bread)
 
 
-# --- by name ---------------------------------------------------------------------------------------------------------
-
-
 def refused(spec, labels=("sea", "iron"), **options):
     """Return the message that these features are refused with."""
     with pytest.raises(ConfigError) as error:
@@ -182,9 +179,6 @@ def test_features_leave_torch_unimported():
     subprocess.run([sys.executable, "-c", f"{code}; sys.exit('torch' in sys.modules)"], check=True)
 
 
-# --- missing vectors -------------------------------------------------------------------------------------------------
-
-
 def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
     assert make_features("glove", ["sea"] * 9 + ["zqxjkv"]).known.tolist() == [True] * 9 + [False]
     labels = ["sea"] * 18 + [f"zqx{i:02} water-zqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
@@ -209,8 +203,6 @@ def test_gloves_know_nearly_all_of_little_alchemy_2(alchemy):
     assert unknown == ["firestation", "trainyard"]
     assert made.missing_words == ("firestation", "frankenstein's", "rainbow!", "trainyard")
 
-
-# --- text files ------------------------------------------------------------------------------------------------------
 
 GLOVE_TEXT = "the 0.5 -1 2e-1\nsea 1 2 3\nacid 4 0 0\nrain 2 2 -2\nSea 9 9 9\nsea 7 7 7\n"
 SEA = [1, 2, 3]
@@ -379,8 +371,6 @@ def test_what_a_file_says_is_what_is_read(tmp_path_factory, vectors):
     assert dict(zip(found.words, found.vectors.tolist(), strict=True)) == vectors
 
 
-# --- NumPy files -----------------------------------------------------------------------------------------------------
-
 MATRIX = np.array([[1, 2], [3, 4], [5, 6], [7, 8]], dtype=np.float32)
 WORDS = "sea\nacid rain\nIron\nsea\n"
 
@@ -474,9 +464,6 @@ def test_a_value_that_is_no_finite_number_is_refused_with_its_row(value, npy_fil
     expected = f"{path}, row 2 (the first is 0): the vector of 'Iron' has a value"
     assert refused(path, ["sea", "Iron"]).startswith(expected)
     assert make_features(path, ["sea"]).vectors.tolist() == [[1, 2]]
-
-
-# --- near-synonyms ---------------------------------------------------------------------------------------------------
 
 
 def slow_near_synonyms(split, vectors, threshold):

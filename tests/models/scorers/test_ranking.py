@@ -63,9 +63,6 @@ def rankings(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return rng.integers(-levels, levels, size=(len(RELATIONS), size, size)), queries, known
 
 
-# --- ranks -----------------------------------------------------------------------------------------------------------
-
-
 @given(rankings())
 def test_ranks_equal_those_of_a_slow_loop(case):
     table, queries, known = case
@@ -222,9 +219,6 @@ def test_embeddings_rank_like_their_table(opened_kitchen: OpenedGraph):
     pd.testing.assert_series_equal(ranks[0]["rank"], ranks[1]["rank"])
 
 
-# --- metrics ---------------------------------------------------------------------------------------------------------
-
-
 def test_a_constant_scorer_gets_the_rank_that_chance_would_give(opened_kitchen: OpenedGraph):
     graph = opened_kitchen.graph
     ranks = rank_triples(constant_scorer(graph.num_entities), opened_kitchen.split.held_out("test"), graph.triples)
@@ -299,9 +293,6 @@ def test_slices_part_the_queries_by_relation_and_side(opened_kitchen: OpenedGrap
     np.testing.assert_array_equal(masks[RELATIONS[0]] ^ masks[RELATIONS[1]], masks["all"])
 
 
-# --- clusters and intervals ------------------------------------------------------------------------------------------
-
-
 @given(st.integers(0, 10_000), st.integers(3, 9), st.integers(1, 25), st.floats(0.1, 1))
 def test_clusters_are_the_first_pairs_that_give_the_triples(seed, num_entities, num_recipes, share):
     graph = random_graph(seed, num_entities, num_recipes)
@@ -374,9 +365,6 @@ def test_an_interval_contains_its_mean_and_covers_the_truth(opened_kitchen: Open
 def test_no_queries_have_no_interval():
     empty = pd.DataFrame({"rank": [], "candidates": []})
     assert with_interval(empty, np.array([], dtype=np.int64)) == RankingMetrics(0)
-
-
-# --- calibration -----------------------------------------------------------------------------------------------------
 
 
 def answers(confidence: list[float], right: list[bool]) -> pd.DataFrame:

@@ -71,9 +71,6 @@ def graph_of(recipes: np.ndarray) -> RecipeGraph:
     return RecipeGraph.from_recipes([tuple(f"e{i}" for i in row) for row in rows], name="drawn")
 
 
-# --- similarity ------------------------------------------------------------------------------------------------------
-
-
 @any_recipes
 def test_profiles_are_the_damped_rows_of_links_and_contexts(recipes: np.ndarray):
     found = profiles(recipes, SIZE)
@@ -133,9 +130,6 @@ def test_products_with_the_similarity_need_no_matrix(dimensions: int, monkeypatc
     np.testing.assert_allclose(rows.times(block), whole @ block, atol=1e-5)
 
 
-# --- regression and completion ---------------------------------------------------------------------------------------
-
-
 @given(seed=st.integers(0, 10_000), ridge=st.sampled_from([0.1, 1.0, 7.0]))
 def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed: int, ridge: float):
     rng = np.random.default_rng(seed)
@@ -161,9 +155,6 @@ def test_link_matrices_hold_the_triples(recipes: np.ndarray):
     tables = torch.stack(link_matrices(recipes, SIZE))
     expected = {(r, h, t) for h, r, t in recipe_triples(recipes).tolist()}
     assert {tuple(cell) for cell in torch.nonzero(tables).tolist()} == expected
-
-
-# --- low rank --------------------------------------------------------------------------------------------------------
 
 
 def smoother(rows: SparseSimilarity, size: int = SIZE) -> np.ndarray:
@@ -201,9 +192,6 @@ def test_a_sum_of_terms_is_factored_as_well_as_its_rank_allows():
     scales = [w / spread((m @ drawn).astype(np.float32)) for w, m in ((1.0, one), (0.5, other))]
     np.testing.assert_allclose(left @ right.T, scales[0] * one + scales[1] * other, atol=1e-3)
     assert spread((one @ drawn).astype(np.float32)) == pytest.approx(np.sqrt((one**2).mean()), rel=0.3)
-
-
-# --- scorers ---------------------------------------------------------------------------------------------------------
 
 
 def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
@@ -272,9 +260,6 @@ def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(
     monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1_000)
     with pytest.raises(ConfigError, match="the recipe kernel as a table needs"):
         KernelScorer(kitchen, kitchen.recipes)
-
-
-# --- on real books ---------------------------------------------------------------------------------------------------
 
 
 def validation_mrrs(graph: RecipeGraph, seed: int) -> tuple[float, float]:

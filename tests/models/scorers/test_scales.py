@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from link_helpers import random_graph
 from refusals import refuses
-from small_scorers import BareScorer, complex_scorer, table_scorer
+from small_scorers import BareScorer, complex_scorer, scaled_scorer, table_scorer
 
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_scorer, scaled_table
+from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table
 
 GRAPH = random_graph(num_entities=9, num_recipes=20)
 SIZE = GRAPH.num_entities
@@ -81,9 +81,6 @@ SLOW = {
     "log-softmax": lambda table: slow_standardised(slow_log_softmax(table)),
     "none": lambda table: table,
 }
-
-
-# --- scales ----------------------------------------------------------------------------------------------------------
 
 
 @any_scale
@@ -150,9 +147,6 @@ def test_rounding_is_not_blown_up_where_only_self_scores_differ(scale: str):
         assert (table.diag() > 0.5).all()
 
 
-# --- self edges ------------------------------------------------------------------------------------------------------
-
-
 @any_scale
 @pytest.mark.parametrize("kept", [(), (2,), (0, 5)])
 def test_observed_self_edges_are_kept_and_the_others_become_the_mean(scale: str, kept: tuple[int, ...]):
@@ -198,9 +192,6 @@ def test_self_edges_are_kept_whatever_was_observed():
     np.testing.assert_array_equal(dropped, tables_of(self_edges="drop"))
 
 
-# --- as a scorer -----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "scorer", [SCORER, NOISE, FrequencyScorer(GRAPH, GRAPH.triples)], ids=lambda s: type(s).__name__
 )
@@ -225,8 +216,6 @@ def test_scaling_twice_gives_the_same_bits_and_changes_nothing_in_the_scorer(sca
     assert torch.equal(SCORER.scores, before)
     assert other.scores.any()
 
-
-# --- by factors ------------------------------------------------------------------------------------------------------
 
 FACTORED = complex_scorer(SIZE, 4, shift=0.3)
 

@@ -10,7 +10,7 @@ from wordcraft_kg.models.scorers.features import Pooling
 
 PolicyKind = Literal["attention", "mlp"]
 Mixing = Literal["softmax", "free"]
-ValueReadout = Literal["softmax", "logits"]
+_ValueReadout = Literal["softmax", "logits"]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class PolicyConfig:
     scale: Scale = "ranks"
     self_edges: SelfEdges = "observed"
     in_sample: bool = False
-    value_readout: ValueReadout = "softmax"
+    value_readout: _ValueReadout = "softmax"
 
     def __post_init__(self) -> None:
         choices = {
@@ -69,7 +69,7 @@ class PolicyConfig:
             "mixing": Mixing,
             "scale": Scale,
             "self_edges": SelfEdges,
-            "value_readout": ValueReadout,
+            "value_readout": _ValueReadout,
         }
         for name, kinds in choices.items():
             one_of(name, getattr(self, name), get_args(kinds))

@@ -28,8 +28,8 @@ from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import end_run, read_finished_run, start_run
 
-POLICY_FORMAT = "wordcraft-kg policy 1"
-POLICY_FILES = ("policy.json", "constants.safetensors", "policy.safetensors")
+_POLICY_FORMAT = "wordcraft-kg policy 1"
+_POLICY_FILES = ("policy.json", "constants.safetensors", "policy.safetensors")
 
 
 def make_policy(
@@ -91,7 +91,7 @@ def make_policy(
 def write_constants(folder: Path, policy: Policy) -> None:
     """Write the untrained parts: ``policy.json`` and ``constants.safetensors`` (features, scores)."""
     description = {
-        "format": POLICY_FORMAT,
+        "format": _POLICY_FORMAT,
         "graph": policy.graph_hash,
         "entities": policy.entities,
         "settings": asdict(policy.config),
@@ -117,7 +117,7 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
     description = read_json(folder / "policy.json")
     tensors = read_tensors(folder / "constants.safetensors", constants)
     try:
-        if description["format"] != POLICY_FORMAT:
+        if description["format"] != _POLICY_FORMAT:
             raise ValueError(f"its format is {description['format']!r}")
         config = PolicyConfig(**description["settings"])
         size, dim = len(description["entities"]), description["dim"]
@@ -171,7 +171,7 @@ def save_policy(folder: str | Path, policy: Policy, *, force: bool = False) -> P
         write_parameters(staging, policy)
         write_atomically(staging / "README.md", _card(policy))
         run = start_run(staging, "save-policy", inputs={"graph": policy.graph_hash})
-        end_run(staging, run, "done", POLICY_FILES)
+        end_run(staging, run, "done", _POLICY_FILES)
     return out
 
 

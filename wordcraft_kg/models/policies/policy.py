@@ -108,12 +108,7 @@ class Policy(nn.Module):
         return any(source.reads_task for source in self.sources.values())
 
     def bind(self, tasks: TaskSet) -> None:
-        """Set the tasks of subsequent task numbers; no effect unless :attr:`reads_task`.
-
-        Raises:
-            LeakError: if a source's model has seen the recipes of a task.
-            GraphMismatchError: if the tasks belong to another graph or split.
-        """
+        """Set the tasks of subsequent task numbers, as each source does; no effect unless :attr:`reads_task`."""
         for source in self.sources.values():
             source.bind(tasks)
 
@@ -181,11 +176,7 @@ class Policy(nn.Module):
         return Pick(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
 
     def id_of(self, entity: Entity | None) -> int:
-        """Return the id of a label or id; E for None, which is nothing.
-
-        Raises:
-            UnknownEntityError: with the nearest labels, or the range of ids.
-        """
+        """Return the id of a label or id; E for None, which is nothing. UnknownEntityError names the nearest labels."""
         if entity is None:
             return self.num_entities
         if isinstance(entity, str):

@@ -85,7 +85,7 @@ class NeighbourScorer(TableScorer):
         super().__init__(alike @ links + links @ alike, graph.entities, graph.hash, **kwargs)
 
 
-UNSEEN = 0.01
+_UNSEEN = 0.01
 """Pseudo-count for an ingredient in no known recipe with the result."""
 
 
@@ -106,7 +106,7 @@ class VoteScorer(Scorer):
     ``eps`` were chosen on validation recipes: ``benchmarks/link_quality.py votes``.
     """
 
-    def __init__(self, graph: RecipeGraph, recipes: Ids, *, unseen: float = UNSEEN, **kwargs: Any):
+    def __init__(self, graph: RecipeGraph, recipes: Ids, *, unseen: float = _UNSEEN, **kwargs: Any):
         """Count the votes of known recipes, shape (n, 3); ``unseen`` is ``eps``, above 0."""
         super().__init__(graph.entities, graph.hash, **kwargs)
         self.unseen = unseen

@@ -41,21 +41,21 @@ SEGMENTS = (3.0, 6.0)
 """Places between segments of the slope: the best 5 % and the best .25 % of all pairs."""
 MAX_CELLS = 2**20
 """Pairs of different entities scored per relation; more pairs are sampled uniformly."""
-MIN_TRUE = 10
+_MIN_TRUE = 10
 """Minimum number of true triples, and of others, for a curve; otherwise only the base rate is fitted."""
-MIN_GAIN = 3.0
+_MIN_GAIN = 3.0
 """Minimum gain of a curve over the base rate, in nats, on held-out folds."""
 END = 16.0
 """Largest distinguished place."""
 WIDTH = 0.01
 """Bin width of places."""
-KNOTS = 257
+_KNOTS = 257
 """Scores that store the places of a model."""
-RIDGE = 1e-3
-PAIRS = 2**15
+_RIDGE = 1e-3
+_PAIRS = 2**15
 """Recipes scored per fold to fit the temperature."""
 
-Floats = NDArray[np.float64]
+_Floats = NDArray[np.float64]
 
 
 class Curve(Record, frozen=True, kw_only=True):
@@ -77,7 +77,7 @@ class Curve(Record, frozen=True, kw_only=True):
     cells: Count
     reason: str = ""
 
-    def probability(self, places: Floats) -> Floats:
+    def probability(self, places: _Floats) -> _Floats:
         """Return probabilities, same shape as ``places``."""
         return np.asarray(expit(self.intercept + _segments(places, len(self.slopes)) @ np.array(self.slopes)))
 
@@ -157,9 +157,9 @@ class Seen:
         right: shape (N, E), bool: correct results.
     """
 
-    true: Floats
-    others: Floats
-    results: Floats | None
+    true: _Floats
+    others: _Floats
+    results: _Floats | None
     right: NDArray[np.bool_] | None
 
 
@@ -216,7 +216,7 @@ def known_share(folds: Folds, relation: int) -> float:
     return 1 / (1 + outside / of_fold * falling)
 
 
-def fit_curve(true: Floats, others: Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
+def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
     """Fit a curve to histograms; fall back to the base rate if scores are uninformative.
 
     Args:
@@ -229,7 +229,7 @@ def fit_curve(true: Floats, others: Floats, share: float, slopes: int = len(SEGM
     shift = math.log1p(-share)
     start = _base(true, others, share) + shift
     base = Curve(intercept=start, slopes=(), rate=float(expit(start)), true=round(known), cells=round(total))
-    if min(known, total - known) < MIN_TRUE:
+    if min(known, total - known) < _MIN_TRUE:
         reason = f"{known:,.0f} true triples among {total:,.0f} are too few for more than a base rate"
         return msgspec.structs.replace(base, reason=reason)
     gain = 0.0
@@ -240,20 +240,20 @@ def fit_curve(true: Floats, others: Floats, share: float, slopes: int = len(SEGM
             for number in (0, slopes)
         )
         gain += plain - curve
-    if gain < MIN_GAIN:
+    if gain < _MIN_GAIN:
         reason = f"scores tell the {known:,.0f} true triples of folds left out no better from the others than that"
         return msgspec.structs.replace(base, reason=reason)
     values = _fit(true, others, share, slopes)
     return msgspec.structs.replace(base, intercept=float(values[0] + shift), slopes=tuple(values[1:].tolist()))
 
 
-def _base(true: Floats, others: Floats, share: float) -> float:
+def _base(true: _Floats, others: _Floats, share: float) -> float:
     """Return the log-odds of the base rate with a pseudo-count of .5: nothing is impossible."""
     rate = min((true.sum() + 0.5) / (true.sum() + others.sum() + 1) / share, 0.5)
     return math.log(rate / (1 - rate))
 
 
-def _fit(true: Floats, others: Floats, share: float, slopes: int) -> Floats:
+def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
     """Return intercept and slopes of P(true | place), shape (1 + slopes,)."""
     start = np.array([_base(true, others, share)] + [0.1] * slopes)
     if not slopes:
@@ -263,26 +263,26 @@ def _fit(true: Floats, others: Floats, share: float, slopes: int) -> Floats:
     return np.asarray(minimize(_loss, start, args=counts, jac=True, method="L-BFGS-B", bounds=bounds).x)
 
 
-def _loss(values: Floats, true: Floats, others: Floats, share: float) -> tuple[float, Floats]:
+def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tuple[float, _Floats]:
     """Return the negative log-likelihood of histograms, in nats, and its gradient."""
     inputs = _segments(_centres(), len(values) - 1)
     chance = expit(values[0] + inputs @ values[1:])
     labelled = np.clip(share * chance, 1e-300, 1 - 1e-12)
-    loss = -(true @ np.log(labelled) + others @ np.log1p(-labelled)) + RIDGE / 2 * (values[1:] @ values[1:])
+    loss = -(true @ np.log(labelled) + others @ np.log1p(-labelled)) + _RIDGE / 2 * (values[1:] @ values[1:])
     slope = -(true - others * labelled / (1 - labelled)) * (1 - chance)
-    return float(loss), np.concatenate([[slope.sum()], inputs.T @ slope + RIDGE * values[1:]])
+    return float(loss), np.concatenate([[slope.sum()], inputs.T @ slope + _RIDGE * values[1:]])
 
 
 def _results(
     scorer: TripleScorer, folds: Folds, fold: int, seed: int
-) -> tuple[Floats, NDArray[np.bool_]] | tuple[None, None]:
+) -> tuple[_Floats, NDArray[np.bool_]] | tuple[None, None]:
     """Return scores of all results of some pairs of a fold, and a mask of correct results."""
     if not isinstance(scorer, RecipeScores):
         return None, None
     size = len(scorer.entities)
     own = folds.recipes_of(fold)
     pairs, of_recipe = np.unique(own[:, :2], axis=0, return_inverse=True)
-    chosen = np.random.default_rng([seed, fold]).permutation(len(pairs))[: max(PAIRS // size, 1)]
+    chosen = np.random.default_rng([seed, fold]).permutation(len(pairs))[: max(_PAIRS // size, 1)]
     right = np.zeros((len(pairs), size), dtype=bool)
     right[of_recipe, own[:, 2]] = True
     a, b = torch.from_numpy(pairs[chosen].copy()).T[..., None]
@@ -305,7 +305,7 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
     return float(math.exp(minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded").x))
 
 
-def place_of(scores: Floats, among: Floats) -> Floats:
+def place_of(scores: _Floats, among: _Floats) -> _Floats:
     """Return the log-odds of percentile ranks among other scores, ties halved; 0 is the median."""
     ordered, count = np.sort(among), len(among)
     above = count - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
@@ -313,16 +313,16 @@ def place_of(scores: Floats, among: Floats) -> Floats:
     return np.asarray(np.log1p(-rank) - np.log(rank))
 
 
-def _map_of_places(scores: Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _map_of_places(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return quantiles of scores, ascending, and their places."""
     if not len(scores):
         return (0.0,), (0.0,)
     end = math.log(2 * len(scores) + 1)
-    knots = np.unique(np.quantile(scores, expit(np.linspace(-end, end, KNOTS)), method="nearest"))
+    knots = np.unique(np.quantile(scores, expit(np.linspace(-end, end, _KNOTS)), method="nearest"))
     return tuple(knots.tolist()), tuple(place_of(knots, scores).tolist())
 
 
-def _segments(places: Floats, slopes: int) -> Floats:
+def _segments(places: _Floats, slopes: int) -> _Floats:
     """Return the part of each place within each segment, shape (..., slopes)."""
     if slopes <= 1:
         return np.repeat(places[..., None], slopes, axis=-1)
@@ -332,15 +332,15 @@ def _segments(places: Floats, slopes: int) -> Floats:
     )
 
 
-def _centres() -> Floats:
+def _centres() -> _Floats:
     return np.arange(-END, END + WIDTH / 2, WIDTH)
 
 
-def _bin(places: Floats) -> Ids:
+def _bin(places: _Floats) -> Ids:
     return np.rint((np.clip(places, -END, END) + END) / WIDTH).astype(np.int64)
 
 
-def _cells(size: int, relation: int, seed: int) -> tuple[Ids, Floats]:
+def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
     """Return triples of a relation, shape (N, 3), with every self pair, and the number of triples each represents."""
     everything = np.arange(size)
     pairs = size * (size - 1)
@@ -355,7 +355,7 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, Floats]:
     return np.column_stack([heads, np.full(len(heads), relation), tails]), weights
 
 
-def _scores(scorer: TripleScorer, triples: Ids) -> Floats:
+def _scores(scorer: TripleScorer, triples: Ids) -> _Floats:
     blocks = np.array_split(triples, max(1, len(triples) // 2**18))
     with torch.no_grad():
         parts = [scorer.score(*torch.from_numpy(block.copy()).T).cpu().numpy() for block in blocks]

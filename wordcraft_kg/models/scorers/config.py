@@ -31,14 +31,14 @@ def check_table(what: str, num_entities: int) -> None:
         )
 
 
-MAX_DENSE = 4_000
+_MAX_DENSE = 4_000
 """Entities up to which kernels are dense: about twenty tables in memory at once, and E³ operations."""
 
 
 def check_dense(what: str, num_entities: int) -> None:
     """Raise ConfigError if a graph is too large for dense kernels."""
-    if num_entities > MAX_DENSE:
+    if num_entities > _MAX_DENSE:
         raise ConfigError(
-            f"{what} compares each two of {num_entities:,} entities; expected at most {MAX_DENSE:,}. Take ComplEx "
+            f"{what} compares each two of {num_entities:,} entities; expected at most {_MAX_DENSE:,}. Take ComplEx "
             "(wordcraft-kg train-complex), or a smaller graph."
         )

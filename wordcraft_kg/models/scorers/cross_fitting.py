@@ -139,13 +139,9 @@ class CrossFitted(Scorer):
         return self.whole.table(relation)
 
     def probability(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
-        """Return the probability that a recipe outside train gives each triple; arguments as for :meth:`score`.
+        """Return the probability that a recipe outside train gives each triple; see :meth:`score`.
 
-        Returns:
-            float32, broadcast shape, see :mod:`~wordcraft_kg.models.scorers.calibration`.
-
-        Raises:
-            ConfigError: if the folder has no calibration.
+        See :mod:`~wordcraft_kg.models.scorers.calibration`. Raises ConfigError if the folder has no calibration.
         """
         if self.probabilities is None:
             raise ConfigError(f"{self.name} says nothing of probabilities. Train it again, with folds, to have them.")
@@ -153,17 +149,9 @@ class CrossFitted(Scorer):
         return self.probabilities.predict(self._score(*ids), *ids)
 
     def result_probabilities(self, ingredients: EntityIds, others: EntityIds) -> torch.Tensor:
-        """Return the distribution over results for pairs that make something.
+        """Return the distribution over results of pairs that make something: broadcast shape plus an axis of E.
 
-        Args:
-            ingredients: entities, as for :meth:`score`.
-            others: second ingredients; broadcast with ``ingredients``.
-
-        Returns:
-            float32, broadcast shape plus an axis of E results that sums to 1.
-
-        Raises:
-            ConfigError: if the scorer cannot score recipes, or the folder has no calibration.
+        Raises ConfigError if the scorer cannot score recipes, or the folder has no calibration.
         """
         temperature = self.probabilities.temperature if self.probabilities else None
         if temperature is None or not isinstance(self.whole, RecipeScores):
@@ -181,7 +169,7 @@ class CrossFitted(Scorer):
         return self._made[fold]
 
     def dose(self, graph: RecipeGraph) -> Dose:
-        """Return the training recipes of :attr:`whole`. Raises GraphMismatchError if the number of recipes differs."""
+        """Return the training recipes of :attr:`whole`; GraphMismatchError if the number of recipes differs."""
         if len(self.of_recipe) != graph.num_recipes:
             raise GraphMismatchError(
                 f"the folds of {self.name} are of {len(self.of_recipe):,} recipes but '{graph.name}' has "
@@ -222,10 +210,7 @@ class CrossFitted(Scorer):
 def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) -> CrossFitted:
     """Cross-fit a scorer on the train recipes of a split.
 
-    Args:
-        split: split with train recipes.
-        make: makes a scorer for the split's graph from recipes, shape (n, 3), and no other information.
-        folds: number of folds.
+    ``make`` makes a scorer for the split's graph from recipes, shape (n, 3), and no other information.
 
     Raises:
         ConfigError: for fewer than two or too many folds, or a split without test part.
@@ -266,11 +251,9 @@ def folds_of(scorer: TripleScorer) -> CrossFitted | None:
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
-    """Return the recipes seen by each model, given the fold of each recipe.
+    """Return a mask of the recipes seen by each model, shape (K + 2, num_recipes), given the fold of each recipe.
 
-    Returns:
-        shape (K + 2, num_recipes), bool: the model of all train recipes, the models without each fold, and an empty
-        model.
+    Models: of all train recipes, without each fold, and an empty model.
     """
     train = of_recipe != OUTSIDE
     folds = range(int(of_recipe.max(initial=OUTSIDE)) + 1)
@@ -278,15 +261,11 @@ def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
 
 
 def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return for each task a model that was trained on no recipe of the task's plans.
+    """Return for each task, shape (N,), a model that was trained on no recipe of the task's plans.
 
-    Args:
-        of_recipe: fold of each recipe, shape (num_recipes,).
-        tasks: tasks of the graph.
-
-    Returns:
-        shape (N,): rows of :func:`seen_by_models`: 0 for tasks without train recipes, 1 + fold for tasks with train
-        recipes from one fold, K + 1 (the empty model) for tasks with recipes from several folds.
+    Models are rows of :func:`seen_by_models`: 0 for tasks without train recipes, 1 + fold for tasks with train recipes
+    from one fold, K + 1 (the empty model) for tasks with recipes from several folds. ``of_recipe`` is the fold of each
+    recipe.
 
     Raises:
         LeakError: if a model has seen a recipe of a task.

@@ -10,11 +10,11 @@ from torch import Tensor
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer, check_shapes
 
-PAIRS = 2**14
+_PAIRS = 2**14
 """Pairs with factors in memory at once."""
 
 
-NAMES = [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
+_NAMES = [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
 """Names of both tensors of each relation in a model folder."""
 
 
@@ -82,18 +82,18 @@ class FactorsScorer(_Bilinear):
         ]
 
     def tensors(self) -> dict[str, Tensor]:  # noqa: D102 - inherited
-        pairs = zip(NAMES, self._factors, strict=True)
+        pairs = zip(_NAMES, self._factors, strict=True)
         return {name: part for names, parts in pairs for name, part in zip(names, parts, strict=True)}
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        check_shapes(tensors, {name: (size, tensors[pair[0]].shape[-1]) for pair in NAMES for name in pair})
+        check_shapes(tensors, {name: (size, tensors[pair[0]].shape[-1]) for pair in _NAMES for name in pair})
 
     @classmethod
     def restored(  # noqa: D102 - inherited
         cls, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
     ) -> "FactorsScorer":
-        return cls([(tensors[left], tensors[right]) for left, right in NAMES], entities, graph_hash, **settings)
+        return cls([(tensors[left], tensors[right]) for left, right in _NAMES], entities, graph_hash, **settings)
 
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
         return self._factors[int(self.relation_ids(relation))]
@@ -115,7 +115,7 @@ class FactorsScorer(_Bilinear):
         flat = scores.view(-1)
         for relation in range(len(RELATIONS)):
             left, right = self.factors(relation)
-            for some in torch.nonzero(ids[1] == relation).flatten().split(PAIRS):
+            for some in torch.nonzero(ids[1] == relation).flatten().split(_PAIRS):
                 flat[some] = (left[ids[0][some]] * right[ids[2][some]]).sum(-1)
         return scores
 

@@ -22,12 +22,12 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
 
-VOCABULARY_BATCH = 20_000
+_VOCABULARY_BATCH = 20_000
 """Words of GloVe's vocabulary per batch."""
-RANDOM_DIMENSIONS = 300
-RANDOM_STD = 0.4
-"""As :data:`RANDOM_DIMENSIONS`, from the paper's released code."""
-MAX_MISSING_SHARE = 0.1
+_RANDOM_DIMENSIONS = 300
+_RANDOM_STD = 0.4
+"""As :data:`_RANDOM_DIMENSIONS`, from the paper's released code."""
+_MAX_MISSING_SHARE = 0.1
 """Largest share of entities without a vector that :func:`make_features` fills with zeros by default."""
 ONE_HOT_LIMIT = 2**28
 """Bytes; 8,192 entities."""
@@ -147,15 +147,15 @@ def _one_hot(size: int) -> EntityFeatures:
     if size * size * 4 > ONE_HOT_LIMIT:
         raise ConfigError(
             f"one-hot features of {size:,} entities take {size * size * 4:,} bytes; expected at most "
-            f"{ONE_HOT_LIMIT:,}. Use 'random', which tells entities apart in {RANDOM_DIMENSIONS} dimensions."
+            f"{ONE_HOT_LIMIT:,}. Use 'random', which tells entities apart in {_RANDOM_DIMENSIONS} dimensions."
         )
     known = np.ones(size, dtype=bool)
     return EntityFeatures("one-hot", np.eye(size, dtype=np.float32), known, (), (), is_one_hot=True)
 
 
 def _random(size: int, seed: int) -> EntityFeatures:
-    drawn = np.random.default_rng(seed).laplace(0, RANDOM_STD / np.sqrt(2), (size, RANDOM_DIMENSIONS))
-    source = f"random (Laplace), {RANDOM_DIMENSIONS}-d, seed {seed}"
+    drawn = np.random.default_rng(seed).laplace(0, _RANDOM_STD / np.sqrt(2), (size, _RANDOM_DIMENSIONS))
+    source = f"random (Laplace), {_RANDOM_DIMENSIONS}-d, seed {seed}"
     return EntityFeatures(source, drawn.astype(np.float32), np.ones(size, dtype=bool), (), ())
 
 
@@ -170,7 +170,7 @@ def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
 def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> None:
     size = len(features.known)
     missing = size - int(features.known.sum())
-    if not missing or (missing < size and (allow_missing or missing <= MAX_MISSING_SHARE * size)):
+    if not missing or (missing < size and (allow_missing or missing <= _MAX_MISSING_SHARE * size)):
         return
     words = ", ".join(features.missing_words[:_LISTED])
     more = len(features.missing_words) - _LISTED
@@ -180,7 +180,8 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
         + (
             "Give vectors of the labels' language."
             if missing == size
-            else f"At most {MAX_MISSING_SHARE:.0%} may be missing: give other vectors, or `allow_missing` to use zeros."
+            else f"At most {_MAX_MISSING_SHARE:.0%} may be missing: give other vectors, or `allow_missing` to "
+            "use zeros."
         )
     )
 
@@ -246,7 +247,7 @@ def _glove_rows(words: list[str]) -> NDArray[np.int64]:
     with parquet.ParquetFile(_glove_folder() / "glove_6B_index.parquet") as file:
         first = 0
         # In batches, and without Arrow's own search: a quarter of its time, and 90 MB less at the peak.
-        for batch in file.iter_batches(VOCABULARY_BATCH, use_threads=False):
+        for batch in file.iter_batches(_VOCABULARY_BATCH, use_threads=False):
             rows.update((word, row) for row, word in enumerate(batch.column(0).to_pylist(), first) if word in rows)
             first += len(batch)
     return np.array([rows[word] for word in words], dtype=np.int64)

@@ -44,14 +44,7 @@ SCORERS: Registry[type[StoredScorer]] = Registry(
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
-    """``vocabulary.json``: the meaning of tensor rows.
-
-    Attributes:
-        scorer: kind of scorer.
-        graph: hash of the graph.
-        entities: entity labels in id order.
-        relations: relation labels in id order.
-    """
+    """``vocabulary.json``: kind of scorer, hash of the graph, and labels of tensor rows in id order."""
 
     format: Literal["wordcraft-kg vocabulary 1"] = "wordcraft-kg vocabulary 1"
     scorer: str
@@ -137,18 +130,10 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
 def make_scorer(
     kind: str, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
 ) -> Scorer:
-    """Make a scorer from the tensors of a trained model; factored scorers become tables within the limit.
+    """Make a scorer of a kind in :data:`SCORERS` from its tensors; factored scorers become tables within the limit.
 
-    Args:
-        kind: key of :data:`SCORERS`.
-        tensors: tensors of this kind.
-        entities: labels in id order.
-        graph_hash: hash of the graph.
-        settings: ``device`` and ``name``.
-
-    Raises:
-        KeyError: if a tensor is missing.
-        ValueError: if a tensor does not fit the entities.
+    ``settings`` are ``device`` and ``name``. Raises KeyError for a missing tensor, ValueError for a tensor that does
+    not fit the entities.
     """
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
     is_small = table_bytes(len(entities)) <= TABLE_LIMIT
@@ -205,12 +190,8 @@ def write_folds(
 ) -> FoldsRecord:
     """Write the files of the folds and return their record.
 
-    Args:
-        folder: folder of the model.
-        folds: the folds.
-        whole: the scorer of all train recipes.
-        kind: kind of the fold scorers.
-        part: returns the hash of the training triples, and the tensors, of the model without a fold.
+    ``part`` returns the hash of the training triples, and the tensors, of the model without a fold; ``whole`` is the
+    scorer of all train recipes, ``kind`` the kind of the fold scorers.
     """
     graph = folds.split.graph
     tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}

@@ -15,9 +15,9 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_trip
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.factors import TableScorer
 
-DAMPING = 0.25
+_DAMPING = 0.25
 """Profile columns are divided by their sum to this power, which damps common columns."""
-CONTEXT = 2.0
+_CONTEXT = 2.0
 """Weight of (partner, result) contexts relative to single links."""
 TEXT = 0.2
 """Weight of squared word cosines relative to profile cosines."""
@@ -42,10 +42,10 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
 
     parts = links(one, makes, num_entities)
     rows = sparse.hstack(
-        [links(one, other, num_entities), parts, parts.T, CONTEXT * links(one, context, len(contexts))]
+        [links(one, other, num_entities), parts, parts.T, _CONTEXT * links(one, context, len(contexts))]
     ).tocsr()
     total = np.asarray(rows.sum(axis=0))
-    damped = rows @ sparse.diags_array(np.maximum(total, 1e-9) ** -DAMPING)
+    damped = rows @ sparse.diags_array(np.maximum(total, 1e-9) ** -_DAMPING)
     norm = np.sqrt(np.asarray(damped.multiply(damped).sum(axis=1)))
     return (sparse.diags_array(1 / np.maximum(norm, 1e-9)) @ damped).tocsr()
 
@@ -82,12 +82,12 @@ def check_vectors(vectors: NDArray[np.floating] | None, num_entities: int) -> No
 
 
 NAME = "recipe kernel"
-RIDGE = 1.0
+_RIDGE = 1.0
 COMPLETION = 0.5
 """Weight of the completion term; regression and completion are standardised."""
 
 
-def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = RIDGE, seen: Tensor | None = None) -> Tensor:
+def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen: Tensor | None = None) -> Tensor:
     """Return the ridge regression of links on the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
 
     With ``k = V diag(w) Vᵀ`` the solution is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not E² x E².
@@ -176,16 +176,10 @@ class KernelScorer(TableScorer):
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):
-        """Precompute the table of scores.
+        """Precompute the table of scores from training recipes (n, 3), such as ``split.recipes("train")``.
 
-        Args:
-            graph: the graph.
-            recipes: shape (n, 3), training recipes, such as ``split.recipes("train")``.
-            vectors: word vectors of the entities, shape (E, D), zeros for unknown words; optional.
-            kwargs: ``device`` and ``name``.
-
-        Raises:
-            ConfigError: if the graph is too large, or the vectors do not fit.
+        ``vectors`` are word vectors of the entities, shape (E, D), zeros for unknown words; ``kwargs`` are ``device``
+        and ``name``. Raises ConfigError if the graph is too large, or the vectors do not fit.
         """
         size = graph.num_entities
         check_table("the recipe kernel as a table", size)

@@ -26,22 +26,22 @@ from wordcraft_kg.models.scorers.kernel import (
     profiles,
 )
 
-RANK = 256
+_RANK = 256
 """Factors per relation."""
 CELLS = 2**24
 """Maximum number of similarities in memory, 4 bytes each."""
 SMOOTHING = 0.5
 """Ridge of both steps. Validation prefers .2 to .5 equally; larger values lose less by low rank."""
-TOLERANCE = 1e-3
+_TOLERANCE = 1e-3
 """Relative residual at which conjugate gradients stop."""
-MAX_STEPS = 100
-POWERS = 1
+_MAX_STEPS = 100
+_POWERS = 1
 """Power iterations of the range finder."""
 
-Block = NDArray[np.float32]
+_Block = NDArray[np.float32]
 """Vectors over the entities, shape (E, m)."""
-Product = Callable[[Block], Block]
-"""Product of a matrix (E, E) with a block."""
+_Product = Callable[[_Block], _Block]
+"""_Product of a matrix (E, E) with a block."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class SparseSimilarity:
     """
 
     shared: Any
-    own: Block
+    own: _Block
     words: Tensor
 
     @classmethod
@@ -74,7 +74,7 @@ class SparseSimilarity:
         shared = known[:, np.flatnonzero(is_shared)].astype(np.float32).tocsr()
         return cls(shared, own, torch.nn.functional.normalize(words, dim=1))
 
-    def times(self, block: Block) -> Block:
+    def times(self, block: _Block) -> _Block:
         """Return the kernel times a block, shape (E, m).
 
         Negative word cosines count as positive: conjugate gradients need a positive semi-definite kernel. Neither ranks
@@ -102,15 +102,15 @@ class SparseSimilarity:
         return (self.words[:, one] * self.words[:, other] * torch.where(one == other, 1.0, 2**0.5)).numpy()
 
 
-def smoothed(kernel: SparseSimilarity, block: Block, ridge: float = SMOOTHING) -> Block:
+def smoothed(kernel: SparseSimilarity, block: _Block, ridge: float = SMOOTHING) -> _Block:
     """Return ``K (K + λ)⁻¹ B``, shape (E, m), by conjugate gradients on all columns.
 
     Source: Hestenes and Stiefel 1952.
     """
     solution, residual, direction = np.zeros_like(block), block.copy(), block.copy()
     square = (residual**2).sum(0)
-    enough = TOLERANCE**2 * square
-    for _ in range(MAX_STEPS):
+    enough = _TOLERANCE**2 * square
+    for _ in range(_MAX_STEPS):
         if (square <= enough).all():
             break
         image = kernel.times(direction) + ridge * direction
@@ -123,7 +123,7 @@ def smoothed(kernel: SparseSimilarity, block: Block, ridge: float = SMOOTHING) -
     return block - ridge * solution
 
 
-def two_step(kernel: SparseSimilarity, links: Any) -> Product:
+def two_step(kernel: SparseSimilarity, links: Any) -> _Product:
     """Return the product with ``P Y P``, ``P = K (K + λ)⁻¹``: ridge regression over heads, then over tails.
 
     Replaces :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, whose filter ``w w' / (w w' + λ)`` needs all
@@ -135,7 +135,7 @@ def two_step(kernel: SparseSimilarity, links: Any) -> Product:
     return lambda block: smoothed(kernel, np.asarray(links @ smoothed(kernel, block), dtype=np.float32))
 
 
-def spread(image: Block) -> float:
+def spread(image: _Block) -> float:
     """Estimate the root mean square of the entries of a matrix M from ``M Ω`` with standard normal Ω.
 
     Source: Hutchinson 1990.
@@ -148,11 +148,11 @@ class Term(NamedTuple):
     """A matrix, shape (E, E), as products, with its weight in a sum after scaling to a root mean square of 1."""
 
     weight: float
-    product: Product
-    transposed: Product
+    product: _Product
+    transposed: _Product
 
 
-def factored_sum(terms: Sequence[Term], drawn: Block) -> tuple[Block, Block]:
+def factored_sum(terms: Sequence[Term], drawn: _Block) -> tuple[_Block, _Block]:
     """Return ``left`` and ``right``, shape (E, m), with ``left rightᵀ`` close to the best approximation of that rank.
 
     ``drawn`` are standard normal directions, shape (E, m).
@@ -162,11 +162,11 @@ def factored_sum(terms: Sequence[Term], drawn: Block) -> tuple[Block, Block]:
     images = [term.product(drawn) for term in terms]
     scales = [np.float32(term.weight / spread(image)) for term, image in zip(terms, images, strict=True)]
 
-    def scaled(blocks: Iterable[Block]) -> Block:
+    def scaled(blocks: Iterable[_Block]) -> _Block:
         return np.sum([scale * block for scale, block in zip(scales, blocks, strict=True)], axis=0, dtype=np.float32)
 
     left, _ = np.linalg.qr(scaled(images))
-    for _ in range(POWERS):
+    for _ in range(_POWERS):
         right, _ = np.linalg.qr(scaled(term.transposed(left) for term in terms))
         left, _ = np.linalg.qr(scaled(term.product(right) for term in terms))
     return left, scaled(term.transposed(left) for term in terms)
@@ -186,7 +186,7 @@ class LowRankKernelScorer(FactorsScorer):
         recipes: Ids,
         vectors: NDArray[np.floating] | None = None,
         *,
-        rank: int = RANK,
+        rank: int = _RANK,
         seed: int = 0,
         **kwargs: Any,
     ):
@@ -202,7 +202,7 @@ class LowRankKernelScorer(FactorsScorer):
         kernel = SparseSimilarity.of(recipes, size, vectors)
         nodes, pairs = (matrix.astype(np.float32) for matrix in completion_paths(recipes, size))
 
-        def paths(block: Block) -> Block:
+        def paths(block: _Block) -> _Block:
             return np.asarray(nodes.T @ (pairs @ (pairs @ (pairs @ (nodes @ block)))))
 
         drawn = np.random.default_rng(seed).standard_normal((size, min(rank, size)), dtype=np.float32)

@@ -52,7 +52,7 @@ EVIDENCE = 16
 """Supporting recipes per goal: those with the most similar results. More change no figure."""
 FLOOR = 1e-4
 """Added to evidence before the logarithm."""
-WORDS_POWER = 4
+_WORDS_POWER = 4
 """Power of word cosines in the evidence; only near synonyms count."""
 
 
@@ -142,10 +142,7 @@ class RecipeKnowledge(nn.Module):
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Return features of slot pairs, shape (F, B, P), in the order of :func:`pairs_of`.
 
-        Args:
-            goal: shape (B,), int64.
-            table: shape (B, A), int64; E for an empty slot.
-            model: shape (B,), int64.
+        ``goal`` (B,), ``table`` (B, A) with E for empty slots, and ``model`` (B,) are int64.
         """
         width = self.num_entities + 1
         slots = table.shape[1]
@@ -196,7 +193,7 @@ class RecipeKnowledge(nn.Module):
 
     def _words_like(self) -> Tensor:
         if not len(self._words_alike):
-            self._words_alike = (self.words.float().clamp(min=0) ** WORDS_POWER).half()
+            self._words_alike = (self.words.float().clamp(min=0) ** _WORDS_POWER).half()
         return self._words_alike
 
     def speaking_for(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Speaking]:
@@ -241,14 +238,10 @@ BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "
 def knowledge_of(
     recipes: Ids, kernel: Tensor, text: Tensor, tables: tuple[Tensor, Tensor], links: tuple[Tensor, Tensor]
 ) -> RecipeKnowledge:
-    """Return the knowledge of one model, with a zero ranker.
+    """Return the knowledge of one model from training recipes (n, 3), with a zero ranker.
 
-    Args:
-        recipes: shape (n, 3), training recipes.
-        kernel: similarity, shape (E, E).
-        text: word cosines, shape (E, E).
-        tables: the kernel's combinesWith and componentOf, two of shape (E, E).
-        links: combinesWith and componentOf from the link ranker.
+    All tables have shape (E, E): ``kernel`` are similarities, ``text`` word cosines, ``tables`` combinesWith and
+    componentOf from the kernel, ``links`` the same from the link ranker.
     """
     size = len(text)
     alike = normalised(kernel) ** 2

@@ -15,11 +15,11 @@ from wordcraft_kg.graphs.triples import RELATIONS
 OPEN = ("_", "?")
 """Spellings of an open slot; shells expand ``?``, but not ``_``."""
 HEADER = ["head", "relation", "tail"]
-RECIPE_HEADER = ["ingredient_a", "ingredient_b", "result"]
+_RECIPE_HEADER = ["ingredient_a", "ingredient_b", "result"]
 """Header of a file of recipe queries; files without header contain triples."""
-PLUS, MAKES = "+", ("=", "->", "→")
+_PLUS, _MAKES = "+", ("=", "->", "→")
 """Signs of a recipe query, ``a + b = c``; ``=`` and ``+`` need no quotes in a shell."""
-_SIGNS = {PLUS, *MAKES}
+_SIGNS = {_PLUS, *_MAKES}
 _SIGN = re.compile(r"\s*(\+|=|->|→)\s*")
 
 
@@ -107,12 +107,8 @@ def parse_query(
     """Parse a query from command line arguments.
 
     A triple is ``head relation [tail]``. A recipe is ``a + b``, ``a + b c`` or ``a + b = c``, in one or several
-    arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split.
-
-    Args:
-        words: the arguments.
-        entities: the entities of the graph.
-        allowed: entities that queries may name; by default ``entities``.
+    arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split. Queries may name entities in
+    ``allowed``, by default all ``entities`` of the graph.
 
     Raises:
         UnknownEntityError: for an unknown entity or relation, with the nearest names.
@@ -124,10 +120,10 @@ def parse_query(
         if len(words) not in (2, 3):
             raise _unreadable(words, "query", "a head, a relation and perhaps a tail, or a recipe such as a + b")
         return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", allowed)
-    if len(pieces) > 3 and pieces[3] in MAKES:
+    if len(pieces) > 3 and pieces[3] in _MAKES:
         del pieces[3]
     labels = pieces[:1] + pieces[2:]
-    if len(labels) not in (2, 3) or pieces[1] != PLUS or not _SIGNS.isdisjoint(labels):
+    if len(labels) not in (2, 3) or pieces[1] != _PLUS or not _SIGNS.isdisjoint(labels):
         raise _unreadable(words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners")
     return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", allowed)
 
@@ -154,7 +150,7 @@ def _check_known(slots: Sequence[str | None], entities: Collection[str]) -> None
 
 
 def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[RecipeQuery]:
-    """Read queries from a CSV or TSV file with three columns: triples, or recipes under :data:`RECIPE_HEADER`.
+    """Read queries from a CSV or TSV file with three columns: triples, or recipes under :data:`_RECIPE_HEADER`.
 
     The header is optional for triples. A tab in the first line means unquoted TSV, as in a graph folder's ``triples/``;
     otherwise the file is CSV. Blank lines are skipped.
@@ -163,8 +159,8 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
         QueryFileError: if the file is unreadable or a line is wrong, with its number.
     """
     rows = list(_rows(path))
-    header = rows[0][1] if rows and rows[0][1] in (HEADER, RECIPE_HEADER) else None
-    kind, columns = (RecipeQuery, RECIPE_HEADER) if header == RECIPE_HEADER else (Query, HEADER)
+    header = rows[0][1] if rows and rows[0][1] in (HEADER, _RECIPE_HEADER) else None
+    kind, columns = (RecipeQuery, _RECIPE_HEADER) if header == _RECIPE_HEADER else (Query, HEADER)
     found: list[Any] = []
     for line, cells in rows[header is not None :]:
         if len(cells) != 3:

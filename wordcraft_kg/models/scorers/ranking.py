@@ -31,9 +31,7 @@ class RankingMetrics(Record, omit_defaults=True):
     Attributes:
         queries: number of queries.
         mrr: mean reciprocal rank.
-        hits_at_1: share of ranks up to 1.
-        hits_at_3: share of ranks up to 3.
-        hits_at_10: share of ranks up to 10.
+        hits_at_1, hits_at_3, hits_at_10: share of ranks up to k.
         mean_rank: mean rank, from 1.
         amri: adjusted mean rank index, 0 for a random order and 1 for a perfect one (Berrendorf et al. 2020).
         mrr_ci: 95 % interval of ``mrr``, if computed.
@@ -212,14 +210,10 @@ def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
 
 
 def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
-    """Return for each triple the number of the first pair with a recipe that gives it; shape (T,).
+    """Return for each triple (T, 3) the number of the first pair with a recipe that gives the triple; shape (T,).
 
     Queries from one pair depend on each other (its mirrored combinesWith triples most), so intervals resample pairs.
-
-    Args:
-        graph: the graph.
-        recipes: shape (num_recipes,), bool: recipes that give the triples.
-        triples: shape (T, 3).
+    Only recipes in the mask ``recipes``, shape (num_recipes,), count.
     """
     a, b, result = graph.recipes[recipes].T
     pair = graph.pair_of_recipe[recipes]

@@ -14,9 +14,9 @@ from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURE
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
-ROWS = 4_096
+_ROWS = 4_096
 """Recipes scored at once."""
-DTYPES = {
+_DTYPES = {
     **dict.fromkeys(("parts", "pairs", "alike", "words"), torch.half),
     **dict.fromkeys(("numbers", "results", "recipes"), torch.int32),
     "speaking": torch.int16,
@@ -101,10 +101,7 @@ class RecipeScorer(StoredScorer):
         return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Score recipes of ids or labels (single, sequence or tensor), which broadcast.
-
-        Returns:
-            float32, broadcast shape, nats.
+        """Score recipes of ids or labels (single, sequence or tensor), which broadcast; float32, nats.
 
         Raises:
             UnknownEntityError: for an unknown label or id.
@@ -113,7 +110,7 @@ class RecipeScorer(StoredScorer):
         a, b, result = (part.reshape(-1) for part in ids)
         found = [
             self.knowledge(goal, torch.stack(pair, dim=1), torch.zeros_like(goal))[:, 0, 1]
-            for goal, *pair in zip(result.split(ROWS), a.split(ROWS), b.split(ROWS), strict=True)
+            for goal, *pair in zip(result.split(_ROWS), a.split(_ROWS), b.split(_ROWS), strict=True)
         ]
         return torch.cat(found).view(ids[0].shape)
 
@@ -155,7 +152,7 @@ class RecipeScorer(StoredScorer):
             links, width = tensors[f"{relation}.first"].shape
             ranker = {"first": (links, width), "first_bias": (width,), "second": (width,), "bias": ()}
             shapes |= {f"{relation}.{name}": ranker[name] for name in RANKER}
-        check_shapes(tensors, shapes, DTYPES)
+        check_shapes(tensors, shapes, _DTYPES)
         for name in shapes:
             if tensors[name].dtype.is_floating_point and not bool(torch.isfinite(tensors[name]).all()):
                 raise ValueError(f"{name} holds numbers that are not finite")

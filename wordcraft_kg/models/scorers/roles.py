@@ -12,7 +12,7 @@ from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 
 Side = Literal["head", "tail"]
-Rows = NDArray[np.float32]
+_Rows = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class EntityRoles:
         ['pear', 'lemon']
     """
 
-    units: tuple[tuple[Rows, Rows], ...]
-    lengths: Rows
+    units: tuple[tuple[_Rows, _Rows], ...]
+    lengths: _Rows
 
     @classmethod
     def of(cls, scorer: TripleScorer) -> "EntityRoles":
@@ -57,7 +57,7 @@ class EntityRoles:
             lengths += [length / (np.sqrt(np.mean(length**2)) or 1.0) for length in found]
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))  # type: ignore[arg-type]
 
-    def alike(self, entity: int, relation: int, side: Side) -> Rows:
+    def alike(self, entity: int, relation: int, side: Side) -> _Rows:
         """Return cosines between an entity and all entities in a role, shape (E,)."""
         rows = self.units[relation][side == "tail"]
         return np.asarray(rows @ rows[entity])
@@ -71,7 +71,7 @@ class EntityRoles:
         return [(other, float(found[other])) for other in order[: limit + 1].tolist() if other != entity][:limit]
 
     @cached_property
-    def _total(self) -> Rows:
+    def _total(self) -> _Rows:
         return np.asarray(np.linalg.norm(self.lengths, axis=1))
 
 
@@ -85,25 +85,25 @@ def centred(scores: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(by_row - by_row.mean(axis=0))
 
 
-def _of_table(scores: Rows) -> tuple[Rows, Rows]:
+def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
     """Return the rows of a table as heads and as tails, shape (E, m) each."""
     whole = centred(scores)
     return whole, np.ascontiguousarray(whole.T)
 
 
-def _of_factors(left: Rows, right: Rows) -> tuple[Rows, Rows]:
+def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors with the same products as rows and columns of the centred ``left rightᵀ``."""
     heads, tails = (side.astype(np.float64) - side.mean(axis=0, dtype=np.float64) for side in (left, right))
     return _turned(heads, tails), _turned(tails, heads)
 
 
-def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> Rows:
+def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
     """Return X with ``X Xᵀ = rows (othersᵀ others) rowsᵀ``, shape (E, m)."""
     values, vectors = np.linalg.eigh(others.T @ others)
     return np.asarray(rows @ (vectors * np.sqrt(values.clip(min=0))), dtype=np.float32)
 
 
-def _unit(rows: Rows, lengths: Rows) -> Rows:
+def _unit(rows: _Rows, lengths: _Rows) -> _Rows:
     """Scale rows to length 1; rows of zeros up to rounding become zeros."""
     least = 1e-6 * float(np.max(lengths, initial=0)) or 1.0
     return np.asarray(np.where(lengths > least, 1 / np.maximum(lengths, least), 0)[:, None] * rows, dtype=np.float32)

@@ -11,9 +11,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
-from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 
 
@@ -66,11 +64,9 @@ class ScaledFactors:
     """Scaled scores of one relation as factors: ``left[head] · right[tail] - shift``.
 
     Attributes:
-        left: shape (E, m).
-        right: shape (E, m).
+        left, right: shape (E, m).
         shift: shape ().
-        dropped: shape (E,), bool: entities with self score ``itself``.
-        itself: shape ().
+        dropped: shape (E,), bool: entities with self score ``itself``, shape ().
     """
 
     left: Tensor
@@ -126,14 +122,3 @@ def _dropped_self_edges(size: int, relation: int, self_edges: SelfEdges, observe
         loops = (observed[:, 1] == relation) & (observed[:, 0] == observed[:, 2])
         kept[observed[loops, 0]] = True
     return np.flatnonzero(~kept)
-
-
-def scaled_scorer(
-    scorer: TripleScorer, *, scale: Scale = "standardise", self_edges: SelfEdges = "keep", observed: Ids | None = None
-) -> TableScorer:
-    """Return the tables of :func:`scaled_table` as a scorer; ``self_edges`` apply to combinesWith."""
-    tables = [
-        scaled_table(scorer, COMBINES_WITH, scale, self_edges=self_edges, observed=observed),
-        scaled_table(scorer, COMPONENT_OF, scale),
-    ]
-    return TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)

@@ -57,10 +57,7 @@ class Scorer(ABC):
         """Score broadcastable int64 ids within range; float32."""
 
     def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> Tensor:
-        """Score triples of ids or labels (single, sequence or tensor), which broadcast.
-
-        Returns:
-            float32, broadcast shape.
+        """Score triples of ids or labels (single, sequence or tensor), which broadcast; float32.
 
         Raises:
             UnknownEntityError: for an unknown label or id.
@@ -73,11 +70,7 @@ class Scorer(ABC):
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 
     def entity_ids(self, entities: EntityIds) -> Tensor:
-        """Return entities as int64 ids on the scorer's device.
-
-        Raises:
-            UnknownEntityError: with the nearest labels, or the range of ids.
-        """
+        """Return entities as int64 ids on the scorer's device; UnknownEntityError names the nearest labels."""
         if not isinstance(entities, torch.Tensor):
             values = np.asarray(entities)
             if values.dtype.kind == "U":
@@ -94,11 +87,7 @@ class Scorer(ABC):
         return ids
 
     def relation_ids(self, relations: RelationIds) -> Tensor:
-        """Return relations as int64 ids on the scorer's device.
-
-        Raises:
-            UnknownEntityError: with the known relations.
-        """
+        """Return relations as int64 ids on the scorer's device; UnknownEntityError names the known relations."""
         if isinstance(relations, str):
             if relations not in RELATIONS:
                 hint = nearest(relations, RELATIONS)

@@ -16,12 +16,12 @@ from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES
 
-SourceT = TypeVar("SourceT", bound=type[Source])
+_SourceT = TypeVar("_SourceT", bound=type[Source])
 
 _CLASSES: dict[str, type[Source]] = {kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe)}
 
 
-def register_source(kind: SourceT) -> SourceT:
+def register_source(kind: _SourceT) -> _SourceT:
     """Register a source under its label's name in this process; a class decorator.
 
     Commands and worker processes find sources by entry points in the group ``wordcraft_kg.sources``.

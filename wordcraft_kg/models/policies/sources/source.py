@@ -90,17 +90,7 @@ class Source(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
-        """Score every slot.
-
-        Args:
-            goal: shape (B,), int64: entity to make.
-            selection: shape (B,), int64: entity held, E for nothing.
-            table: shape (B, A), int64: entities on the table, E for empty slots.
-            task: shape (B,), int64, as in :meth:`~wordcraft_kg.models.policies.policy.Policy.forward`.
-
-        Returns:
-            shape (B, A), float32; 0 for empty slots.
-        """
+        """Score every slot: shape (B, A), float32; 0 for empty slots. Arguments as for a policy's ``forward``."""
 
     def evidence(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3

@@ -75,11 +75,7 @@ def recipe_keys(recipes: Tensor, size: int) -> Tensor:
 def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Tensor:
     """Return recipe weights, shape (..., 3) -> (...); 0 for unlisted recipes.
 
-    Args:
-        recipes: ids, as in :func:`recipe_keys`.
-        keys: shape (n + 1,), keys of listed recipes, ascending, see :func:`with_end`.
-        weights: shape (n + 1,); the last weight is 0.
-        size: number of entities.
+    ``keys``, ascending, and ``weights``, shape (n + 1,), end with :func:`with_end` and 0; ``size`` is E.
     """
     asked = recipe_keys(recipes, size).contiguous()
     found = torch.searchsorted(keys, asked)

@@ -32,11 +32,11 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, 
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
 from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_metrics, rank_triples, ranking_metrics
 from wordcraft_kg.models.scorers.ranking import recipe_clusters as clusters_of
-from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.link_report import make_link_report, report_schema
 from wordcraft_kg.reports.pages import Report, render, write_report

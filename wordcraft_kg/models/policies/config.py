@@ -63,16 +63,8 @@ class PolicyConfig:
     value_readout: _ValueReadout = "softmax"
 
     def __post_init__(self) -> None:
-        choices = {
-            "policy": PolicyKind,
-            "pooling": Pooling,
-            "mixing": Mixing,
-            "scale": Scale,
-            "self_edges": SelfEdges,
-            "value_readout": _ValueReadout,
-        }
-        for name, kinds in choices.items():
-            one_of(name, getattr(self, name), get_args(kinds))
+        for name in ("policy", "pooling", "mixing", "scale", "self_edges", "value_readout"):
+            one_of(name, getattr(self, name), get_args(PolicyConfig.__annotations__[name]))
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
         for name in ("allow_missing", "kg_only", "in_sample"):

@@ -1,6 +1,6 @@
 """Making policies, and writing and loading self-contained policy folders."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -73,19 +73,18 @@ def make_policy(
         sources = make_sources(config.sources, scorer, view, tasks=tasks)
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too
-        vectors = None
-        if features is not None and not features.is_one_hot:
-            vectors = torch.tensor(features.vectors)
-        entities = EntityVectors(
-            graph.num_entities, vectors, learned_dim=config.embedding_size if config.features == LEARNED else 0
-        )
-        policy: Policy
-        if config.policy == "mlp":
-            policy = MLPPolicy(config, entities, num_slots)
-        else:
-            policy = AttentionPolicy(config, entities, sources)
+        vectors = None if features is None or features.is_one_hot else torch.tensor(features.vectors)
+        learned_dim = config.embedding_size if config.features == LEARNED else 0
+        entities = EntityVectors(graph.num_entities, vectors, learned_dim=learned_dim)
+        policy = _policy(config, entities, num_slots, sources)
     policy.entities, policy.graph_hash = graph.entities, graph.hash
     return policy, features
+
+
+def _policy(config: PolicyConfig, vectors: EntityVectors, num_slots: int, sources: Iterable[Source]) -> Policy:
+    return (
+        MLPPolicy(config, vectors, num_slots) if config.policy == "mlp" else AttentionPolicy(config, vectors, sources)
+    )
 
 
 def write_constants(folder: Path, policy: Policy) -> None:
@@ -122,19 +121,14 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
         config = PolicyConfig(**description["settings"])
         size, dim = len(description["entities"]), description["dim"]
         is_learned = config.features == LEARNED
-        policy: Policy
         with torch.random.fork_rng(devices=[]):  # modules draw parameters, which are then replaced
-            vectors = EntityVectors(
-                size, torch.zeros(size, dim) if dim and not is_learned else None, learned_dim=dim if is_learned else 0
-            )
-            if config.policy == "mlp":
-                policy = MLPPolicy(config, vectors, description["num_slots"])
-            else:
-                sources = [
-                    source_class(name).restored(size, with_prefix(tensors, f"sources.{name}."))
-                    for name in description["sources"]
-                ]
-                policy = AttentionPolicy(config, vectors, sources)
+            constant = torch.zeros(size, dim) if dim and not is_learned else None
+            vectors = EntityVectors(size, constant, learned_dim=dim if is_learned else 0)
+            sources = [
+                source_class(name).restored(size, with_prefix(tensors, f"sources.{name}."))
+                for name in description["sources"]
+            ]
+            policy = _policy(config, vectors, description["num_slots"], sources)
         weights = {**tensors, **parameters}
         for name, tensor in policy.state_dict().items():
             if name in weights and weights[name].dtype != tensor.dtype:  # load_state_dict would convert it

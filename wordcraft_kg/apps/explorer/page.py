@@ -93,14 +93,10 @@ class Page(Generic[S]):
         return f"{path}?{urlencode(query)}" if query else path
 
     def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
-        """Return the state for an address.
-
-        Args:
-            subject: second segment of the path, decoded; may be empty.
-            query: names and values of the query; empty values, as of forms, mean the default.
+        """Return the state for a decoded second path segment and a query, where empty values mean the default.
 
         Raises:
-            ConfigError: for an unknown name, a value of another type, or two values.
+            ConfigError: for an unknown name, a value with another type, or two values.
         """
         fields = {field.name: field for field in _fields(self.state)}
         given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}

@@ -83,12 +83,9 @@ class AnswersDatabase:
         """Open or create a study's database.
 
         Args:
-            path: the file.
+            path: the file; an ArtefactError leaves a damaged or different file unchanged.
             study: hash of the study's record.
-            turns: number of tasks of a person.
-
-        Raises:
-            ArtefactError: if the file is damaged or not the database of this study; the file is unchanged.
+            turns: number of tasks for each person.
         """
         if not path.exists():
             _make(path, study)
@@ -123,7 +120,7 @@ class AnswersDatabase:
 
         Args:
             code: hash of the person's code.
-            cells: forms and conditions, in the order of preference.
+            cells: forms and conditions in order of preference.
         """
         with self._writing() as connection:
             if (known := _find(connection, code)) is not None:

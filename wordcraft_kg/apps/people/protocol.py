@@ -107,12 +107,7 @@ class HumanProtocol:
     def __init__(
         self, graph: GraphLike | World, num_distractors: int = 8, seed: int = 0, *, tasks: int = TASKS_PER_PART
     ):
-        """Prepare the environments of both parts; a given world is shared as far as the settings allow.
-
-        Raises:
-            ConfigError: for a setting out of range.
-            TaskError: if a part has no task.
-        """
+        """Prepare the environments for both parts, sharing a given world; a part without tasks is a TaskError."""
         episode_seed(seed, "train", 1)  # refuses a negative one
         self.seed = seed
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))

@@ -140,7 +140,8 @@ def check_equal(subject: str, have: Mapping[str, object], other: str, want: Mapp
     """Refuse a file with other properties than wanted; the graph's name may differ."""
     for name in {**want, **have}:
         if name != "graph" and have.get(name) != want.get(name):
-            kind = GraphMismatchError if name.endswith("_hash") else ConfigError
-            is_, should = (str(values.get(name))[:12] for values in (have, want))
+            is_hash = name.endswith("_hash")
+            kind = GraphMismatchError if is_hash else ConfigError
+            is_, should = (str(values.get(name))[: 12 if is_hash else None] for values in (have, want))
             graph = f" (graph {have['graph']})" if name == "graph_hash" else ""
             raise kind(f"{subject} {name} {is_}{graph}, but {other} {should}. Nothing was changed.")

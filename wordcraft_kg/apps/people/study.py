@@ -59,12 +59,7 @@ class Study:
     """A study's tasks, posed on first use; ``cells`` are in assignment order."""
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
-        """Prepare the tasks.
-
-        Raises:
-            ConfigError: for a setting out of range.
-            TaskError: if a part of the split has no task.
-        """
+        """Prepare the tasks; a part without tasks is a TaskError."""
         first = HumanProtocol(graph, config.distractors[0], config.seed, tasks=config.tasks)
         self._of_condition = {
             amount: HumanProtocol(first.world, amount, config.seed, tasks=config.tasks) for amount in config.distractors
@@ -161,11 +156,7 @@ def _identity(record: StudyRecord) -> dict[str, Any]:
 
 
 def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
-    """Return ``study.json`` and its SHA-256, which is stored with the answers.
-
-    Raises:
-        ArtefactError: if the file is missing or damaged.
-    """
+    """Return ``study.json`` and its SHA-256, which the database of answers repeats."""
     path = folder / STUDY_FILE
     if not path.exists():
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected the folder that `people serve` writes.")

@@ -77,9 +77,7 @@ def view_people(
 ) -> HumanSummary:
     """Return the rates of right answers over sessions with equal graph, split and settings.
 
-    Args:
-        sources: sessions by file or folder.
-        beside: success of agents at each table, by name.
+    ``beside`` holds the success of agents at each table, by name.
 
     Raises:
         ArtefactError: if a file ends in a torn line, or two have the same answers.

@@ -44,15 +44,7 @@ def make_study_app(
     *,
     clock: Callable[[], float] = time.time,
 ) -> ASGIApp:
-    """Return the application.
-
-    Args:
-        study: tasks.
-        answers: database of the answers.
-        host: host that the server listens on.
-        more_hosts: further permitted host names, as behind a proxy.
-        clock: seconds, also while the server is down.
-    """
+    """Return the application, for a host and further host names; the clock counts seconds across restarts."""
     server = _Server(study, answers, clock)
     routes = [
         Route("/", server.first),

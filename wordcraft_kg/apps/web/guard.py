@@ -42,15 +42,7 @@ class Guard:
         *,
         methods: Collection[str] = ("GET", "HEAD"),
     ):
-        """Guard an application that lets errors through, such as a Router.
-
-        Args:
-            app: the application.
-            host: host that the server listens on; names of this machine are always permitted.
-            more_hosts: further permitted names in Host headers.
-            error_page: renders an error.
-            methods: permitted methods.
-        """
+        """Guard an application without own error pages, such as a Router, for this machine and further hosts."""
         self.app, self.error_page, self.methods = app, error_page, methods
         self.hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
 

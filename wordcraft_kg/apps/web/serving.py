@@ -26,11 +26,7 @@ class Serving(Record):
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens; port 0 takes a free one.
-
-    Raises:
-        ConfigError: if the port is in use, may not be used, or there is no such host.
-    """
+    """Return a listening socket; port 0 takes a free port, an unusable host or port is a ConfigError."""
     whole("port", port, 0, LARGEST_PORT)
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]

@@ -140,13 +140,7 @@ class RankedTriples:
 
 
 def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
-    """Rank all triples in the graph, learned or not; large numbers are sampled, unseen test triples separately.
-
-    Args:
-        predictor: the model.
-        max_triples: maximum number of triples of either kind. Default: as in the link report, and fewer for many
-            entities.
-    """
+    """Rank all triples in the graph, learned or not; large numbers are sampled, unseen test triples separately."""
     split = predictor.split
     graph = split.graph
     unseen = split.held_out("test")

@@ -29,7 +29,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources.pairs import ComponentOf
 
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
-LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
+_LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 _CONFUSIONS = 10
 """Most listed confusions of an agent."""
 NEVER = "never"
@@ -40,14 +40,14 @@ Slice = Literal["train_recipes", "layer", "link_rank"]
 
 
 class AgentSuccess(Record):
-    """Success of an agent with a number of distractors; intervals are of 95 %.
+    """Success of an agent for a distractor count; intervals are of 95 %.
 
     Attributes:
-        iqm: mean of the middle half of the runs.
+        iqm: interquartile mean over runs.
         seed_ci: over seeds; None for a single run.
         task_ci: over tasks.
         seeds: mean of each run.
-        by_plan: share of episodes in which the last pair of a plan made the goal.
+        by_plan: success rate by the last pair of a plan.
         difference: to the first agent on the same tasks, with an interval over tasks; None for the first agent.
         p_better: probability that a run of this agent beats a run of the first agent; None for single runs.
     """
@@ -115,7 +115,7 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
 
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[Ending, Share]:
-    """Return the mean share of each ending."""
+    """Return mean ending shares."""
     shares = [result.shares() for result in results]
     return {ending: float(np.mean([share[ending] for share in shares])) for ending in ENDINGS}
 
@@ -156,7 +156,7 @@ def slices_of(
     layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
         "train_recipes": list(binned(made, _TRAIN_RECIPES)),
-        "layer": [(NEVER, layer < 0), *binned(layer, LAYERS)],
+        "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
     }
     ranks = _link_ranks(agent, tasks, played)
     if ranks is not None:

@@ -1,4 +1,4 @@
-"""Figures of agents with all their seeds, on the same tasks."""
+"""Agent figures over all seeds, on the same tasks."""
 
 import re
 from collections.abc import Sequence
@@ -72,13 +72,13 @@ class AgentEntry(Record):
     Attributes:
         settings: settings that differ from the defaults.
         kg: knowledge graph of the scorer; None without a scorer.
-        cross_fitted: number of folds of the scorer; 0 if scores of train tasks are in-sample.
-        trained_with: number of distractors in training.
-        success: by number of distractors.
-        outcomes: share of each ending, by number of distractors.
-        confusions: most frequent confusions with the headline's number of distractors.
-        slices: success by kind of task, with the headline's number of distractors.
-        curves: success during training, by part of the tasks.
+        cross_fitted: fold count of the scorer; 0 if scores of train tasks are in-sample.
+        trained_with: distractor count in training.
+        success: by distractor count.
+        outcomes: ending shares, by distractor count.
+        confusions: most frequent confusions for the headline's distractor count.
+        slices: success by kind of task, for the headline's distractor count.
+        curves: success during training, by task part.
         provenance: facts about each run, by name.
     """
 
@@ -104,7 +104,7 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success of a scripted player, by the number of distractors."""
+    """Success of a scripted player, by the distractor count."""
 
     name: str
     success: dict[str, Share]
@@ -122,11 +122,11 @@ class AgentsView(Record):
     """The agent report (``report.json``).
 
     Attributes:
-        headline: number of distractors of the headline.
-        draws: draws of distractors for each task.
+        headline: distractor count of the headline.
+        draws: distractor draws per task.
         sampled_from: number of all tasks if a sample was played, else None.
-        agents: the first agent is the reference of comparisons.
-        references: rows of the reference pack for this graph, split and tasks.
+        agents: the first agent is the comparison reference.
+        references: reference pack rows for this graph, split and tasks.
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -154,7 +154,7 @@ class AgentSummary(Record):
 
 
 class AgentsSummary(Record):
-    """The headline of a report, and the path of the report."""
+    """A report headline, and the report path."""
 
     report: str
     part: TaskPart
@@ -206,10 +206,10 @@ def view_agents(
     """Evaluate agents greedily on all tasks of a part, on the same tables.
 
     Args:
-        groups: runs by agent, see :func:`group_agents`; the first agent is the reference of comparisons.
-        part: part of the tasks.
-        distractors: numbers of distractors. Default: 1, 8 and the numbers of training.
-        draws: draws of distractors for each task.
+        groups: runs by agent, see :func:`group_agents`; the first agent is the comparison reference.
+        part: task part.
+        distractors: distractor counts. Default: 1, 8 and the numbers of training.
+        draws: distractor draws per task.
         episodes: explained episodes of each agent.
 
     Raises:
@@ -252,7 +252,7 @@ def view_agents(
 
 
 def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
-    """Return the headline of a view and the path of its report."""
+    """Return a view headline and its report path."""
     agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
 
@@ -265,7 +265,7 @@ def _baselines(evaluators: dict[int, Evaluator]) -> tuple[BaselineSuccess, ...]:
 
 
 def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Return the rows of the reference pack for an agent's tasks, without the scripted players of the report."""
+    """Return the reference pack rows for an agent's tasks, without the scripted players of the report."""
     play = play_of(agent.config.tasks, part)
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:
@@ -276,7 +276,7 @@ def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tu
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
-    """Return the world of the headline, and the numbers of distractors that some agent can play with."""
+    """Return the world of the headline, and the distractor counts that some agent can play with."""
     _check_alike(agents, _RULES)
     first = agents[0]
     headline = first.config.tasks.distractors

@@ -31,10 +31,10 @@ def communities_of(labels: Sequence[str], links: Ids, uses: Ids, seed: int) -> C
     """Find communities of an undirected graph by the Louvain method.
 
     Args:
-        labels: labels of the entities.
+        labels: entity labels.
         links: shape (L, 2), positions in ``labels``; repetitions count once.
         uses: shape (E,), number of recipes that use each entity.
-        seed: seed of the order of entities.
+        seed: seed of the entity order.
 
     Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
     """

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Known(Record):
-    """Mean number of known entities after a number of attempts.
+    """Mean number of known entities after some attempts.
 
     Attributes:
         low: lower end of the 95 % interval; None for a single run.
@@ -41,10 +41,10 @@ class DiscoveryView(Record, omit_defaults=True):
     Attributes:
         base: entities known at the start.
         reachable: entities that can be made from the base.
-        players: known entities of each player by number of attempts, one of ``marks``.
-        people: known entities of people in another game, by number of attempts.
-        references: rows of the reference pack for the same base, and the literature.
-        out: file of the written page.
+        players: known entities of each player by attempt count, one of ``marks``.
+        people: known entities of people in another game, by attempt count.
+        references: reference pack rows for the same base, and the literature.
+        out: written page.
     """
 
     graph: str
@@ -79,10 +79,10 @@ def view_discovery(
 
     Args:
         graph: the graph.
-        players: names of the players.
-        attempts: combinations of each run.
-        runs: runs of each player.
-        seed: root seed of all draws.
+        players: player names.
+        attempts: combinations per run.
+        runs: runs per player.
+        seed: root seed.
         base: entities known at the start; None takes the base of the graph.
         scorer: name and scorer of the guided player.
         progress: see :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
@@ -112,7 +112,7 @@ def view_discovery(
 
 
 def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:
-    """Return rows of the reference pack and the literature that the view does not contain already."""
+    """Return reference pack rows and the literature that the view does not contain already."""
     pack = pack_of(graph.hash, None)
     ours = pack.rows_of(OpenPlay(base)) if pack else ()
     others = literature(["entities known", "new combinations"])

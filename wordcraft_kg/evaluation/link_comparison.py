@@ -52,12 +52,12 @@ class LinkComparison(Record, omit_defaults=True):
 
     Attributes:
         split: hash of the split.
-        triples: number of ranked unseen test triples.
+        triples: ranked unseen test triples.
         sampled_from: number of all unseen test triples if a uniform sample is ranked.
         pairs: number of pairs of models in the Bonferroni correction of difference intervals.
         best: model with the highest MRR among those that have not seen the test recipes.
         not_told_apart: models with 0 in the interval of the difference to the best.
-        out: file of the written page.
+        out: written page.
     """
 
     graph: str
@@ -91,7 +91,7 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
     Args:
         contenders: two or more; the first is the reference.
         resamples: bootstrap resamples.
-        seed: seed of the bootstrap and of the sample.
+        seed: bootstrap and sample seed.
 
     Raises:
         ConfigError: for a setting out of range, or different training settings of a model's seeds.

@@ -24,7 +24,7 @@ from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_reciproca
 
 LISTED = 8
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
-LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
+_LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
 
 
@@ -109,7 +109,7 @@ def comparisons_of(judged: RankedLinks, seed: int) -> tuple[Comparison, ...]:
 
 
 def drill_down_of(judged: RankedLinks, seed: int) -> DrillDown:
-    """Return the metrics of slices of the queries; ``seed`` is the seed of the bootstrap."""
+    """Return the metrics of slices of the queries; ``seed`` is the bootstrap seed."""
     graph, ranks, trained_on = judged.graph, judged.ranks, judged.trained_on
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
     seen = np.bincount(np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities)[target]
@@ -128,7 +128,7 @@ def drill_down_of(judged: RankedLinks, seed: int) -> DrillDown:
 
     return DrillDown(
         seen_in_train=slices(between(seen, SEEN)),
-        layer=slices([("not reachable", layer < 0), *between(layer, LAYERS)]),
+        layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
         self_combination=slices([("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]),
         near_synonyms=() if judged.is_full else slices(_near_synonyms(judged)),
     )

@@ -44,7 +44,7 @@ from wordcraft_kg.models.scorers.ranking import (
     with_interval,
 )
 
-Slices = dict[str, RankingMetrics]
+_Slices = dict[str, RankingMetrics]
 """Metrics of all queries, of each relation, and of each relation and side."""
 
 
@@ -87,7 +87,7 @@ class Memory(Record):
     """MRR of train triples with and without them in training.
 
     Attributes:
-        folds: number of folds of the train recipes.
+        folds: fold count of the train recipes.
         queries: number of queries for train triples without a recipe outside their fold.
         in_sample_mrr: MRR of the model of all train recipes.
         left_out_mrr: MRR of the models without the fold: a forecast of ``test_mrr``.
@@ -105,7 +105,7 @@ class LinkView(Record):
 
     Attributes:
         queries: number of queries, two for each of ``triples``.
-        sampled_from: number of all triples if a uniform sample is ranked, else None.
+        sampled_from: count of all triples if a uniform sample is ranked, else None.
         without_pairs: whether the graph is too large for the scores of all pairs; dependent parts are empty or None.
         leaked_left_out: number of triples of the test recipes that are also in training.
         metrics: filtered metrics with realistic ties.
@@ -129,12 +129,12 @@ class LinkView(Record):
     leaked_left_out: Count
     leakage: dict[Relation, Leakage]
     checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
-    metrics: Slices
+    metrics: _Slices
     ties: Ties
     memory: Memory | None
     probabilities: tuple[Reliability, ...]
     with_leaked: RankingMetrics
-    baselines: dict[str, Slices]
+    baselines: dict[str, _Slices]
     comparisons: Annotated[tuple[Comparison, ...], msgspec.Meta(min_length=1)]
     near_synonym_cosine: float
     drill_down: DrillDown
@@ -149,7 +149,7 @@ class LinkView(Record):
 
 
 class LinkSummary(Record):
-    """The headline of a report; metrics by slice, None without queries."""
+    """A report headline; metrics by slice, None without queries."""
 
     mrr: dict[str, Share | None]
     hits_at_1: dict[str, Share | None] = msgspec.field(name="hits@1")
@@ -177,7 +177,7 @@ def view_links(
     trace: Sequence[TraceRow] = (),
     seed: int = 0,
 ) -> LinkView:
-    """Return all numbers of the report; ``seed`` is the seed of the bootstrap and the players."""
+    """Return all numbers of the report; ``seed`` is the bootstrap and player seed."""
     graph, ranks = judged.graph, judged.ranks
     split = split_summary(judged.opened.split)
 
@@ -218,7 +218,7 @@ def view_links(
 
 
 def summarise_links(view: LinkView, report: str) -> LinkSummary:
-    """Return the headline of a view and the path of its report."""
+    """Return a view headline and its report path."""
     slices = ("all", *RELATIONS)
     metrics = {name: view.metrics[name] for name in slices}
     by_slice: dict[str, Any] = {
@@ -273,7 +273,7 @@ def _ties(judged: RankedLinks) -> Ties:
     return Ties(optimistic, pessimistic, ranking_metrics(unfiltered, "raw_rank"))
 
 
-def _by_slice(ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]) -> Slices:
+def _by_slice(ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]) -> _Slices:
     return {name: measure(ranks[mask], mask) for name, mask in slice_masks(ranks).items()}
 
 

@@ -25,7 +25,7 @@ class AgentEvaluation(Record):
     Attributes:
         checkpoint: checkpoint of the trained agent; None for other players.
         scores: origin of the scores of a scorer alone; None for other players.
-        success: by number of distractors, like ``outcomes``, the share of each ending.
+        success: by distractor count, like ``outcomes``, the ending shares.
     """
 
     run: str
@@ -79,11 +79,11 @@ def view_explanation(
 
 
 class Baselines(Record):
-    """Success of scripted players, a row for each number of distractors and player.
+    """Success of scripted players, a row for each distractor count and player.
 
     Attributes:
-        tasks: number of tasks, each played ``draws`` times with each number of distractors.
-        intervals: kind of the intervals.
+        tasks: task count; each task is played ``draws`` times for each distractor count.
+        intervals: interval kind.
     """
 
     graph: str
@@ -113,9 +113,9 @@ def view_baselines(
         opened: graph and split.
         graph: name of the graph from the user.
         config: part and depth of the tasks.
-        distractors: numbers of distractors.
+        distractors: distractor counts.
         model: name and link predictor.
-        draws: draws of distractors for each task.
+        draws: distractor draws per task.
         seed: seed of the draws and of ties.
         progress: see :func:`~wordcraft_kg.agents.players.play_all`.
     """

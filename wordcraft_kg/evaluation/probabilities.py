@@ -15,7 +15,7 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 
 _BINS = 8
 """Most points of a curve."""
-LEAST = 5.0
+_LEAST = 5.0
 """Least expected number of true triples of a point, if possible."""
 
 
@@ -103,7 +103,7 @@ def _cells(triples: Ids, size: int) -> NDArray[np.bool_]:
 
 def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[ReliabilityBin, ...]:
     order = np.argsort(predicted, kind="stable")
-    count = int(np.clip(predicted.sum() / LEAST, 1, _BINS))
+    count = int(np.clip(predicted.sum() / _LEAST, 1, _BINS))
     before = np.cumsum(predicted[order]) - predicted[order]
     number = np.minimum((before / predicted.sum() * count).astype(np.int64), count - 1)
     rows = []

@@ -29,8 +29,8 @@ class RankedLinks:
     """A ranking of evaluation triples.
 
     Attributes:
-        kg: training graph of the scorer.
-        population: number of all evaluation triples.
+        kg: training graph.
+        population: count of all evaluation triples.
         queries: ranked triples, shape (T, 3): all of them, or a uniform sample.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
         dose: training recipes.

@@ -18,7 +18,7 @@ from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.queries import RecipeQuery
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
-Key = tuple[int, int, int]
+_Key = tuple[int, int, int]
 _SPEAKING = 3
 """Supporting recipes of each recipe."""
 _LEAST_SHARE = 0.01
@@ -29,7 +29,7 @@ class ScoredRecipe(Record):
     """The score of a recipe, higher for a more plausible recipe.
 
     Attributes:
-        known: part of the recipe, or ``new``; None without the graph.
+        known: recipe part, or ``new``; None without the graph.
         memory: whether the scorer was trained on the recipe.
         because: supporting recipes by descending weight.
         probability: calibrated probability of this result of the pair, or None.
@@ -65,7 +65,7 @@ class OpenRecipe(Record):
 
 
 class ScoredRecipeRow(Record):
-    """A row of a file of scores; ``rank`` is the rank in the list of an open slot, or None."""
+    """A score file row; ``rank`` is the rank in the list of an open slot, or None."""
 
     line: int
     ingredient_a: str
@@ -84,14 +84,14 @@ class RecipeScoring:
     Attributes:
         model: the opened model.
         scorer: the recipe scorer; of a cross-fitted model the scorer of all train recipes.
-        parts: part of each recipe; empty without the graph.
+        parts: part by recipe; empty without the graph.
         seen: training recipes of the scorer.
     """
 
     model: ScoringModel
     scorer: RecipeScores
-    parts: dict[Key, Known]
-    seen: frozenset[Key]
+    parts: dict[_Key, Known]
+    seen: frozenset[_Key]
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
@@ -102,7 +102,7 @@ class RecipeScoring:
                 f"{model.scorer.name} scores links, not recipes. Ask it for a link, such as flour combinesWith water, "
                 "or train a scorer of recipes with `wordcraft-kg train-recipes`."
             )
-        parts: dict[Key, Known] = {}
+        parts: dict[_Key, Known] = {}
         if split is not None:
             for part in get_args(Part):
                 parts |= dict.fromkeys(_keys(split.recipes(part)), part)
@@ -143,12 +143,12 @@ class RecipeScoring:
             yield ScoredRecipe(a, b, result, score, known, memory, because, None)
 
     def labels(self, row: Ids) -> tuple[str, str, str]:
-        """Return the labels of a recipe, shape (3,)."""
+        """Return recipe labels, shape (3,)."""
         a, b, result = (self.scorer.entities[entity] for entity in row.tolist())
         return a, b, result
 
 
-def _keys(rows: Ids) -> list[Key]:
+def _keys(rows: Ids) -> list[_Key]:
     """Return a key for each recipe, shape (n, 3), with the pair in sorted order."""
     return [(min(a, b), max(a, b), result) for a, b, result in rows.tolist()]
 
@@ -186,7 +186,7 @@ def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, ne
 def score_recipe_queries(
     scoring: RecipeScoring, queries: Sequence[RecipeQuery], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRecipeRow]:
-    """Yield scores in the order of the queries: a row for a recipe, ``top`` rows for an open slot."""
+    """Yield scores in the query order: a row for a recipe, ``top`` rows for an open slot."""
     recipes = [scoring.rows(query) for query in queries if not query.is_open]
     scores = iter(scoring.scores(np.concatenate(recipes)).tolist() if recipes else ())
     for query in queries:

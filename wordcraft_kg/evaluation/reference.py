@@ -73,16 +73,16 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     """The figures of one player under one condition.
 
     Attributes:
-        figures: by number of distractors (success) or of attempts (other measures).
+        figures: by distractor count (success) or attempt count (other measures).
         source: command, publication, or folder or file of the user.
         play: None in the literature.
-        interval: kind of the intervals; empty without intervals.
-        draws: draws of distractors for each task.
-        seeds: number of trainings.
-        runs: number of runs of open-ended play.
-        settings: settings of the player by name.
-        environment: environment of a publication, and its differences to this package.
-        year: year of a publication.
+        interval: interval kind; empty without intervals.
+        draws: distractor draws per task.
+        seeds: training count.
+        runs: run count of open-ended play.
+        settings: player settings by name.
+        environment: publication environment, and its differences to this package.
+        year: publication year.
         notes: further remarks.
     """
 
@@ -189,14 +189,14 @@ def read_packs(folder: Path = PACK) -> tuple[ReferencePack, ...]:
 
 
 @cache
-def packs() -> tuple[ReferencePack, ...]:
+def _packs() -> tuple[ReferencePack, ...]:
     """Return the files of the package."""
     return read_packs()
 
 
 def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
     """Return the pack of a graph and split (None: any split), or None."""
-    for pack in packs():
+    for pack in _packs():
         if pack.graph is not None and pack.graph.hash == graph and split in (None, pack.graph.split):
             return pack
     return None
@@ -204,13 +204,13 @@ def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
 
 def literature(measures: Sequence[Measure]) -> tuple[ReferenceRow, ...]:
     """Return the rows of the literature with one of these measures."""
-    return tuple(row for pack in packs() if pack.graph is None for row in pack.rows if row.measure in measures)
+    return tuple(row for pack in _packs() if pack.graph is None for row in pack.rows if row.measure in measures)
 
 
 def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
     """Return the play of agents with these settings; None for rules other than those of the pack.
 
-    Rewards and the number of distractors may differ from the defaults.
+    Rewards and the distractor count may differ from the defaults.
     """
     config, usual = tasks.environment(part), WordCraftConfig
     rules = ("distractor_weighting", "distractor_policy", "ambiguity", "task_weighting")

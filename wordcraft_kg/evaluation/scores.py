@@ -69,7 +69,7 @@ class OpenSlot(Record):
 
 
 class ScoredRow(Record):
-    """A row of a file of scores: line of the query, and rank in the list of an open slot (None for a triple)."""
+    """A score file row: query line, and rank in the list of an open slot (None for a triple)."""
 
     line: int
     head: str
@@ -135,7 +135,7 @@ class ScoringModel:
         return [names[number] for number in part.tolist()]
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
-        """Return the probability of each triple, shape (T, 3); None for triples of train recipes."""
+        """Return triple probabilities, shape (T, 3); None for triples of train recipes."""
         folds = self.scorer.folds
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
@@ -193,7 +193,7 @@ def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: boo
 def score_queries(
     model: ScoringModel, queries: Sequence[Query], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRow]:
-    """Yield scores in the order of the queries: a row for a triple, ``top`` rows for an open slot."""
+    """Yield scores in the query order: a row for a triple, ``top`` rows for an open slot."""
     scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
     for query in queries:
         line = query.line or 0
@@ -265,9 +265,9 @@ def with_new_words(
 
     Args:
         model: the model.
-        folder: folder of the model.
+        folder: model folder.
         queries: the queries.
-        file: file of the queries, for errors.
+        file: query file, for errors.
 
     Raises:
         UnknownEntityError: if the model cannot score a new entity.

@@ -22,9 +22,9 @@ class TaskListing(Record):
     """Tasks of a part.
 
     Attributes:
-        tasks: number of tasks.
+        tasks: task count.
         complete: whether all tasks are enumerated.
-        mixed: number of tasks without a part.
+        mixed: tasks without a part.
         shown: examples.
     """
 

@@ -10,7 +10,7 @@ from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.statistics import stratified_bootstrap
 from wordcraft_kg.models.policies.sources import ALPHA, source_names
 
-CURVE_POINTS = 100
+_CURVE_POINTS = 100
 """Approximate limit of points of a curve."""
 Figure = Literal["test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"]
 FIGURES: tuple[Figure, ...] = get_args(Figure)
@@ -56,20 +56,20 @@ def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, .
 
 
 def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
-    """Return mean λ over seeds by source and pick, in about :data:`CURVE_POINTS` points."""
+    """Return mean λ over seeds by source and pick, in about :data:`_CURVE_POINTS` points."""
     curves = []
     picks: tuple[Literal["first", "second"], ...] = ("first", "second")
     for source in (ALPHA.name, *source_names()):
         for pick in picks:
             rows = _shared_rows(members, f"lambda_{source}_{pick}")
-            points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // CURVE_POINTS)]]
+            points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // _CURVE_POINTS)]]
             if points:
                 curves.append(LambdaCurve(source, pick, tuple(points)))
     return curves
 
 
 def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurve, ...]]:
-    """Return the logged figures of each training, in about :data:`CURVE_POINTS` points.
+    """Return the logged figures of each training, in about :data:`_CURVE_POINTS` points.
 
     Figures are means since the previous line; a line after a short interval is mostly noise and omitted.
     """
@@ -85,7 +85,7 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
                 if figure in row.figures and (long or figure == "test_success")
             ]
             # Every n-th point counted from the end, because the last point matters most.
-            thinned = points[:: -max(1, len(points) // CURVE_POINTS)][::-1]
+            thinned = points[:: -max(1, len(points) // _CURVE_POINTS)][::-1]
             if thinned:
                 curves.append(SeedCurve(agent.config.trainer.seed, tuple(thinned)))
         if curves:

@@ -29,7 +29,7 @@ def source_colours() -> dict[str, int]:
 
 
 def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> Markup:
-    """Draw success on train and test tasks over training; ``curves`` by agent and part of the tasks."""
+    """Draw success on train and test tasks over training; ``curves`` by agent and task part."""
     named = [
         (f"{agent}, {part}", part, colour, points)
         for colour, (agent, parts) in enumerate(curves.items())

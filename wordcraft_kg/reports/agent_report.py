@@ -22,7 +22,7 @@ from wordcraft_kg.reports.pages import Report
 
 _MIN_SEEDS = 5
 """The page warns about seed noise below this number of seeds."""
-SLICES: dict[Slice, tuple[str, str]] = {
+_SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
     "layer": ("By crafting layer", "crafting rounds to the goal"),
     "link_rank": ("By the rank of the recipe’s links", "rank of the worse part by the ingredient score (v)"),
@@ -79,7 +79,7 @@ def _success(view: AgentsView) -> Markup:
 
 def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
     pictures: dict[Slice, tuple[str, Markup]] = {}
-    for key, (heading, axis) in SLICES.items():
+    for key, (heading, axis) in _SLICES.items():
         groups = {
             agent.name: {row.slice: (row.success, *row.ci) for row in agent.slices.get(key, ())}
             for agent in view.agents

@@ -49,9 +49,9 @@ def make_link_report(
     Args:
         scorer: a scorer of this graph.
         opened: graph and split.
-        kg: training graph of the scorer, see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
+        kg: training graph, see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
         dose: training recipes of the scorer; None takes all recipes of ``kg``.
-        name: name of the scorer in the report.
+        name: scorer name in the report.
         provenance: facts for the last section.
         trace: a row for each epoch.
         max_queries: most queries to rank; 0 ranks all.

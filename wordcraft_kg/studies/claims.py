@@ -51,14 +51,14 @@ _MEASURES = {
 
 
 class Measured(Record, frozen=True):
-    """The two sides of a claim at a point of the grid.
+    """The two sides of a claim at a grid point.
 
     Attributes:
         left: mean of the left side over seeds.
         right: mean of the right side, or the value of the claim.
         low: lower end of the 95 % interval of the difference; None for a single seed.
         seeds: number of seeds of both sides.
-        tasks: number of test tasks; 0 for a figure per run.
+        tasks: test task count; 0 for a figure per run.
     """
 
     values: Values
@@ -77,7 +77,7 @@ class Judged(Record, frozen=True):
     Attributes:
         sides: names of the two sides; the right side may be a value (``is_value``).
         verdict: by the rule of this module, with its reason in ``why``.
-        note: the known reason of a deviation from the claim.
+        note: the known reason for a deviation from the claim.
         measured: figures at the point of the claim; a claim about variation has several points.
     """
 
@@ -101,7 +101,7 @@ def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) ->
 
 
 def judge(results: StudyResults, claim: Claim) -> list[Judged]:
-    """Compare a claim with results, at each point of the grid that it is about."""
+    """Compare a claim with results, at each grid point that it is about."""
     figures: list[Measured] = []
     lacking: list[str] = []
     for point in points_at(results.study, claim.at):
@@ -175,7 +175,7 @@ def _tasks(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
-    """Return the runs of a variant by seed, or raise with the first known reason of a missing run."""
+    """Return variant runs by seed, or raise with the first known reason of a missing run."""
     runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
     if not runs:
         reasons = [lost.why for lost in results.missing if lost.variant == variant and lost.values == point]
@@ -184,7 +184,7 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
 
 
 def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | NDArray[np.float64]:
-    """Return the success of a run on each task, or its figure; ``other`` is the compared run."""
+    """Return run success on each task, or its figure; ``other`` is the compared run."""
     if measure == "success":
         return run.rates
     if measure == "same_twice":

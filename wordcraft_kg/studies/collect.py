@@ -1,4 +1,4 @@
-"""Collecting the figures of a study, or of all runs of a results folder."""
+"""Collecting the figures of a study, or of all runs in a results folder."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path

@@ -11,7 +11,7 @@ from wordcraft_kg.studies.results import StudyResults
 from wordcraft_kg.studies.study import SCORER, Values
 from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures, mean_of
 
-EVERYTHING: Values = {"share": 1, "noise": 0}
+_EVERYTHING: Values = {"share": 1, "noise": 0}
 """Settings of a scorer trained on all recipes without noise."""
 
 
@@ -24,7 +24,7 @@ class Correlation(Record, array_like=True):
 
 
 class DosePoint(Record):
-    """Success and MRR of a variant at a point of the grid, see :class:`VariantFigures`."""
+    """Success and MRR of a variant at a grid point, see :class:`VariantFigures`."""
 
     label: str
     variant: str
@@ -113,10 +113,10 @@ def _correlation(x: Sequence[float], y: Sequence[float], kind: Literal["pearson"
 
 
 def _label(point: PointFigures, variant: str) -> str:
-    """Return the scorer settings of a point that differ from :data:`EVERYTHING`."""
+    """Return the scorer settings of a point that differ from :data:`_EVERYTHING`."""
     prefix = f"{SCORER}."
     values = {name.removeprefix(prefix): value for name, value in point.values.items() if name.startswith(prefix)}
-    differing = {name: value for name, value in values.items() if value != EVERYTHING.get(name)}
+    differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}
     named = differing or dict(list(values.items())[:1])
     shown = [f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in named.items()]
     return ", ".join(shown) or variant

@@ -1,4 +1,4 @@
-"""The engine: performs the missing tasks of a study in the order of their inputs, and estimates their duration."""
+"""The engine: performs the missing tasks in a study in the order of their inputs, and estimates their duration."""
 
 import logging
 import shutil
@@ -22,7 +22,7 @@ from wordcraft_kg.studies.store import forget_failure, note_failure, own_results
 from wordcraft_kg.studies.study import Study, check_study
 from wordcraft_kg.studies.tasks import Outcome, Task, Workers
 
-TICK = 0.5
+_TICK = 0.5
 """Seconds between checks for finished tasks."""
 
 
@@ -58,7 +58,7 @@ class FullDiskError(WordCraftKGError, OSError):
 def run_plan(
     plan: Plan, root: Path, make_workers: Callable[[], Workers], *, command: str = "", watch: Watch | None = None
 ) -> State:
-    """Perform the missing tasks of a study; a failed task stops only its dependants, and the next call retries it.
+    """Perform the missing tasks in a study; a failed task stops only its dependants, and the next call retries it.
 
     Args:
         plan: the study.
@@ -133,7 +133,7 @@ class _Engine:
                 self.state.running[task.address] = time.monotonic()
                 workers.start(task)
             self._show()
-            for outcome in workers.wait(TICK):
+            for outcome in workers.wait(_TICK):
                 is_full = is_full or outcome.disk_full
                 del self.state.running[outcome.address]
                 if outcome.ending == "interrupted":
@@ -226,12 +226,12 @@ def run_study(
     keep_all: bool = True,
     watch: Watch | None = None,
 ) -> StudyResults:
-    """Perform the missing tasks of a study and return its figures; failed trainings are listed as missing.
+    """Perform the missing tasks in a study and return its figures; failed trainings are listed as missing.
 
     Args:
         study: from :func:`~wordcraft_kg.studies.study.read_study`, or made in Python.
         out: results folder; studies in the same folder share equal tasks.
-        name: name of the study.
+        name: study name.
         jobs: parallel trainings, each in a process. Default: as many as the cores allow.
         keep_all: keep weights and episodes of runs, tens of megabytes each.
         watch: called regularly with the plan and its state.

@@ -17,10 +17,10 @@ from wordcraft_kg.base.settings import MAX_THREADS, whole
 from wordcraft_kg.runs.side_by_side import THREADS_VARIABLES, cores, own_start
 from wordcraft_kg.studies.tasks import Outcome, Task
 
-Perform = Callable[[Task, Path], Outcome]
+_Perform = Callable[[Task, Path], Outcome]
 ATTEMPTS = 2
 """Attempts at a task whose process dies."""
-PATIENCE = 60.0
+_PATIENCE = 60.0
 """Seconds for writing a checkpoint after Ctrl-C."""
 
 
@@ -37,7 +37,7 @@ class _Place:
 class LocalWorkers:
     """Performs tasks in persistent processes, because starting a process and importing torch takes seconds."""
 
-    def __init__(self, root: Path, jobs: int, perform: Perform, threads: int = 1):
+    def __init__(self, root: Path, jobs: int, perform: _Perform, threads: int = 1):
         """Prepare ``jobs`` processes of ``threads`` CPU threads and cores each; they start with their first task."""
         self.root, self._perform = root, perform
         self._threads = threads
@@ -69,7 +69,7 @@ class LocalWorkers:
 
     def stop(self) -> None:
         """Request checkpoints of running tasks, and end the processes."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + _PATIENCE
         busy = [place for place in self._places if place and place.task]
         while busy and time.monotonic() < deadline:
             for place in busy:
@@ -134,7 +134,7 @@ def _threads_of(threads: int) -> Iterator[None]:
         os.environ.update(before)
 
 
-def _work(connection: Connection, root: Path, perform: Perform, own: list[int], parent: int) -> None:
+def _work(connection: Connection, root: Path, perform: _Perform, own: list[int], parent: int) -> None:
     # A training takes Ctrl-C as a request to write a checkpoint; between trainings it is nobody's business here.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 FIGURES: dict[Kind, type[Figures]] = {"graphs": Figures, "scorers": ScorerFigures, "runs": RunFigures}
-LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
+_LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 """Files of a run without use for its figures: tens of megabytes each."""
 
 
@@ -134,7 +134,7 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
         return False
     write_figures(folder, _run_figures(folder, open_graph(graph)))
     if not keep_all:
-        for name in LARGE:
+        for name in _LARGE:
             (folder / name).unlink()
     return True
 

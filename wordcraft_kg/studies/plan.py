@@ -1,4 +1,4 @@
-"""The plan of a study: its trainings, and their graphs and scorers, each of them once."""
+"""A study plan: its trainings, and their graphs and scorers, each of them once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -36,7 +36,7 @@ DEFAULTS = 1
 """Version of the defaults of all settings; a changed default changes results and therefore addresses."""
 BOOK = "everyday"
 """Default book of a study."""
-CURVE_POINTS = 20
+_CURVE_POINTS = 20
 """Points of a learning curve; each takes about as long as 10,000 steps."""
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 """Settings of trained scorers by command."""
@@ -54,12 +54,12 @@ DEFAULTS_OF_GRAPH = {name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for
 
 @dataclass(frozen=True)
 class Plan:
-    """The tasks of a study.
+    """Study tasks.
 
     Attributes:
-        runs: address of the run of each cell; equal trainings share an address.
+        runs: run address by cell; equal trainings share an address.
         tasks: all tasks by address, each after its inputs.
-        books: name or file of the recipe book by address of the graph.
+        books: recipe book name or file by graph address.
     """
 
     name: str
@@ -186,7 +186,7 @@ class _Planner:
         given["seed"] = cell.seed
         if "eval_every" not in given:
             steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
-            given["eval_every"] = max(steps // CURVE_POINTS, 1)
+            given["eval_every"] = max(steps // _CURVE_POINTS, 1)
         config = agent_config(given, graph, scorer)
         settings: dict[str, Any] = {}
         for kind in _PART_OF_AGENT.values():

@@ -19,7 +19,7 @@ from wordcraft_kg.studies.tasks import Outcome, Task
 
 RETRIES = 3
 """Restarts of a task after the loss of its node or process; trainings resume from a checkpoint."""
-PATIENCE = 60.0
+_PATIENCE = 60.0
 """Seconds for writing checkpoints after Ctrl-C."""
 _ANSWER = 120.0
 """Seconds for the first process of a node."""
@@ -86,7 +86,7 @@ class RayWorkers:
         with self._cleanup:
             for reference in self._running:
                 self._ray.cancel(reference)
-            deadline = time.monotonic() + PATIENCE
+            deadline = time.monotonic() + _PATIENCE
             while self._running and time.monotonic() < deadline:
                 self.wait(0.5)
 

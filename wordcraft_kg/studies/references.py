@@ -28,12 +28,12 @@ from wordcraft_kg.studies.result_readers import DRAWS, SEEN, rows_beside
 
 DISTRACTORS = (1, 2, 8)
 """Numbers of distractors of the pack, as in the paper."""
-SEED, RUNS = 0, 100
+_SEED, RUNS = 0, 100
 """Seed and number of runs of scripted players, the defaults of ``evaluate-agent`` and ``discover``."""
 _CHANCE = ("random", "random, distinct", "random-no-repeat")
 _ORACLES = ("recipe oracle", "greedy", "empowerment")
 _OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
-KINDS: tuple[Kind, ...] = ("chance", "knowledge graph", "oracle", "agent", "people", "language model", "other")
+_KINDS: tuple[Kind, ...] = ("chance", "knowledge graph", "oracle", "agent", "people", "language model", "other")
 """Kinds in the order of a table."""
 
 
@@ -41,13 +41,13 @@ class ReferenceTable(Record, frozen=True):
     """Figures of players under one condition, and those of the literature.
 
     Attributes:
-        measure: kind of the figures of ``rows``.
-        columns: numbers of distractors, or of attempts in open-ended play.
+        measure: kind of figures in ``rows``.
+        columns: distractor counts, or attempt counts in open-ended play.
         pack: title of the pack of this graph and split, or None.
         measured: columns without figures in the pack, measured now with scripted players.
         rows: figures of this package on this graph and split, by kind of player.
         literature: figures of other environments, not directly comparable.
-        out: file of the written page.
+        out: written page.
     """
 
     graph: PlayedGraph
@@ -69,7 +69,7 @@ def view_references(
     Args:
         opened: graph and split; open-ended play ignores the split.
         play: crafting tasks, or open-ended play.
-        columns: numbers of distractors; open-ended play has the attempts of ``discover``.
+        columns: distractor counts; open-ended play has the attempts of ``discover``.
         beside: folders and files of the user, see :func:`~wordcraft_kg.studies.result_readers.rows_beside`.
 
     Raises:
@@ -116,7 +116,7 @@ def _task_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> I
     config = WordCraftConfig(
         part=play.part, depth=play.depth, max_attempts=play.attempts, num_distractors=max(columns, default=0)
     )
-    view = view_baselines(opened, opened.graph.name, config, columns, draws=DRAWS, seed=SEED)
+    view = view_baselines(opened, opened.graph.name, config, columns, draws=DRAWS, seed=_SEED)
     options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
     of = {(row.player, row.distractors): (row.success, row.low, row.high) for row in view.rows}
     for player in dict.fromkeys(row.player for row in view.rows):
@@ -136,7 +136,7 @@ def _task_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> I
 
 
 def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
-    view, _ = view_discovery(opened.graph, _OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=SEED, base=play.base)
+    view, _ = view_discovery(opened.graph, _OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=_SEED, base=play.base)
     for player, known in view.players.items():
         yield ReferenceRow(
             player=player,
@@ -154,11 +154,11 @@ def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
 
 def in_order(rows: Sequence[ReferenceRow]) -> tuple[ReferenceRow, ...]:
     """Sort rows by kind of player, results of the user last; the order within a kind stays."""
-    return tuple(sorted(rows, key=lambda row: (KINDS.index(row.kind), row.origin == "beside")))
+    return tuple(sorted(rows, key=lambda row: (_KINDS.index(row.kind), row.origin == "beside")))
 
 
 def _merged(known: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns: Sequence[int]) -> list[ReferenceRow]:
-    """Return the rows of the pack with the figures measured now, in the order of the columns."""
+    """Return the rows of the pack with the figures measured now, in the column order."""
     more = {row.player: row for row in now}
     rows = []
     for row in known:

@@ -54,7 +54,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
 
 
 def study_figure(view: StudyView) -> str:
-    """Return the figure of a study as an SVG file with a panel for each point of the grid."""
+    """Return the figure of a study as an SVG file with a panel for each grid point."""
     return charts.figure(view.title, list(panels_of(view)), chart_style())
 
 
@@ -66,7 +66,7 @@ def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
 
 
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
-    """Yield caption and picture of each point of the grid; the drawing "dose" has a picture for all scorer settings."""
+    """Yield caption and picture of each grid point; the drawing "dose" has a picture for all scorer settings."""
     if view.drawing == "dose" and view.doses:
         for title in dict.fromkeys(title_of(dose.values) for dose in view.doses):
             yield title, _dose(view, [dose for dose in view.doses if title_of(dose.values) == title])

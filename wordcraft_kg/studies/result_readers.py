@@ -50,7 +50,7 @@ class ResultReader:
     Attributes:
         expected: names of the folders and files, for the error about an unknown path.
         knows: return whether a path, which need not exist, is of this kind.
-        task_rows: return success on crafting tasks from paths, graph and split, tasks, and numbers of distractors.
+        task_rows: return success on crafting tasks from paths, graph and split, tasks, and distractor counts.
         open_rows: return known entities in open-ended play from paths, graph and play; None if not supported.
     """
 
@@ -68,12 +68,12 @@ def rows_beside(
     Args:
         opened: graph and split of the table.
         play: tasks of the table, or open-ended play.
-        columns: numbers of distractors; ignored for open-ended play.
+        columns: distractor counts; ignored for open-ended play.
         paths: folders and files.
 
     Raises:
-        ConfigError: for an unknown path, or results of other tasks.
-        GraphMismatchError: for results of another graph or split.
+        ConfigError: for an unknown path, or results on other tasks.
+        GraphMismatchError: for results on another graph or split.
         ArtefactError: for a damaged file.
     """
     readers = list(READERS.values())
@@ -106,7 +106,7 @@ def begins_with(path: Path, form: str) -> bool:
 
 
 def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
-    """Raise GraphMismatchError for a result of another graph or split."""
+    """Raise GraphMismatchError for a result on another graph or split."""
     if has != wanted:
         raise GraphMismatchError(
             f"--beside: '{path}' is of {name} {has[:12]}, and the table of {wanted[:12]}. Give as GRAPH what was "
@@ -115,7 +115,7 @@ def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
 
 
 def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
-    """Raise ConfigError for a result of other tasks, with the options of a table of these tasks."""
+    """Raise ConfigError for a result on other tasks, with the options of a table of these tasks."""
     if its != play:
         attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(
@@ -133,11 +133,11 @@ def agent_rows(
         groups: runs by agent, on this graph and split.
         opened: the graph and split.
         play: the tasks.
-        columns: numbers of distractors; a policy may skip some of them.
-        origin: origin of the rows.
+        columns: distractor counts; a policy may skip some of them.
+        origin: row origin.
 
     Raises:
-        ConfigError: for an agent of other tasks, or with none of these numbers of distractors.
+        ConfigError: for an agent of other tasks, or without any of these distractor counts.
     """
     for agent in (agent for members in groups.values() for agent in members):
         its = play_of(agent.config.tasks, play.part)

@@ -20,20 +20,20 @@ Curve = tuple[tuple[int, float], ...]
 
 
 class RunResult(Record, frozen=True):
-    """The figures of a training.
+    """Training figures.
 
     Attributes:
         values: grid values by setting.
-        run: address of the run folder, a hash of the settings.
+        run: run folder address, a settings hash.
         graph: index of the graph in :attr:`StudyResults.graphs`.
-        success: share of episodes in which the greedy agent made the goal, by part (train, test).
-        by_plan: share of episodes in which the last pair of a plan made the goal, by part.
+        success: greedy success rate, by part (train, test).
+        by_plan: success rate by the last pair of a plan, by part.
         endings: share of test episodes by ending, see :data:`~wordcraft_kg.agents.evaluation.ENDINGS`.
         won: successes of each test task among ``draws`` draws of distractors, a digit for each task.
         curve: success on test tasks during training.
         mrr: leak-free MRR of the scorer on test triples; None without a scorer, or if the scorer has seen them.
         steps: environment steps.
-        seconds: duration of the training.
+        seconds: training time.
         steps_per_second: speed of acting and learning alone.
     """
 
@@ -74,9 +74,9 @@ class StudyResults(Record, frozen=True):
     Attributes:
         command: the command that runs the study again.
         study: the study with all changes of the command line.
-        versions: package versions of the runs.
+        versions: run package versions.
         runs: in the order of the study's cells.
-        hours: duration of all runs and scorers.
+        hours: total training time.
     """
 
     format: Literal["wordcraft-kg results 1"]

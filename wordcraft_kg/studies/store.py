@@ -25,11 +25,11 @@ from wordcraft_kg.studies.study import Cell, Study
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 _STUDIES = "studies"
-FAILED = "failed"
+_FAILED = "failed"
 
 
 class PlannedStudy(Record, frozen=True):
-    """``studies/<name>.json``: a study, and the addresses of the run, scorer and graph of each cell."""
+    """``studies/<name>.json``: a study, and the run, scorer and graph addresses by cell."""
 
     format: Literal["wordcraft-kg study 1"]
     study: Study
@@ -103,7 +103,7 @@ def studies_of(root: Path) -> list[str]:
 
 
 def read_plan(root: Path, name: str) -> PlannedStudy:
-    """Read the record of a study; ArtefactError if it is missing or damaged."""
+    """Read a study record; ArtefactError if it is missing or damaged."""
     known = studies_of(root)
     if name not in known:
         raise ArtefactError(
@@ -113,7 +113,7 @@ def read_plan(root: Path, name: str) -> PlannedStudy:
 
 
 def _failure_file(root: Path, address: str) -> Path:
-    return root / FAILED / f"{address.replace('/', '-')}.txt"
+    return root / _FAILED / f"{address.replace('/', '-')}.txt"
 
 
 def note_failure(root: Path, task: Task, outcome: Outcome) -> None:

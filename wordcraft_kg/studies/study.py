@@ -71,15 +71,15 @@ class Claim(Record, frozen=True, omit_defaults=True):
         right: another variant, or empty.
         than: a value instead of ``right``.
         expected: more or less than the right side; comparable (closer than ``by``); or varies (left is better at some
-            points of the grid, right at others).
+            grid points, right at others).
         by: least difference of more and less, greatest difference of comparable, in the unit of the measure.
         measure: success: final success on test tasks; early: success after a tenth of the steps; steps: environment
             steps until the curve reaches 95 % of the end of the right curve, as a share of all steps; same_twice: share
             of test episodes that end with a pair of an entity with itself without making the goal.
         at: grid values of the claim; empty for all points.
         right_at: grid values in which the point of ``right`` differs.
-        source: author and place of the claim.
-        note: known reason of a deviation.
+        source: claim author and place.
+        note: known reason for a deviation.
     """
 
     text: str
@@ -101,12 +101,12 @@ class Study(Record, omit_defaults=True):
     Attributes:
         title: subject of the comparison, in a line.
         variants: settings by name of the variant.
-        about: question of the study, and how to read its figures.
+        about: study question, and how to read its figures.
         source: origin of the comparison, such as a figure of the paper.
-        seeds: number of trainings of each cell, with seeds from 0; scorers without a seed use the seed of the agent.
-        drawing: kind of the figure.
+        seeds: trainings per cell, with seeds from 0; scorers without a seed use the seed of the agent.
+        drawing: figure kind.
         reference: the variant of all comparisons. Default: the first.
-        settings: settings of all trainings.
+        settings: settings common to all trainings.
         grid: values of crossed settings by name.
         points: further conditions, tables of the same settings, crossed with the grid.
         scorers: scorers by name: ``command`` (train-complex, train-links, train-recipes, facts, neighbours or kernel),
@@ -187,7 +187,7 @@ def parse_study(text: str, source: str) -> Study:
 
 
 def adapted(study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None) -> Study:
-    """Return a study with another book, number of steps or number of seeds.
+    """Return a study with another book, step count or seed count.
 
     Raises:
         ConfigError: if the study varies the setting itself, or for a number out of range.

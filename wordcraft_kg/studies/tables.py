@@ -1,4 +1,4 @@
-"""The tables of a study: for its page, as lines of text, and all figures as CSV."""
+"""Study tables: for its page, as lines of text, and all figures as CSV."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ class Table:
     """A table of texts.
 
     Attributes:
-        title: the point of the grid.
+        title: the grid point.
         headings: column headings, the first for the variants.
         rows: cells of each variant.
     """
@@ -28,11 +28,11 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
 
-Column = tuple[str, Callable[[VariantFigures], str]]
+_Column = tuple[str, Callable[[VariantFigures], str]]
 
 
 def tables_of(view: StudyView) -> list[Table]:
-    """Return a table for each point of the grid, without columns that are empty everywhere."""
+    """Return a table for each grid point, without columns that are empty everywhere."""
     columns = [(heading, text) for heading, text in _COLUMNS if any(text(at) for p in view.points for at in p.variants)]
     headings = tuple(heading for heading, _ in columns)
     return [
@@ -86,7 +86,7 @@ def _amount(steps: int | None) -> str:
     return "never" if steps is None else f"{steps:,}"
 
 
-_COLUMNS: tuple[Column, ...] = (
+_COLUMNS: tuple[_Column, ...] = (
     ("variant", lambda at: at.variant),
     ("seeds", lambda at: str(len(at.seeds))),
     ("success [seeds, tasks]", lambda at: with_bounds(at.mean, at.interval)),
@@ -175,7 +175,7 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
 
 
 def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
-    """Yield the text output of a study: its title, and for each point of the grid a line for each variant."""
+    """Yield the text output of a study: its title, and for each grid point a line for each variant."""
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
         yield f"{point.title} ({_where(point)})"

@@ -1,4 +1,4 @@
-"""The tasks of a study, addressed by inputs and settings, and the interface of workers."""
+"""Study tasks, addressed by inputs and settings, and the interface of workers."""
 
 import hashlib
 import json
@@ -17,9 +17,9 @@ class Task:
     """A task: a graph folder, a model folder or the run folder of an agent.
 
     Attributes:
-        settings: all settings that determine the outcome, and addresses of inputs.
+        settings: all settings that determine the outcome, and input addresses.
         title: a line for people; not part of the address.
-        needs: addresses of the inputs.
+        needs: input addresses.
         threads: CPU threads.
         device: torch device.
     """

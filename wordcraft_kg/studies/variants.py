@@ -1,4 +1,4 @@
-"""Figures of a variant at a point of the grid: means, intervals, and differences to the reference."""
+"""Figures of a variant at a grid point: means, intervals, and differences to the reference."""
 
 import math
 from collections.abc import Sequence
@@ -36,12 +36,12 @@ class StudyCurvePoint(Record, array_like=True):
 
 
 class Comparison(Record):
-    """A variant against the reference at a point of the grid; intervals are of 95 %.
+    """A variant against the reference at a grid point; intervals are of 95 %.
 
     Attributes:
         difference: of mean success on test tasks.
         interval: over pairs of seed and task.
-        pairs: number of shared seeds.
+        pairs: shared seed count.
         p_better: probability that a run of the variant beats a run of the reference.
         p_better_interval: over seeds; None for a single seed.
         p_value: p-value of no difference, from the interval.
@@ -58,15 +58,15 @@ class Comparison(Record):
 
 
 class VariantFigures(Record):
-    """The figures of a variant at a point of the grid; intervals are of 95 %.
+    """The figures of a variant at a grid point; intervals are of 95 %.
 
     Attributes:
         success: success of each run on test tasks, in the order of ``seeds``.
-        iqm: mean of the middle half of ``success``.
+        iqm: interquartile mean.
         seed_interval: of the mean over seeds; None for a single seed.
         interval: of the mean over seeds and tasks; over tasks alone for a single seed.
         iqm_interval: of the IQM over seeds; None for a single seed.
-        by_plan: share of episodes in which the last pair of a plan made the goal.
+        by_plan: success rate by the last pair of a plan.
         train: mean success on train tasks; None if not measured.
         mrr: mean leak-free MRR of the scorers on test triples, or None.
         mrr_range: least and greatest MRR.
@@ -74,8 +74,8 @@ class VariantFigures(Record):
         reached: steps until the mean curve reaches the final success of the reference; None for never.
         reached_interval: over seeds, with None for never; None for a single seed.
         curve: success during training.
-        runs: addresses of the run folders.
-        seconds: mean duration of a training.
+        runs: run folder addresses.
+        seconds: mean training time.
     """
 
     variant: str
@@ -100,13 +100,13 @@ class VariantFigures(Record):
 
 
 class PointFigures(Record):
-    """All variants with runs at a point of the grid, in the order of the study.
+    """All variants with runs at a grid point, in the study order.
 
     Attributes:
         values: grid values by setting, with ``title`` in words.
         graphs: graphs of the runs, usually one.
-        tasks: number of test tasks.
-        draws: draws of distractors for each task.
+        tasks: test task count.
+        draws: distractor draws per task.
     """
 
     values: Values

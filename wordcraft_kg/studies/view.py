@@ -1,4 +1,4 @@
-"""The figures of a study: variants at all points of the grid, with intervals and differences to the reference."""
+"""Study figures: variants at all grid points, with intervals and differences to the reference."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal
@@ -21,7 +21,7 @@ class StudyView(Record):
 
     Attributes:
         reference: the variant of all comparisons.
-        points: points of the grid that have runs.
+        points: grid points that have runs.
         doses: for the drawing "dose": an entry for each way of scoring train tasks and each point of other settings.
         comparisons: number of comparisons in the correction of p-values.
     """
@@ -79,7 +79,7 @@ def view_study(results: StudyResults) -> StudyView:
 
 
 def title_of(values: Values) -> str:
-    """Format a point of the grid.
+    """Format a grid point.
 
     Example:
         >>> title_of({"distractors": 8, "split": "by-goal", "scorer.share": 0.5})
@@ -97,7 +97,7 @@ def _worded(name: str, value: Value) -> str:
 
 
 def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
-    """Return the points of the grid in the order of runs, with runs by variant in the order of the study."""
+    """Return the grid points in the run order, with runs by variant in the study order."""
     if not results.runs:
         why = f" The first: {results.missing[0].why.rstrip('.')}." if results.missing else ""
         raise ConfigError(

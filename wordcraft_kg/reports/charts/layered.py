@@ -10,11 +10,11 @@ from wordcraft_kg.reports.charts.scales import shortened, spread
 
 LETTER, SMALL_LETTER = 5.9, 5.2
 """Mean widths of a letter in a box and under a box."""
-LONGEST = 16
+_LONGEST = 16
 """Most letters of a label in a box; the tooltip of a shortened label is complete."""
 _LONGEST_PART = 11
 """Most letters of a label under a box."""
-BOX, GAP, BETWEEN = 22, 46, 20
+_BOX, _GAP, _BETWEEN = 22, 46, 20
 """Height of a box, distance of two boxes of a layer, and distance of two layers."""
 _NARROWEST = 50
 MARGIN = 8
@@ -49,7 +49,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
 
     Args:
         things: entities in an order of crafting; further ingredients have no box and no arrow.
-        given: labels of base entities, in bold.
+        given: base entity labels, in bold.
         description: text alternative.
     """
     layers = [thing.layer for thing in things] or [1]
@@ -61,11 +61,11 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     arrows = _arrows(things, place_of, columns)
     _settle(columns)
     widths = _widths(things, first, len(columns))
-    lefts = [MARGIN + sum(widths[:i]) + BETWEEN * i for i in range(len(widths))]
+    lefts = [MARGIN + sum(widths[:i]) + _BETWEEN * i for i in range(len(widths))]
     places = [place for column in columns for place in column]
     heights = [place.y for place in places] or [0.0]
-    top = min(heights) - BOX / 2 - MARGIN
-    bottom = max(heights) - top + GAP - BOX / 2 + 6
+    top = min(heights) - _BOX / 2 - MARGIN
+    bottom = max(heights) - top + _GAP - _BOX / 2 + 6
     for place in places:
         place.y = round(place.y - top)
     width, height = lefts[-1] + widths[-1] + MARGIN, round(bottom) + 18
@@ -85,7 +85,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
 def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
     widths = [_NARROWEST] * columns
     for thing in things:
-        letters = max(LETTER * len(shortened(thing.label, LONGEST)), SMALL_LETTER * len(_text_of(thing)))
+        letters = max(LETTER * len(shortened(thing.label, _LONGEST)), SMALL_LETTER * len(_text_of(thing)))
         widths[thing.layer - first] = max(widths[thing.layer - first], round(letters) + 8)
     return widths
 
@@ -116,14 +116,14 @@ def _settle(layers: list[list[_Place]]) -> None:
     """Move nodes towards the mean of their neighbours, with a gap between nodes of a layer."""
     for layer in layers:
         for number, place in enumerate(layer):
-            place.y = GAP * (number - (len(layer) - 1) / 2)
+            place.y = _GAP * (number - (len(layer) - 1) / 2)
     for sweep in range(_SWEEPS):
         from_left = sweep % 2 == 0
         for layer in layers if from_left else reversed(layers):
             # Late sweeps use both sides; the last sweep straightens arrows to a single box.
             wanted = [_mean(place, from_left, _SWEEPS - 8 <= sweep < _SWEEPS - 1) for place in layer]
-            reach = GAP * len(layer) + max(map(abs, wanted), default=0.0)
-            for place, y in zip(layer, spread(wanted, GAP, -reach, reach), strict=True):
+            reach = _GAP * len(layer) + max(map(abs, wanted), default=0.0)
+            for place, y in zip(layer, spread(wanted, _GAP, -reach, reach), strict=True):
                 place.y = y
 
 
@@ -138,7 +138,7 @@ def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
     path = [f"M{lefts[route[0].column] + widths[route[0].column]} {y}"]
     for place in route[1:]:
         left, end = lefts[place.column], int(place.y)
-        path.append(f"C{left - BETWEEN / 2:g} {y} {left - BETWEEN / 2:g} {end} {left} {end}")
+        path.append(f"C{left - _BETWEEN / 2:g} {y} {left - _BETWEEN / 2:g} {end} {left} {end}")
         y = end
         if place is not route[-1]:
             path.append(f"H{left + widths[place.column]}")
@@ -154,13 +154,13 @@ def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> 
         f'<tspan class="{"given" if part in given else "made"}">{escape(shortened(part, _LONGEST_PART))}</tspan>'
         for part in thing.of
     )
-    middle, label = left + width / 2, escape(shortened(thing.label, LONGEST))
+    middle, label = left + width / 2, escape(shortened(thing.label, _LONGEST))
     inside = (
         f"<title>{escape(thing.title or thing.label)}</title>"
-        f'<rect x="{left}" y="{y - BOX // 2}" width="{width}" height="{BOX}" rx="4" class="{thing.style}"/>'
+        f'<rect x="{left}" y="{y - _BOX // 2}" width="{width}" height="{_BOX}" rx="4" class="{thing.style}"/>'
         f'<text x="{middle:g}" y="{y + 4}" class="middle {thing.style}">{label}</text>'
     )
     return [
         f'<a href="{escape(thing.href)}">{inside}</a>' if thing.href else f"<g>{inside}</g>",
-        f'<text x="{middle:g}" y="{y + BOX // 2 + 12}" class="small middle">{of}</text>',
+        f'<text x="{middle:g}" y="{y + _BOX // 2 + 12}" class="small middle">{of}</text>',
     ]

@@ -35,11 +35,11 @@ def contribution_bar(contributions: Mapping[str, float], scale: float, colours: 
     return Markup("".join(parts))
 
 
-LONGEST = 24
+_LONGEST = 24
 """Most letters of a label; the tooltip of a shortened label is complete."""
 LETTER, LINE = 11.0, 22
 """Width of a letter and height of a line, in units of the map at page width."""
-SIDE, EDGE, RIGHT = 50, 40, 190
+_SIDE, _EDGE, _RIGHT = 50, 40, 190
 """Margins: left, above and below, right."""
 
 
@@ -80,7 +80,7 @@ def world(
     Args:
         dots: entities by descending label priority.
         regions: names behind the dots.
-        size: width and height of the map.
+        size: map width and height.
         description: text alternative.
         links: pairs of dot numbers by kind.
         chosen: number of a dot with visible links.
@@ -88,8 +88,8 @@ def world(
     """
     partners = partners or {}
     near = {number for ends in partners.values() for number in ends} | ({chosen} if chosen is not None else set())
-    width, height = size[0] + SIDE + RIGHT, size[1] + 2 * EDGE
-    names = [f'<text x="{r.x}" y="{r.y}">{escape(shortened(r.name, LONGEST))}</text>' for r in regions]
+    width, height = size[0] + _SIDE + _RIGHT, size[1] + 2 * _EDGE
+    names = [f'<text x="{r.x}" y="{r.y}">{escape(shortened(r.name, _LONGEST))}</text>' for r in regions]
     lines = [] if chosen is None else [_lines(dots, chosen, kind, ends) for kind, ends in partners.items()]
     room = Labels(LINE)
     order = sorted(range(len(dots)), key=lambda number: number not in near)
@@ -98,7 +98,7 @@ def world(
     circles = [_circle(dot, roles.get(number, "") + " far" * (number not in shown)) for number, dot in enumerate(dots)]
     others = {kind: _others(pairs, len(dots)) for kind, pairs in links.items()}
     return Markup(
-        f'<svg viewBox="{-SIDE} {-EDGE} {width} {height}" class="world{" has-chosen" if near else ""}" role="group" '
+        f'<svg viewBox="{-_SIDE} {-_EDGE} {width} {height}" class="world{" has-chosen" if near else ""}" role="group" '
         f'aria-label="{escape(description)}"><g class="view"><g class="regions">{"".join(names)}</g>'
         f'<g class="links">{"".join(lines)}</g><g class="dots">{"".join(circles)}</g></g></svg>'
         f'<script type="application/json" class="world-links">{json.dumps(others, separators=(",", ":"))}</script>'
@@ -123,12 +123,12 @@ def _circle(dot: Dot, classes: str) -> str:
     return (
         f'<{start} class="{dot.style} r{dot.size}{classes}"><title>{escape(dot.title)}</title>'
         f'<circle cx="{dot.x}" cy="{dot.y}"/>'
-        f'<text x="{dot.x}" y="{dot.y}" dx=".8em">{escape(shortened(dot.label, LONGEST))}</text></{end}>'
+        f'<text x="{dot.x}" y="{dot.y}" dx=".8em">{escape(shortened(dot.label, _LONGEST))}</text></{end}>'
     )
 
 
 def _place_of_label(dot: Dot) -> tuple[float, float, int]:
-    return dot.x - 8, dot.x + 14 + LETTER * min(len(dot.label), LONGEST), dot.y
+    return dot.x - 8, dot.x + 14 + LETTER * min(len(dot.label), _LONGEST), dot.y
 
 
 def colour_of(number: int) -> str:

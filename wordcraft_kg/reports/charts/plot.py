@@ -20,11 +20,11 @@ DARK = (*OKABE_ITO, "#e6edf3", "#f0e442")
 """Colours on a dark page."""
 COLOURS = len(LIGHT)
 WIDTH, HEIGHT = 460, 250
-LEFT, RIGHT, TOP, BOTTOM = 46, 12, 12, 42
-LINE_HEIGHT = 13
+LEFT, _RIGHT, TOP, BOTTOM = 46, 12, 12, 42
+_LINE_HEIGHT = 13
 LETTER, SMALL_LETTER = 6.3, 5.5
 """Widths of a letter in the charts' usual (11 px) and small text."""
-LONGEST_NAME = 28
+_LONGEST_NAME = 28
 """Most letters of a name; the tooltip of a shortened name is complete."""
 ABOVE = 28
 """Margin above the axes, for a title or a legend."""
@@ -49,7 +49,7 @@ def style_of(number: int) -> str:
 
 def short(name: str) -> str:
     """Return a name, shortened to fit the margin of a chart."""
-    return shortened(name, LONGEST_NAME)
+    return shortened(name, _LONGEST_NAME)
 
 
 def room_for(names: Iterable[str], beside: int = 20) -> int:
@@ -67,7 +67,7 @@ class Plot:
         description: str,
         *,
         top: int = ABOVE,
-        right: int = RIGHT,
+        right: int = _RIGHT,
         left: int = LEFT,
         height: int = HEIGHT,
     ):
@@ -174,7 +174,7 @@ class Plot:
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str]]) -> None:
         """Label curves at their right ends (x, y, name, style), with a thin line to a moved label."""
-        places = spread([self.y(end[1]) for end in ends], LINE_HEIGHT, self.top, self.height - BOTTOM)
+        places = spread([self.y(end[1]) for end in ends], _LINE_HEIGHT, self.top, self.height - BOTTOM)
         edge = WIDTH - self.right
         for (x_value, y_value, name, style), place in zip(ends, places, strict=True):
             x, y = self.x(x_value), self.y(y_value)

@@ -23,7 +23,7 @@ from wordcraft_kg.reports.charts.plot import (
 from wordcraft_kg.reports.charts.scales import Estimate, Labels, amounts, estimate, round_ticks, shortened
 
 _DASHES = 4
-ROW = 26
+_ROW = 26
 """Height of a row of :func:`intervals`."""
 _FIFTHS = [i / 5 for i in range(6)]
 """Ticks of an axis of shares from 0 to 1."""
@@ -46,8 +46,8 @@ def curves(
 
     Args:
         series: points by name, x ascending; an empty curve keeps its colour.
-        x_title: title of the x-axis.
-        y_title: title of the y-axis.
+        x_title: x-axis title.
+        y_title: y-axis title.
         description: text alternative.
         percent: y is a share, on an axis from 0 to 100 %; otherwise the axis fits the data.
         dashed: names of the dashed curves. Default: a pattern for each colour.
@@ -90,10 +90,10 @@ def dots(
     """Draw shares (0 to 1) with whiskers, side by side in each category, and a legend on the right.
 
     Args:
-        labels: names of the categories, shortened to fit.
+        labels: category names, shortened to fit.
         series: by name, a share with its interval for each category, or None; a series without shares is not drawn.
-        x_title: title of the x-axis.
-        y_title: title of the y-axis.
+        x_title: x-axis title.
+        y_title: y-axis title.
         description: text alternative.
     """
     names = [name for name, values in series.items() if not values or any(values)]
@@ -129,8 +129,8 @@ def scatter(
 
     Args:
         series: by name, points of label, x and y (a share). Labels are shown once, where they fit.
-        x_title: title of the x-axis.
-        y_title: title of the y-axis.
+        x_title: x-axis title.
+        y_title: y-axis title.
         description: text alternative.
         level: name and share of a dashed horizontal line.
     """
@@ -187,14 +187,14 @@ def intervals(
 
     Args:
         rows: names and estimates.
-        x_title: title of the axis.
+        x_title: axis title.
         description: text alternative.
-        reference: value of a dashed line.
+        reference: dashed line value.
         percent: whether the values are shares.
     """
     ends = [end for _, row in rows for end in (*row, reference) if end is not None]
     ticks = round_ticks(min(ends, default=0), max(ends, default=1))
-    left, height = room_for((name for name, _ in rows), 12), TOP + ROW * len(rows) + BOTTOM
+    left, height = room_for((name for name, _ in rows), 12), TOP + _ROW * len(rows) + BOTTOM
     y_range = (max(len(rows), 1), 0)
     plot = Plot((ticks[0], ticks[-1]), y_range, description, top=TOP, right=56, left=left, height=height)
     plot.x_axis(ticks, [f"{value:.0%}" if percent else f"{value:.3g}" for value in ticks], grid=True)

@@ -9,10 +9,10 @@ from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 
-INK = {"ink": "#1b1f24", "soft": "#59636e", "line": "#d1d9e0", "other": "#8c959f", "page": "#ffffff"}
+_INK = {"ink": "#1b1f24", "soft": "#59636e", "line": "#d1d9e0", "other": "#8c959f", "page": "#ffffff"}
 """Colours of the page's style sheet on a white page."""
 _FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
-PANEL, MARGIN, HEAD, CAPTION = 460, 16, 40, 22
+_PANEL, MARGIN, HEAD, _CAPTION = 460, 16, 40, 22
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
 """Invisible points that carry a tooltip."""
 _PIXELS = 200
@@ -22,7 +22,7 @@ _PIXELS = 200
 def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
     """Return an SVG file with a title, two charts in a row with their captions, and CSS rules, see :func:`resolved`."""
     columns = min(len(panels), 2) or 1
-    width = MARGIN + columns * (PANEL + MARGIN)
+    width = MARGIN + columns * (_PANEL + MARGIN)
     rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
     letters = int((width - 2 * MARGIN) / (LETTER * 1.3))
     parts = [
@@ -33,18 +33,18 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
     for row in rows:
         height = max((_height(chart) for _, chart in row), default=0)
         for column, (caption, chart) in enumerate(row):
-            left = MARGIN + column * (PANEL + MARGIN)
+            left = MARGIN + column * (_PANEL + MARGIN)
             if caption:
-                shown = escape(shortened(caption, int(PANEL / LETTER)))
+                shown = escape(shortened(caption, int(_PANEL / LETTER)))
                 parts.append(f'<text x="{left}" y="{top + 14}" style="font-weight: 600">{shown}</text>')
-            place = f'x="{left}" y="{top + CAPTION}" width="{PANEL}" height="{_height(chart)}" '
+            place = f'x="{left}" y="{top + _CAPTION}" width="{_PANEL}" height="{_height(chart)}" '
             parts.append(_HOVERED.sub("", str(chart)).replace("<svg ", f"<svg {place}", 1))
-        top += CAPTION + height + MARGIN
+        top += _CAPTION + height + MARGIN
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}" width="{width}" height="{top}" '
         f'role="img" aria-label="{escape(title)}" font-family="{_FONTS}">'
     )
-    page = f'<rect width="{width}" height="{top}" fill="{INK["page"]}"/>'
+    page = f'<rect width="{width}" height="{top}" fill="{_INK["page"]}"/>'
     return "\n".join([head, f"<title>{escape(title)}</title>", f"<style>\n{style}</style>", page, *parts, "</svg>\n"])
 
 
@@ -55,7 +55,7 @@ def _height(chart: str) -> int:
 
 def resolved(style: str) -> str:
     """Replace ``var()`` and ``color-mix()``, unknown to renderers of SVG files, by the colours of a white page."""
-    values = INK | {f"s{number}": colour for number, colour in enumerate(LIGHT)}
+    values = _INK | {f"s{number}": colour for number, colour in enumerate(LIGHT)}
     plain = re.sub(r"var\(--(\w+)\)", lambda match: values[match[1]], style)
     return re.sub(r"color-mix\(in srgb, (#\w{6}) (\d+)%, (#\w{6})\)", _mixed, plain)
 

@@ -103,10 +103,7 @@ def _safe(kept: int, total: int) -> str:
 
 
 async def _ask_waiting(
-    prompts: Sequence[Prompt],
-    endpoint: Endpoint,
-    keep: Callable[[Prompt, Answer], None],
-    interrupted: threading.Event,
+    prompts: Sequence[Prompt], endpoint: Endpoint, keep: Callable[[Prompt, Answer], None], interrupted: threading.Event
 ) -> None:
     """Send prompts until the first error or Ctrl-C; then wait for pending answers and raise the error."""
     todo = iter(prompts)

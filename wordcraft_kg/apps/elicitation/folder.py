@@ -22,8 +22,8 @@ from wordcraft_kg.models.scorers.folder import write_scorer
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.record import end_run, start_run
 
-TABLE, UNREAD = "opinions.csv", "unread.txt"
-OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", TABLE, UNREAD)
+TABLE, _UNREAD = "opinions.csv", "unread.txt"
+OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", TABLE, _UNREAD)
 _MOST_UNREAD = 200  # lines of unread.txt
 _LONGEST_LINE = 200
 
@@ -59,7 +59,7 @@ def write_opinions(
         write_scorer(staging, scorer.kind, scorer.tensors(), graph)
         write_atomically(staging / "metrics.json", dump_json(as_values(metrics)))
         write_atomically(staging / TABLE, _table(opinions, graph.entities))
-        write_atomically(staging / UNREAD, _examples(unread))
+        write_atomically(staging / _UNREAD, _examples(unread))
         write_atomically(staging / "README.md", _card(opened, config, metrics))
         end_run(staging, start_run(staging, config.command, seed=config.settings.seed, inputs=inputs), "done", OUTPUTS)
     return folder, metrics
@@ -144,7 +144,7 @@ here was learned from recipes of the graph, train or test; but a language model 
 | all | {shown(everything.precision)} | {shown(everything.recall)} | {shown(everything.first_right)} |
 | test part | {shown(test.precision)} | {shown(test.recall)} | {shown(test.first_right)} |
 
-`{TABLE}` lists the opinions, `{UNREAD}` examples of lines that could not be read. The pair that is named first has
+`{TABLE}` lists the opinions, `{_UNREAD}` examples of lines that could not be read. The pair that is named first has
 weight 1, the next 3/4, then 2/3, 5/8, ...
 
 ```python

@@ -9,8 +9,7 @@ from wordcraft_kg.models.scorers.folder import SCORERS
 from wordcraft_kg.runs.files import RunFiles
 
 
-def opinions_history(files: RunFiles) -> History:
-    """Read the opinions' origin from a model folder."""
+def _opinions_history(files: RunFiles) -> History:
     config, metrics = OpinionsConfig.read(files.folder), files.record("metrics.json", OpinionMetrics)
     facts = {
         "asked by": " ".join(files.run.argv),
@@ -21,5 +20,5 @@ def opinions_history(files: RunFiles) -> History:
     return History(config, facts, metrics, is_trained=False)
 
 
-MODELS.update(dict.fromkeys(OpinionsConfig.commands, opinions_history))
+MODELS.update(dict.fromkeys(OpinionsConfig.commands, _opinions_history))
 SCORERS[OpinionScorer.kind] = OpinionScorer

@@ -13,7 +13,7 @@ from wordcraft_kg.models.policies.sources.weighted import recipe_keys, weights_o
 from wordcraft_kg.models.scorers.recipes import Witness
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
-MOST_ENTITIES = 2_000_000
+_MOST_ENTITIES = 2_000_000
 """Limit at which three ids fit into a key of 64 bits."""
 
 
@@ -130,8 +130,8 @@ class OpinionScorer(StoredScorer):
         opinions, weights = tensors["opinions"], tensors["weights"]
         count = len(opinions) if opinions.ndim else 0
         check_shapes(tensors, {"opinions": (count, 3), "weights": (count,)}, {"opinions": torch.int32})
-        if size > MOST_ENTITIES:
-            raise ValueError(f"there are {size:,} entities; expected at most {MOST_ENTITIES:,}")
+        if size > _MOST_ENTITIES:
+            raise ValueError(f"there are {size:,} entities; expected at most {_MOST_ENTITIES:,}")
         if not len(opinions):
             return
         check_ids("opinions", opinions, size - 1)

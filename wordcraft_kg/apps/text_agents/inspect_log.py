@@ -13,7 +13,7 @@ from wordcraft_kg.base.records import Count, Record, as_record
 if TYPE_CHECKING:
     from inspect_ai.log import EvalLog
 
-Played = TypeVar("Played", bound=PlayedTask | PlayedWorld)
+_Played = TypeVar("_Played", bound=PlayedTask | PlayedWorld)
 METADATA = "wordcraft_kg"
 """Key of a :class:`LoggedTask` in a task's metadata."""
 UNFINISHED = "unfinished"
@@ -91,7 +91,7 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
     return scores
 
 
-def played_of(values: Mapping[str, Any] | None, kind: type[Played], where: str) -> Played:
+def played_of(values: Mapping[str, Any] | None, kind: type[_Played], where: str) -> _Played:
     """Return a game from a score's metadata.
 
     Raises:

@@ -33,8 +33,8 @@ try:
 except ModuleNotFoundError:
     raise missing_extra("inspect", ["Inspect AI"]) from None
 
-F = TypeVar("F", bound=Callable[..., Any])
-PLAYED = "wordcraft_kg_played"
+_F = TypeVar("_F", bound=Callable[..., Any])
+_PLAYED = "wordcraft_kg_played"
 """Key of a game's record in a sample's store."""
 _RULES = ("knowledge", "scorer", "look_ups", "refusals")
 
@@ -49,14 +49,14 @@ class InspectTaskError(ConfigError, PrerequisiteError):
         self.message = escape(message)
 
 
-def _with_parameters(*names: str, **own: Any) -> Callable[[F], F]:
+def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
     """Declare a task's parameters for Inspect: a graph, game settings by name, and further settings with defaults."""
     defaults = {field.name: field.default for field in fields(EvaluationSettings)}
     kind = Parameter.POSITIONAL_OR_KEYWORD
     given = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}
     parameters = [Parameter(name, kind, default=value) for name, value in given.items()]
 
-    def declared(function: F) -> F:
+    def declared(function: _F) -> _F:
         # Inspect passes unknown parameters only to a variadic one, and else just warns about them.
         variadic = Parameter("unknown", Parameter.VAR_KEYWORD)
         function.__signature__ = Signature([*parameters, variadic])  # type: ignore[attr-defined]
@@ -166,7 +166,7 @@ def conversation(play: Play) -> Solver:
             talk.game.end()
             played = as_values(record_of(talk, [], state.metadata["draw"]))
             del played["messages"]  # they are in Inspect's log
-            state.store.set(PLAYED, {**played, UNFINISHED: not is_finished, VERDICT: talk.game.state})
+            state.store.set(_PLAYED, {**played, UNFINISHED: not is_finished, VERDICT: talk.game.state})
         return state
 
     return solve
@@ -253,7 +253,7 @@ def things_known() -> Scorer:
 
 
 def _record(state: TaskState) -> dict[str, Any]:
-    played = state.store.get(PLAYED)
+    played = state.store.get(_PLAYED)
     if played is None:
         raise ArtefactError(
             f"sample {state.sample_id} has no game: these tasks are scored by their own solver; leave --solver out."

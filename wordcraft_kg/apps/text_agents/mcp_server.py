@@ -25,10 +25,10 @@ from wordcraft_kg.base.errors import ActionError, WordCraftKGError
 from wordcraft_kg.base.settings import MAX_SIZE
 from wordcraft_kg.envs.words import texts_hash, told
 
-LONGEST = 200
+_LONGEST = 200
 """Characters of a label or a game's id."""
 PATH = "/mcp"
-TOOLS = {
+_TOOLS = {
     "begin": "Begin a game and return its id, the rules and the state. Task {first} to {last}; draw chooses what else "
     "is on the table. The same task and draw are always the same game.",
     "begin_world": "Begin a game and return its id, the rules and the state. There is one world, the same for all.",
@@ -39,7 +39,7 @@ TOOLS = {
     "end": "Give a game up.",
 }
 """Descriptions of the tools for language models, in addition to :data:`~wordcraft_kg.envs.words.TEXTS`."""
-INSTRUCTIONS = "Call begin, then combine until the game is over."
+_INSTRUCTIONS = "Call begin, then combine until the game is over."
 _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 _PLAYS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=False, open_world_hint=False)
 _ENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False)
@@ -47,7 +47,7 @@ _ENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent
 
 def tools_hash() -> str:
     """Return the hash for all MCP prompts: game texts, tool descriptions and instructions."""
-    return hashlib.sha256(json.dumps([texts_hash(), TOOLS, INSTRUCTIONS], sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([texts_hash(), _TOOLS, _INSTRUCTIONS], sort_keys=True).encode()).hexdigest()
 
 
 class Position(BaseModel, frozen=True):
@@ -101,8 +101,8 @@ def _as_text(value: Any) -> Any:
     return str(value) if type(value) is int and abs(value) < 10**9 else value  # models write a number either way
 
 
-GameName = Annotated[str, Field(max_length=LONGEST, description="id of the game, from begin")]
-Thing = Annotated[str, Field(max_length=LONGEST, description="word or number of a thing"), BeforeValidator(_as_text)]
+_GameName = Annotated[str, Field(max_length=_LONGEST, description="id of the game, from begin")]
+_Thing = Annotated[str, Field(max_length=_LONGEST, description="word or number of a thing"), BeforeValidator(_as_text)]
 
 
 class _Server(MCPServer[Any]):
@@ -137,13 +137,13 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
     """Return a game server for any transport."""
     games, settings = hosted.play.games, hosted.play.settings
-    rules, about_look_ups = games.begin().rules, TOOLS["look_up"].format(look_ups=settings.look_ups)
+    rules, about_look_ups = games.begin().rules, _TOOLS["look_up"].format(look_ups=settings.look_ups)
     if settings.look_ups:
         rules = f"{rules}\n{about_look_ups}"
     server = _Server(
         "wordcraft-kg",
         title="Crafting worlds of wordcraft-kg",
-        instructions=f"{rules}\n{INSTRUCTIONS}",
+        instructions=f"{rules}\n{_INSTRUCTIONS}",
         version=__version__,
         log_level="WARNING",
     )
@@ -151,17 +151,17 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
         _add_begin_task(server, hosted, last=len(games.world.tasks) - 1)
     else:
 
-        @server.tool(title="Begin a game", description=TOOLS["begin_world"], annotations=_PLAYS)
+        @server.tool(title="Begin a game", description=_TOOLS["begin_world"], annotations=_PLAYS)
         async def begin() -> Annotated[CallToolResult, Begun]:
             return _begun(hosted.begin())
 
-    @server.tool(title="State of a game", description=TOOLS["state"], annotations=_READS)
-    async def state(game: GameName) -> Annotated[CallToolResult, Position]:
+    @server.tool(title="State of a game", description=_TOOLS["state"], annotations=_READS)
+    async def state(game: _GameName) -> Annotated[CallToolResult, Position]:
         playing = hosted.game(game)
         return _result(playing.talk.game.state, Position.of(playing))
 
-    @server.tool(title="Combine two things", description=TOOLS["combine"], annotations=_PLAYS)
-    async def combine(game: GameName, first: Thing, second: Thing) -> Annotated[CallToolResult, Combined]:
+    @server.tool(title="Combine two things", description=_TOOLS["combine"], annotations=_PLAYS)
+    async def combine(game: _GameName, first: _Thing, second: _Thing) -> Annotated[CallToolResult, Combined]:
         playing = hosted.game(game)
         before = set(playing.talk.game.labels)
         result = playing.combine(first, second)
@@ -172,15 +172,15 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
 
         @server.tool(title="Look a thing up", description=about_look_ups, annotations=_PLAYS)
         async def look_up(
-            game: GameName, thing: Annotated[str, Field(max_length=LONGEST, description="word of a thing")]
+            game: _GameName, thing: Annotated[str, Field(max_length=_LONGEST, description="word of a thing")]
         ) -> Annotated[CallToolResult, Facts]:
             playing = hosted.game(game)
             label, facts = playing.look_up(thing)
             left = settings.look_ups - playing.talk.look_ups
             return _result(facts_in_words(label, facts), Facts(game=game, thing=label, facts=facts, look_ups_left=left))
 
-    @server.tool(title="End a game", description=TOOLS["end"], annotations=_ENDS)
-    async def end(game: GameName) -> Annotated[CallToolResult, Position]:
+    @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
+    async def end(game: _GameName) -> Annotated[CallToolResult, Position]:
         playing = hosted.game(game)
         playing.end()
         return _result(playing.talk.game.state, Position.of(playing))
@@ -192,7 +192,7 @@ def _add_begin_task(server: MCPServer[Any], hosted: HostedGames, last: int) -> N
     which = Field(ge=0, le=last, description=f"number of the task, 0 to {last}")
     what = Field(ge=0, le=MAX_SIZE, description="number of the draw of what else is on the table")
 
-    @server.tool(title="Begin a game", description=TOOLS["begin"].format(first=0, last=last), annotations=_PLAYS)
+    @server.tool(title="Begin a game", description=_TOOLS["begin"].format(first=0, last=last), annotations=_PLAYS)
     async def begin(task: Annotated[int, which], draw: Annotated[int, what] = 0) -> Annotated[CallToolResult, Begun]:
         return _begun(hosted.begin(task, draw))
 

@@ -26,11 +26,11 @@ from wordcraft_kg.base.records import as_lines, as_values
 from wordcraft_kg.runs.folder import locked
 
 _HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
-Speaker = Callable[[Conversation], Callable[[str], str]]
+_Speaker = Callable[[Conversation], Callable[[str], str]]
 """A player: maps a conversation to the function that answers its prompts."""
 
 
-def play_all(player: str, speak: Speaker, play: Play, folder: Path) -> TextResult:
+def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResult:
     """Evaluate a player, by name and function; write games and result to a folder, or continue the folder's games.
 
     Raises:

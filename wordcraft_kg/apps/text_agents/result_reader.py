@@ -17,11 +17,11 @@ from wordcraft_kg.evaluation.reference import Estimate, Figure, OpenPlay, Refere
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.studies.result_readers import OVER_TASKS, SEEN, ResultReader, begins_with, check_hash, check_tasks
 
-LOGS = (".eval", ".json")
+_LOGS = (".eval", ".json")
 
 
 def _is_log(path: Path) -> bool:
-    return path.is_file() and path.suffix in LOGS
+    return path.is_file() and path.suffix in _LOGS
 
 
 def _knows(path: Path) -> bool:

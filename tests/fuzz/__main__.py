@@ -54,9 +54,8 @@ def main() -> int:
             return bool(found)
         cases = [("books", arguments.first + i) for i in range(arguments.books)]
         cases += [("artefacts", arguments.first + i) for i in range(arguments.artefacts)]
-        cases += [
-            ("values", i) for i in range(arguments.first, len(values.cases()), arguments.every) if arguments.values
-        ]
+        if arguments.values:
+            cases += [("values", i) for i in range(arguments.first, len(values.cases()), arguments.every)]
         return _run(cases, home)
 
 

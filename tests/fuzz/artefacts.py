@@ -64,13 +64,9 @@ STUDY = (
 )
 READERS = {
     "graph": GRAPH,
-    "model": MODEL,
-    "model-table": MODEL,
-    "model-interrupted": MODEL,
-    "agent": AGENT,
-    "agent-interrupted": AGENT,
-    "session": SESSION,
-    "study": STUDY,
+    **dict.fromkeys(("model", "model-table", "model-interrupted"), MODEL),
+    **dict.fromkeys(("agent", "agent-interrupted"), AGENT),
+    **{"session": SESSION, "study": STUDY},
 }
 """By kind of folder: the commands that read it; ``{}`` is the spoilt one."""
 

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import random
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -71,13 +72,9 @@ def _rows(rng: random.Random) -> tuple[list[Row], str]:
     return rows, " ".join(oddities) or "sound"
 
 
-_BOOKS: dict[str, RecipeBook] = {}
-
-
+@cache
 def _kitchen() -> RecipeBook:
-    if not _BOOKS:
-        _BOOKS["kitchen"] = open_book("kitchen")
-    return _BOOKS["kitchen"]
+    return open_book("kitchen")
 
 
 def _written(rows: list[Row], ending: str, rng: random.Random) -> Any:

@@ -24,19 +24,14 @@ from wordcraft_kg import cli
 
 _app = cache(cli.make_app)
 """Making the application takes longer than most commands."""
-INTERRUPT_AFTER, TIME_LIMIT = (4, 7), 10
-"""Seconds of computing: Ctrl-C is then pressed, and pressed again; a command at work has to end before the limit."""
-WAIT_LIMIT = 30
-"""Seconds after which a command that does not compute meanwhile is taken to wait for ever."""
-SERVERS, SERVED = (("explore",), ("people", "serve"), ("mcp",)), 1
-"""Commands that wait for requests, and after how many seconds of waiting Ctrl-C is pressed for them."""
-MEMORY_LIMIT = 2 * 2**30
-"""Bytes that a command may take beside those of the process before it."""
+INTERRUPT_AFTER, TIME_LIMIT = (4, 7), 10  # seconds of computing until Ctrl-C, Ctrl-C again, and failure
+WAIT_LIMIT = 30  # seconds without computing until a command counts as waiting for ever
+SERVERS = ("explore",), ("people", "serve"), ("mcp",)  # commands that wait for requests
+SERVED = 1  # seconds of waiting until Ctrl-C for a server
+MEMORY_LIMIT = 2 * 2**30  # bytes for a command
 EXIT_CODES = (0, 1, 2, 130)
-IN = "in"
-"""What a command must leave as it is in its sandbox."""
-CONTINUED = f"{IN}/continued"
-"""Except for what it is to go on with."""
+IN = "in"  # folder of the sandbox that a command must not change,
+CONTINUED = f"{IN}/continued"  # except for the run to continue
 
 
 class Hang(BaseException):
@@ -95,14 +90,8 @@ def limits(*, is_server: bool = False) -> Iterator[None]:
             raise Hang(f"waits for ever: {WAIT_LIMIT} s")
         signal.alarm(SERVED if is_server and not is_pressed else WAIT_LIMIT)
 
-    before = {
-        number: signal.signal(number, handler)
-        for number, handler in (
-            (signal.SIGPROF, tick),
-            (signal.SIGALRM, alarm),
-            (signal.SIGINT, signal.default_int_handler),
-        )
-    }
+    handlers = {signal.SIGPROF: tick, signal.SIGALRM: alarm, signal.SIGINT: signal.default_int_handler}
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     memory = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (_in_use() + MEMORY_LIMIT, memory[1]))
     signal.setitimer(signal.ITIMER_PROF, 1, 1)

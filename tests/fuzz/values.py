@@ -102,9 +102,8 @@ def _of(command: str) -> tuple[Option, ...]:
             continue
         name = argument.names[0]
         parameter = name.lstrip("-").lower().replace("-", "_")
-        found.append(
-            Option(command, name, parameter, Path in kinds, bool(kinds & {int, float}), bool(argument.required))
-        )
+        is_number, is_required = bool(kinds & {int, float}), bool(argument.required)
+        found.append(Option(command, name, parameter, Path in kinds, is_number, is_required))
     return tuple(found)
 
 
@@ -142,9 +141,8 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
         if given is not None:
             command.append(f"{other.name}={given}" if other.name.startswith("--") else given)
     if where == "file":
-        (folder / "config.toml").write_text(
-            f"[{option.command.replace(' ', '.')}]\n{option.parameter} = {toml_of(value)}\n", "utf-8"
-        )
+        text = f"[{option.command.replace(' ', '.')}]\n{option.parameter} = {toml_of(value)}\n"
+        (folder / "config.toml").write_text(text, "utf-8")
         command.append(f"--config={IN}/config.toml")
     else:
         command.append(f"{option.name}={value}" if option.name.startswith("--") else value)

@@ -431,7 +431,7 @@ def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, mo
     (tmp_path / "pairs.csv").write_text("head,relation,tail\nflour,combinesWith,water\n")
     for name in IN_ORDER:
         for example in manual_of(name).module.EXAMPLES:
-            if "--fetch" in example or "--from-pykeen" in example:  # needs a network, or a model of PyKEEN's
+            if "--fetch" in example:  # needs a network
                 continue
             arguments = shlex.split(f"{example} {SHORTER.get(name, '')}")[1:]
             outcome = run(*arguments)

@@ -1,11 +1,10 @@
 """A scorer that was not trained here, and a model of PyKEEN's, in all commands that take a model folder."""
 
-import json
-
 import pytest
 from pykeen.pipeline import pipeline
 
 from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.models.links.pykeen_import import from_pykeen
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 
@@ -13,45 +12,16 @@ SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoin
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory):
-    """A folder in which PyKEEN's pipeline has saved its result."""
-    folder = tmp_path_factory.mktemp("pykeen") / "result"
-    pipeline(
-        dataset="wordcraft",
-        dataset_kwargs={"graph": "kitchen"},
-        model="DistMult",
-        model_kwargs={"embedding_dim": 4},
-        epochs=1,
-        random_seed=0,
-        training_kwargs={"use_tqdm": False},
-        evaluation_kwargs={"use_tqdm": False},
-    ).save_to_directory(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def models(result, tmp_path_factory):
-    """A folder with `mine`, a saved scorer, and `theirs`, an imported model."""
-    from wordcraft_kg.cli import main
-
-    home = tmp_path_factory.mktemp("models")
-    opened = open_graph("kitchen")
+def models(tmp_path_factory):
+    """A folder with `mine`, a scorer, and `theirs`, a model that PyKEEN's pipeline has trained."""
+    home, opened, quiet = tmp_path_factory.mktemp("models"), open_graph("kitchen"), {"use_tqdm": False}
     mine = NeighbourScorer(opened.graph, opened.split.partial)
     save_scorer(home / "mine", mine, opened, kg="partial", origin="neighbours")
-    command = ("train-links", "kitchen", "--from-pykeen", result, "--out", home / "theirs", "--trust-pickle")
-    assert main([str(argument) for argument in command]) == 0
+    settings = {"model": "DistMult", "model_kwargs": {"embedding_dim": 4}, "epochs": 1, "random_seed": 0}
+    data = {"dataset": "wordcraft", "dataset_kwargs": {"graph": "kitchen"}}
+    result = pipeline(**data, **settings, training_kwargs=quiet, evaluation_kwargs=quiet)
+    save_scorer(home / "theirs", from_pykeen(result.model, result.training, opened), opened, kg="partial")
     return home
-
-
-def test_import_pykeen_says_what_the_model_has_seen(run, result, tmp_path):
-    done = run("train-links", "kitchen", "--from-pykeen", result, "--out", tmp_path / "m", "--trust-pickle", "--json")
-    expected = {"out": str(tmp_path / "m"), "model": "DistMult", "triples": 790, "held_out": 0, "kg": "partial"}
-    assert json.loads(done.out) == expected
-
-
-def test_import_pykeen_asks_for_trust_and_writes_nothing_without(refused, result, tmp_path):
-    refused("train-links", "kitchen", "--from-pykeen", result, "--out", tmp_path / "m", says="add --trust-pickle")
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["mine", "theirs"])

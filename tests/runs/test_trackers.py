@@ -138,7 +138,6 @@ def test_an_unknown_tracker_is_an_error_with_the_nearest_names(tmp_path):
 @pytest.mark.parametrize("train", [train_links, train_agent])
 def test_a_missing_library_is_an_error_that_names_the_extra_and_leaves_nothing(train, name, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, TRACKERS[name].library, None)
-    monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
     with pytest.raises(MissingExtraError, match=rf"wordcraft-kg\[{name}\]"):
         train(LINKS if train is train_links else AGENT, tmp_path / "run", trackers=[name])
     assert not list(tmp_path.iterdir())
@@ -172,46 +171,6 @@ def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(tmp_
     settings = options["settings"]
     assert (settings["mode"], settings["root_dir"]) == ("offline", str(tmp_path / "model"))
     assert (settings["host"], settings["username"], settings["x_disable_meta"]) == ("", "", True)
-
-
-def test_mlflow_gets_settings_and_figures_in_a_store_beside_the_run(tmp_path, monkeypatch):
-    said: list[tuple[Any, ...]] = []
-
-    class Client:
-        def __init__(self, tracking_uri: str):
-            said.append(("open", tracking_uri))
-
-        def get_experiment_by_name(self, name: str) -> None:
-            return None
-
-        def create_experiment(self, name: str, artifacts: str) -> str:
-            return "1"
-
-        def create_run(self, experiment: str, run_name: str) -> SimpleNamespace:
-            said.append(("run", experiment, run_name))
-            return SimpleNamespace(info=SimpleNamespace(run_id="r"))
-
-        def log_param(self, run: str, name: str, value: Any) -> None:
-            said.append(("param", name, value))
-
-        def log_metric(self, run: str, name: str, value: float, step: int) -> None:
-            said.append(("metric", step, name, value))
-
-        def set_terminated(self, run: str, status: str) -> None:
-            said.append(("end", run, status))
-
-    monkeypatch.setitem(sys.modules, "mlflow", SimpleNamespace(MlflowClient=Client))
-    monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
-    notes = Notes()
-    trained = train_links(LINKS, tmp_path / "model", trackers=["mlflow", notes], progress=stop_at(1))
-    assert trained.interrupted
-    go_on(tmp_path / "model", trackers=[again := Notes()])
-    assert said[:2] == [("open", f"sqlite:///{tmp_path / 'mlflow.db'}"), ("run", "1", "model")]
-    assert {(name, value) for kind, name, *rest in said if kind == "param" for value in rest} >= {("dim", 4)}
-    assert [row[1:] for row in said if row[0] == "metric"] == [
-        (step, name, value) for step, values in notes.rows + again.rows for name, value in values.items()
-    ]
-    assert [row for row in said if row[0] == "end"] == [("end", "r", "KILLED"), ("end", "r", "FINISHED")]
 
 
 @pytest.mark.parametrize(("wish", "is_shown"), [(True, True), (False, False), (None, False)])

@@ -76,7 +76,7 @@ def train_agent(
         config: all settings.
         out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
         force: replace an existing run.
-        trackers: additional receivers of metrics: tensorboard, wandb, mlflow, or a
+        trackers: additional receivers of metrics: tensorboard, wandb, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker`.
         progress: called after each line of metrics; True shows a bar.
 

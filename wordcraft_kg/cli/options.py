@@ -53,10 +53,7 @@ Seeds = Annotated[
 ]
 Trackers = Annotated[
     Words,
-    Parameter(
-        help="where the metrics go too, comma-separated: tensorboard, wandb (offline), mlflow (a local file); each "
-        "needs the extra of its name."
-    ),
+    Parameter(help="where the metrics go too, comma-separated: tensorboard, wandb (offline); each needs its extra."),
 ]
 Part = Annotated[TaskPart, Parameter(help="tasks to play: train, valid, test or all.")]
 Paths = Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)]

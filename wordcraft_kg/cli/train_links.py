@@ -1,13 +1,12 @@
 """``wordcraft-kg train-links``."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.console import Flag, Output, aligned, lines_of, refuse_given, split_labels
+from wordcraft_kg.cli.console import Flag, Output, aligned, split_labels
 from wordcraft_kg.cli.options import Force, OptionalBook, Seeds, Trackers
 from wordcraft_kg.cli.training import LINKS, train
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
@@ -17,23 +16,7 @@ EXAMPLES = (
     "wordcraft-kg train-links everyday --model distmult --loop symmetric --out models/everyday-distmult",
     "wordcraft-kg train-links everyday --model rotate --seeds 0,1 --out models/rotate-seeds",
     "wordcraft-kg train-links --list-models",
-    "wordcraft-kg train-links everyday --from-pykeen results/transe --trust-pickle --out models/transe",
 )
-
-
-@dataclass(frozen=True)
-class ImportOptions:
-    """A model that PyKEEN has trained already.
-
-    Attributes:
-        from_pykeen: folder written by PyKEEN's save_to_directory: its model becomes a model folder for all other
-            commands, and nothing is trained. The graph has the same entities and relations.
-        trust_pickle: read that model, which PyKEEN stores as a pickle. Reading a pickle runs whatever code is in it, so
-            do this with files of your own, or of people whose programs you would run.
-    """
-
-    from_pykeen: Path | None = None
-    trust_pickle: Flag = False
 
 
 def train_links(
@@ -41,7 +24,6 @@ def train_links(
     *,
     list_models: Flag = False,
     settings: Annotated[LinkModelConfig, Parameter(name="*")] = LinkModelConfig(),
-    trained: Annotated[ImportOptions, Parameter(name="*", group="Import")] = ImportOptions(),
     seeds: Seeds = None,
     out: Path | None = None,
     force: Force = False,
@@ -59,10 +41,6 @@ def train_links(
         return _list(output)
     if graph is None:
         raise ConfigError("train-links needs a graph, such as everyday; `wordcraft-kg train-links --list-models`.")
-    if trained.from_pykeen is not None:
-        refuse_given(settings, "models that are trained, not imported")
-        return _import(trained, graph, out, force, output)
-    refuse_given(trained, "models that are imported: add --from-pykeen, or")
     config, trackers = LinksConfig(graph, settings), split_labels(track or ())
     return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)
 
@@ -75,15 +53,4 @@ def _list(output: Output) -> int:
     commands |= {name: f"{LinkModelConfig.command} --model {name}" for name in names}
     values = {"models": [{"name": name, "command": command} for name, command in commands.items()]}
     output.result(values, aligned((name, f"wordcraft-kg {command}") for name, command in commands.items()))
-    return 0
-
-
-def _import(options: ImportOptions, graph: str, out: Path | None, force: bool, output: Output) -> int:
-    from wordcraft_kg.models.links.pykeen_import import import_pykeen
-
-    assert options.from_pykeen is not None
-    if out is None:
-        raise ConfigError("`out` is missing: name the model folder to write.")
-    view = import_pykeen(options.from_pykeen, graph, out, trust_pickle=options.trust_pickle, force=force)
-    output.result(view, [*lines_of(view), f"next: wordcraft-kg evaluate-links {out}"])
     return 0

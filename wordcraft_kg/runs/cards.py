@@ -1,4 +1,4 @@
-"""Model cards: the ``README.md`` of a folder, with the header by which model hubs list it."""
+"""Model cards: the ``README.md`` of a model folder, with a header for model hubs."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,7 +6,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 
 
 def front_matter(*tags: str) -> str:
-    """Return the YAML header by which model hubs list a model: the library that loads it, and tags."""
+    """Return the YAML header for model hubs: library name and tags."""
     return "\n".join(["---", "library_name: wordcraft-kg", "tags:", *(f"- {tag}" for tag in tags), "---"])
 
 
@@ -16,11 +16,11 @@ def scorer_card(
     """Return the card of a scorer.
 
     Args:
-        opened: its graph and split, to which the first of the ``points`` is added.
+        opened: graph and split, described in the line of the first of the ``points``.
         title: heading.
-        about: what it scores and what it has seen.
-        points: facts, one a line.
-        closing: what its figures mean.
+        about: purpose and training data.
+        points: facts, one per line.
+        closing: caveats about the figures.
         usage: lines of Python that use ``scorer``.
     """
     graph, split = opened.graph, opened.split.config

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 KEPT = 2
-"""How many checkpoints are kept: if the last one is damaged, the one before it is used."""
+"""Number of kept checkpoints: if the last is damaged, the one before it is used."""
 P = TypeVar("P")
 
 
 class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
-    """The record beside a checkpoint's tensors: their SHA-256, and how far the training had come."""
+    """The JSON record of a checkpoint: the SHA-256 of its tensors, and its progress."""
 
     sha256: str
     progress: P
@@ -38,29 +38,26 @@ class Checkpoint(Generic[P]):
 
 
 class Checkpoints(Generic[P]):
-    """The last checkpoints of a run: ``checkpoints/epoch-N.safetensors``, each with its record beside it.
+    """The last checkpoints of a run: ``checkpoints/epoch-N.safetensors`` with records ``epoch-N.json``.
 
     Attributes:
-        folder: the folder that holds them.
-        last: number of the checkpoint last saved or loaded, None if there is none yet.
+        folder: folder of the checkpoints.
+        last: number of the checkpoint last saved or loaded, if any.
     """
 
     def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
-        """Take the run's folder, the unit that numbers checkpoints (epoch, step), and the type of their progress.
-
-        The last ``kept`` are kept; None keeps all.
-        """
+        """Take the run's folder, the unit of numbers, the type of progress, and how many to keep (None: all)."""
         self.run_folder, self.unit, self.progress, self.kept = run_folder, unit, progress, kept
         self.folder = run_folder / "checkpoints"
         self.last: int | None = None
 
     def records(self) -> dict[int, Path]:
         """Return the paths of the records by checkpoint number, latest first."""
-        found = ((re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path) for path in self.folder.glob("*.json"))
-        return dict(sorted(((int(match[1]), path) for match, path in found if match), reverse=True))
+        matches = ((re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path) for path in self.folder.glob("*.json"))
+        return dict(sorted(((int(match[1]), path) for match, path in matches if match), reverse=True))
 
     def save(self, number: int, tensors: Mapping[str, "Tensor"], progress: P) -> None:
-        """Write a checkpoint, then its record; then remove all but those that are kept."""
+        """Write a checkpoint and its record, then remove older ones."""
         import safetensors.torch
 
         self.folder.mkdir(exist_ok=True)
@@ -81,32 +78,32 @@ class Checkpoints(Generic[P]):
                 old.with_suffix(".safetensors").unlink(missing_ok=True)
 
     def load(self) -> Checkpoint[P]:
-        """Return the last intact checkpoint, with a warning for each damaged one after it.
+        """Return the last intact checkpoint, and warn of damaged ones after it.
 
         Raises:
-            ArtefactError: if there is none, or all are damaged.
+            ArtefactError: if all are missing or damaged.
         """
         damaged: list[ArtefactError] = []
         for number, path in self.records().items():
             try:
-                found = self.read(number)
+                checkpoint = self.read(number)
             except ArtefactError as error:
                 damaged.append(error)
                 continue
             for problem in damaged:
                 logging.getLogger(__name__).warning("%s Resuming from the one before it, %s.", problem, path.stem)
             self.last = number
-            return found
+            return checkpoint
         if damaged:
             raise ArtefactError(f"all checkpoints of '{self.run_folder}' are damaged: {damaged[0]} Train again.")
         raise ArtefactError(f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`.")
 
     def drop(self) -> None:
-        """Remove all checkpoints; a finished run has results instead."""
+        """Remove all checkpoints."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def read(self, number: int) -> Checkpoint[P]:
-        """Return one checkpoint.
+        """Return the checkpoint of a number.
 
         Raises:
             ArtefactError: if it is missing or damaged.

@@ -1,4 +1,4 @@
-"""``config.toml``: all settings of a run in one table, named after the command that accepts it as ``--config``."""
+"""``config.toml``: all settings of a run in one table, which its command accepts as ``--config``."""
 
 import json
 import os
@@ -22,12 +22,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunConfig:
-    """All settings of a run. Fields that are dataclasses are groups of settings; in the file all stand in one table.
+    """All settings of a run; nested dataclasses are written into the same table.
 
-    A field may be a union of dataclasses that have a ``command`` each; the file's table decides between them.
+    For a union of dataclasses, the name of the table selects the one with this ``command``.
 
     Attributes:
-        commands: the commands whose settings these can be.
+        commands: commands that accept the settings.
         graph: graph folder, recipe book's file or known book's name.
     """
 
@@ -37,11 +37,11 @@ class RunConfig:
 
     @property
     def command(self) -> str:
-        """The command that trains with these settings."""
+        """The command of these settings."""
         return self.commands[0]
 
     def default_folder(self, graph_name: str) -> Path:
-        """Return the folder that the run is written to by default."""
+        """Return the default output folder."""
         return Path("models") / f"{graph_name}-{self.command}"
 
     def values(self) -> dict[str, Any]:
@@ -49,7 +49,7 @@ class RunConfig:
         return {name: value for name, value in _flat(self).items() if value is not None}
 
     def write(self, folder: Path) -> None:
-        """Write ``config.toml``; paths become relative to the folder, so both can be moved."""
+        """Write ``config.toml``, with paths relative to the folder."""
         write_config(folder, self.command, self.values())
 
     @classmethod
@@ -57,8 +57,7 @@ class RunConfig:
         """Read ``config.toml``.
 
         Raises:
-            ArtefactError: if it is missing or damaged, naming the setting that is unknown, missing, of the wrong type
-                or out of range.
+            ArtefactError: if it is missing or damaged, or a setting is unknown, missing, mistyped or out of range.
         """
         command, settings = read_config(folder)
         path = folder / CONFIG_FILE
@@ -66,45 +65,41 @@ class RunConfig:
             raise ArtefactError(
                 f"{path} is damaged: expected the table [{' or '.join(cls.commands)}], found [{command}]."
             )
-        found = _taken(cls, settings, command, path)
+        config = _taken(cls, settings, command, path)
         if settings:
             raise ArtefactError(f"{path} is damaged: unknown setting '{next(iter(settings))}'.")
-        return found
+        return config
 
 
 def _flat(settings: Any) -> dict[str, Any]:
-    """Return the settings of a dataclass and of the groups in it, by name."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name, value in ((field.name, getattr(settings, field.name)) for field in fields(settings)):
-        found |= _flat(value) if is_dataclass(value) else {name: value}
-    return found
+        values |= _flat(value) if is_dataclass(value) else {name: value}
+    return values
 
 
 def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) -> T:
-    """Take the settings of a dataclass, and those of the groups in it, out of a table."""
+    """Remove the settings of a dataclass and its groups from a table, and return the dataclass."""
     hints = get_type_hints(kind)
-    plain, found = [], dict[str, Any]()
+    plain, nested = [], dict[str, Any]()
     for field in fields(kind):  # type: ignore[arg-type]
         groups = [one for one in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(one)]
         if groups:
             group = next((one for one in groups if getattr(one, "command", None) == command), groups[0])
-            found[field.name] = _taken(group, settings, command, path)  # type: ignore[arg-type]
+            nested[field.name] = _taken(group, settings, command, path)  # type: ignore[arg-type]
         else:
             default = () if field.default is MISSING else (field.default,)
             plain.append((field.name, hints[field.name], *default))
     given = {name: settings.pop(name) for name, *_ in plain if name in settings}
     taken = as_record(given, defstruct(kind.__name__, plain, kw_only=True), path)
     try:
-        return kind(**asdict(taken), **found)
+        return kind(**asdict(taken), **nested)
     except ConfigError as error:
         raise ArtefactError(f"{path} is damaged: {error} Train again, or restore a copy.") from None
 
 
 def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> None:
-    """Write settings by name, except those that are None; paths become relative to the folder, so both can be moved.
-
-    A file that already has this content is left as it is.
-    """
+    """Write the settings that are not None, with paths relative to the folder; keep a file that has this content."""
 
     def beside(path: str) -> str:
         return os.path.relpath(path, folder) if os.path.exists(path) else path
@@ -117,10 +112,10 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> Non
 
 
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
-    """Return the command and the settings in the ``config.toml`` of a run; paths are relative to the working folder.
+    """Return the command and the settings in ``config.toml``, with paths relative to the working folder.
 
     Raises:
-        ArtefactError: if it is missing, or not a TOML file with one table.
+        ArtefactError: if the file is missing, or not TOML with one table.
     """
 
     def from_here(path: str) -> str:
@@ -137,19 +132,19 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return settings with the paths in them changed; :class:`FeatureSpec` decides whether features are a path."""
-    found = dict(settings)
+    """Return settings with ``change`` applied to paths; :class:`FeatureSpec` recognises paths of features."""
+    result = dict(settings)
     for key in ("graph", "scorer", "features"):
-        value = found.get(key)
+        value = result.get(key)
         if not isinstance(value, str):
             continue
         if key != "features":
-            found[key] = change(value)
+            result[key] = change(value)
         elif (spec := FeatureSpec.parse(value)).is_path:
-            found[key] = spec.prefix + change(spec.source)
-    return found
+            result[key] = spec.prefix + change(spec.source)
+    return result
 
 
 def toml_value(value: Any) -> str:
-    """Write a string or a number as TOML, which agrees with JSON here unless characters are escaped as surrogates."""
+    """Return a string or number as TOML; JSON without escaped surrogates agrees with it."""
     return json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""Reading the files of a run and opening its graph, each checked against the hash that ``run.json`` records."""
+"""Reading the files and the graph of a run, checked against the hashes in ``run.json``."""
 
 import hashlib
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunFiles:
-    """The files of a run. Each method raises ArtefactError if a file is missing, has changed or is damaged.
+    """The files of a run; every method raises ArtefactError if a file is missing, changed or damaged.
 
     Attributes:
         folder: folder of the run.
-        run: its ``run.json``.
+        run: content of ``run.json``.
     """
 
     folder: Path
@@ -45,7 +45,7 @@ class RunFiles:
         return parse_record(self.bytes(name), kind, self.folder / name)
 
     def lines(self, name: str, kind: type[T]) -> list[T]:
-        """Return the records of a file with one in each line."""
+        """Return the records of a JSON Lines file."""
         return parse_lines(self.bytes(name), kind, self.folder / name)
 
     def tensors(self, name: str) -> "dict[str, Tensor]":
@@ -55,14 +55,14 @@ class RunFiles:
         return read_tensors(self.folder / name, self.bytes(name))
 
     def graph(self, source: str | OpenedGraph) -> OpenedGraph:
-        """Return the graph and split that the run was trained on.
+        """Return the graph and split of the training.
 
         Args:
-            source: the opened graph, or where it is.
+            source: the opened graph, or its path or name.
 
         Raises:
-            ArtefactError: if it cannot be found.
-            GraphMismatchError: if the graph or its split is another one.
+            ArtefactError: if the graph is not found.
+            GraphMismatchError: if the hash of graph or split differs.
         """
         try:
             opened = open_graph(source) if isinstance(source, str) else source
@@ -72,11 +72,11 @@ class RunFiles:
             raise ArtefactError(
                 f"the graph that '{self.folder}' was trained on was not found ({error}) Give its path as `graph`."
             ) from None
-        for what, found in (("graph", opened.graph.hash), ("split", opened.split.hash)):
-            expected = self.run.inputs.get(what, "")
-            if found != expected:
+        for name, actual in (("graph", opened.graph.hash), ("split", opened.split.hash)):
+            expected = self.run.inputs.get(name, "")
+            if actual != expected:
                 raise GraphMismatchError(
-                    f"'{self.folder}' was trained on {what} {expected[:12]} but '{opened.source}' has {found[:12]}. "
+                    f"'{self.folder}' was trained on {name} {expected[:12]} but '{opened.source}' has {actual[:12]}. "
                     "Give the right one as `graph`, or train again."
                 )
         return opened

@@ -1,4 +1,4 @@
-"""The folder of a run during training: begin, resume, finish, fail, and what happens to a folder that it replaces."""
+"""The folder of a run during training: begin, resume, finish, fail, and replace an earlier folder."""
 
 import logging
 import os
@@ -19,21 +19,21 @@ from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
 from wordcraft_kg.runs.record import RUN_FILE, RunFacts, RunRecord, Status, end_run, read_run, resume_run, start_run
 
 _BEGUN = ".begun-by-wordcraft-kg"
-"""Marks the folder of a new run until its first record: if the process is killed before, the folder can go."""
+"""Marks a new folder until its first record; after a kill before that, the folder can be removed."""
 P = TypeVar("P")
 Progress = Callable[[int, int, dict[str, float]], None]
-"""Called regularly with the number of epochs or steps done, their total, and the latest figures."""
+"""Called with the number of epochs or steps done, the total, and the latest figures."""
 
 
 @dataclass(frozen=True)
 class RunKind(Generic[P]):
-    """What runs of one trainer have in common.
+    """Constants of one trainer's runs.
 
     Attributes:
-        commands: the commands that start such a run; the ``kind`` of its record is one of them.
-        name: name of what is trained, for a progress bar.
+        commands: commands that start a run; the ``kind`` of ``run.json`` is one of them.
+        name: label of the progress bar.
         unit: unit of progress: epoch or step.
-        progress: type of the progress that a checkpoint records beside its tensors.
+        progress: type of the progress that a checkpoint records.
     """
 
     commands: tuple[str, ...]
@@ -42,10 +42,10 @@ class RunKind(Generic[P]):
     progress: type[P]
 
     def read_record(self, folder: Path) -> RunRecord:
-        """Read ``run.json`` of such a run.
+        """Read ``run.json``.
 
         Raises:
-            ArtefactError: if it is missing, damaged, or belongs to a run of another kind.
+            ArtefactError: if the file is missing, damaged, or of another kind of run.
         """
         expected = f"a run of {' or '.join(self.commands)}"
         record = read_run(folder, expected)
@@ -54,22 +54,21 @@ class RunKind(Generic[P]):
         return record
 
     def checkpoints(self, folder: Path) -> Checkpoints[P]:
-        """Return the checkpoints of such a run."""
+        """Return the checkpoints of a run."""
         return Checkpoints(folder, self.unit, self.progress)
 
 
 class RunFolder(Generic[P]):
-    """A run that this process trains; made by :func:`new_run` and :func:`resumed_run`.
+    """A run that this process trains, from :func:`new_run` or :func:`resumed_run`; the process holds its lock.
 
     Attributes:
-        path: path of the folder.
+        path: the folder.
         checkpoints: the checkpoints of the run.
         interrupted: set by the first Ctrl-C.
-        is_live: whether this process has recorded it as running.
+        is_live: whether this process has recorded the run as running.
     """
 
     def __init__(self, path: Path, kind: RunKind[P], interrupted: threading.Event, record: RunRecord | None = None):
-        """Take a folder whose lock this process holds, and its record if there is one already."""
         self.path, self.kind, self.interrupted = path, kind, interrupted
         self.checkpoints = kind.checkpoints(path)
         self.is_live = False
@@ -77,7 +76,7 @@ class RunFolder(Generic[P]):
 
     @property
     def record(self) -> RunRecord:
-        """The run's record, as it is on disk."""
+        """The record on disk."""
         assert self._record is not None, "begin the run first"
         return self._record
 
@@ -88,9 +87,9 @@ class RunFolder(Generic[P]):
 
         Args:
             config: all settings; ``seed``, ``device`` and ``threads`` are recorded.
-            inputs: hashes of the training data, by name.
-            files: files already in the folder that training never changes.
-            facts: see :class:`~wordcraft_kg.runs.record.RunFacts`.
+            inputs: hashes of the training data by name.
+            files: names of files in the folder that training never changes.
+            facts: optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
         """
         config.write(self.path)
         hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
@@ -106,13 +105,13 @@ class RunFolder(Generic[P]):
         self.is_live = True
 
     def go_on(self, config: RunConfig) -> None:
-        """Record a run as resumed; its inputs may have moved."""
-        began_with, found = self.record.versions.get("torch"), version("torch")
-        if began_with != found:
+        """Record the run as resumed, with the present paths of its inputs."""
+        began_with, installed = self.record.versions.get("torch"), version("torch")
+        if began_with != installed:
             logging.getLogger(__name__).warning(
                 "the run began with torch %s and is resumed with %s: the result may differ in the last bits.",
                 began_with,
-                found,
+                installed,
             )
         config.write(self.path)
         self._record = resume_run(self.path, self.record, {CONFIG_FILE: sha256_of(self.path / CONFIG_FILE)})
@@ -120,7 +119,7 @@ class RunFolder(Generic[P]):
 
     @contextmanager
     def restoring(self) -> Iterator[None]:
-        """Turn errors while a checkpoint is restored into an ArtefactError that names the run."""
+        """Raise errors of restoring a checkpoint as an ArtefactError that names the run."""
         try:
             yield
         except (KeyError, RuntimeError, TypeError, ValueError, AttributeError, IndexError, OSError) as error:
@@ -129,11 +128,11 @@ class RunFolder(Generic[P]):
             ) from None
 
     def interrupt(self) -> None:
-        """Record that the run was interrupted."""
+        """Record the run as interrupted."""
         self._end("interrupted")
 
     def finish(self, outputs: Sequence[str], card: str) -> None:
-        """Write the model card, record the run as done, and remove its checkpoints."""
+        """Write the model card, record the run as done, and remove the checkpoints."""
         write_atomically(self.path / "README.md", card)
         for name in outputs:
             with (self.path / name).open("rb+") as file:
@@ -142,7 +141,7 @@ class RunFolder(Generic[P]):
         self.checkpoints.drop()
 
     def fail(self, error: BaseException) -> BaseException:
-        """Record that an error ended the run; return an error that says what is saved."""
+        """Record the run as failed or interrupted; return an error that names the last checkpoint."""
         with suppress(OSError):  # the disk may be full
             self._end("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         unit, last = self.kind.unit, self.checkpoints.last
@@ -167,13 +166,13 @@ class RunFolder(Generic[P]):
 
 @contextmanager
 def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[RunFolder[P]]:
-    """Make the folder of a new run and keep other processes out of it.
+    """Make and lock the folder of a new run.
 
-    A folder that is replaced is moved aside, and restored if the run ends with neither a checkpoint nor a result.
+    A replaced folder is moved aside, and restored if the run ends without checkpoint and result.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
-        ArtefactError: if another process is training there.
+        ArtefactError: if another process is training in ``out``.
     """
     out = with_a_name(out)
     check_new_run(out, force=force)
@@ -199,10 +198,10 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
 
 @contextmanager
 def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
-    """Open the folder of a run that is not done and keep other processes out of it.
+    """Open and lock the folder of an unfinished run.
 
     Raises:
-        ArtefactError: if it is done, of another kind, or damaged, or if another process is training there.
+        ArtefactError: if the run is done, of another kind or damaged, or another process is training in the folder.
     """
     folder = with_a_name(folder)
     kind.read_record(folder)
@@ -218,22 +217,22 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
 
 
 def check_run_output(out: Path, *, force: bool) -> None:
-    """Refuse an output that exists, unless it holds an unfinished run, with which the same command goes on.
+    """Refuse an existing output, unless the same command may continue its unfinished run.
 
     Raises:
-        OutputExistsError: if it exists and ``force`` is False.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
     """
-    with suppress(ArtefactError):  # no run is there, or the run.json of something else
+    with suppress(ArtefactError):  # no run, or a damaged one
         if read_run(out).status != "done":
             return
     check_new_run(out, force=force)
 
 
 def check_new_run(out: Path, *, force: bool) -> None:
-    """Refuse an output that exists, unless a run was killed there before its first record, or it is an empty folder.
+    """Refuse an existing output, unless it is empty or the beginning of a run that was killed before its first record.
 
     Raises:
-        OutputExistsError: if it exists and ``force`` is False.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     if not _is_beginning(out) or (_aside(out).exists() and not force):
         check_output(out, force=force)
@@ -241,28 +240,27 @@ def check_new_run(out: Path, *, force: bool) -> None:
 
 @contextmanager
 def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
-    """Record the run as failed or interrupted if an error ends it."""
     try:
         yield run
     except BaseException as error:
         if not run.is_live:
             raise
-        said = run.fail(error)
-        if said is error:
+        explained = run.fail(error)
+        if explained is error:
             raise
-        raise said from None
+        raise explained from None
 
 
 @contextmanager
 def locked(folder: Path, use: str = "trained") -> Iterator[None]:
-    """Keep other processes from working in a folder meanwhile; the lock ends at the latest with this process.
+    """Lock an existing folder against other processes; the lock ends with this process at the latest.
 
     Args:
-        folder: an existing folder.
-        use: what is done with it, for the error.
+        folder: the folder.
+        use: past participle for the error.
 
     Raises:
-        ArtefactError: if another process does.
+        ArtefactError: if another process holds the lock.
     """
     try:
         import fcntl
@@ -287,12 +285,12 @@ def _in_use(folder: Path, use: str = "trained") -> ArtefactError:
 
 
 def _aside(out: Path) -> Path:
-    """Return where a replaced folder is kept until the run that replaces it has a checkpoint."""
+    """Return the place of a replaced folder until the new run has a checkpoint."""
     return out.with_name(f".{out.name}.replaced-by-wordcraft-kg")
 
 
 def _put_aside(out: Path) -> None:
-    """Move ``out`` aside; if it was killed before its first record or is a dead replacement, remove it instead."""
+    """Move ``out`` aside; remove a run killed before its first record, and a replacement without checkpoint."""
     if not out.exists():
         return
     if _is_beginning(out) or (_aside(out).exists() and _is_dead(out)):
@@ -303,7 +301,7 @@ def _put_aside(out: Path) -> None:
 
 
 def _settle(out: Path) -> None:
-    """Remove the folder that was replaced if its replacement can be resumed or is done, else restore it."""
+    """Remove the replaced folder if the new run is done or resumable, else restore it."""
     if not _aside(out).exists():
         return
     if out.exists() and not _is_dead(out):
@@ -314,14 +312,14 @@ def _settle(out: Path) -> None:
 
 
 def _is_beginning(folder: Path) -> bool:
-    """Return whether a folder is empty, or was made for a run that has no record yet."""
+    """Return whether a folder is empty or belongs to a run without a record."""
     if not folder.is_dir() or (folder / RUN_FILE).exists():
         return False
     return (folder / _BEGUN).exists() or not any(folder.iterdir())
 
 
 def _is_dead(folder: Path) -> bool:
-    """Return whether a folder holds neither a result nor a checkpoint."""
+    """Return whether a folder holds no result and no checkpoint."""
     with suppress(ArtefactError):
         if read_run(folder).status == "done":
             return False

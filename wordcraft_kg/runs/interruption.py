@@ -10,27 +10,27 @@ from typing import Any
 
 @contextmanager
 def first_interrupt() -> Iterator[threading.Event]:
-    """Turn the first Ctrl-C into a request to stop at the next opportunity; the second one acts at once."""
-    asked = threading.Event()
+    """Yield an event that the first Ctrl-C sets; the second Ctrl-C acts at once."""
+    requested = threading.Event()
     if threading.current_thread() is not threading.main_thread():
-        yield asked
+        yield requested
         return
     before = signal.getsignal(signal.SIGINT)
 
     def ask(signum: int, frame: Any) -> None:
-        asked.set()
+        requested.set()
         signal.signal(signal.SIGINT, before)
 
     signal.signal(signal.SIGINT, ask)
     try:
-        yield asked
+        yield requested
     finally:
         signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
-    """Take a request to end, such as a cluster's before the time of a job is up or a service manager's, for Ctrl-C."""
+    """Treat SIGTERM, such as from a cluster or service manager, as Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -46,5 +46,5 @@ def sigterm_as_interrupt() -> Iterator[None]:
 
 
 def interruption_message(folder: Path, unit: str, number: int) -> str:
-    """Return what an interrupted run has saved and how to go on with it."""
+    """Return the message about an interrupted run: its checkpoint, and how to resume."""
     return f"interrupted; {unit} {number:,} is saved in '{folder}'. The same command goes on from there."

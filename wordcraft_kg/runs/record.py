@@ -1,4 +1,4 @@
-"""Run records: what was run, on what, with which versions and which results (``run.json`` in every run's folder)."""
+"""Run records (``run.json``): command, inputs, versions and outputs of a run."""
 
 import os
 import platform
@@ -25,14 +25,14 @@ Status = Literal["running", "interrupted", "failed", "done"]
 
 
 class GitState(Record, frozen=True, kw_only=True):
-    """Commit of the checkout that a run was made from, and whether there were uncommitted changes."""
+    """Commit of the checkout, and whether it had uncommitted changes."""
 
     commit: str
     dirty: bool
 
 
 class Resumption(Record, frozen=True, kw_only=True):
-    """When, how and with which versions a run was resumed."""
+    """Time, command line and versions of a resumption."""
 
     started: str
     argv: tuple[str, ...]
@@ -41,22 +41,22 @@ class Resumption(Record, frozen=True, kw_only=True):
 
 
 class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """The content of ``run.json``; optional keys are left out where they hold the default.
+    """The content of ``run.json``; keys with default values are left out.
 
     Attributes:
         kind: the command that trains such a run, for example ``train-agent``.
         argv: command line, with ``~`` for the home folder.
         started: ISO 8601, UTC.
-        ended: when the last process ended, None while it runs.
-        versions: by package.
-        git: None if the package is not run from a checkout.
-        inputs: hashes by name: ``graph`` and ``split``, and the SHA-256 of files that training never changes.
+        ended: end of the last process, None while it runs.
+        versions: versions by package.
+        git: state of the checkout, if the package runs from one.
+        inputs: hashes of ``graph`` and ``split``, and the SHA-256 of files that training never changes.
         outputs: SHA-256 of the files that training wrote.
-        kg: which knowledge graph the scorer of an agent was trained on, if any.
-        cross_fitted: number of folds of an agent's scorer, 0 if train tasks were scored by a model that has seen them.
-        trackers: names of the trackers to which the figures go too.
-        missing_words: words in entity labels for which an agent has no vector.
-        resumed: each resumption of the run.
+        kg: knowledge graph of an agent's scorer, if any.
+        cross_fitted: number of folds of an agent's scorer; 0 for in-sample scores on train tasks.
+        trackers: names of the trackers.
+        missing_words: words of entity labels without a vector.
+        resumed: all resumptions.
     """
 
     format: Literal["wordcraft-kg run 1"]
@@ -80,7 +80,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class RunFacts(TypedDict, total=False):
-    """What a record may say of a run beside its inputs; see :class:`RunRecord`."""
+    """Optional fields of :class:`RunRecord`."""
 
     kg: Taught | None
     cross_fitted: int
@@ -98,10 +98,7 @@ def start_run(
     inputs: Mapping[str, str] | None = None,
     **facts: Unpack[RunFacts],
 ) -> RunRecord:
-    """Write ``run.json`` with the status ``running``.
-
-    It holds no host name, user name or environment variables; the home folder in arguments becomes ``~``.
-    """
+    """Write ``run.json`` with the status ``running``, without host name, user name or environment variables."""
     run = RunRecord(
         format="wordcraft-kg run 1",
         kind=kind,
@@ -122,14 +119,14 @@ def start_run(
 
 
 def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = None) -> RunRecord:
-    """Set a run back to ``running``, record how it was resumed, and replace hashes of inputs that have changed."""
+    """Set the status to ``running``, and record the resumption and changed hashes of inputs."""
     again = Resumption(started=_now(), argv=_arguments(), versions=_versions(), git=_git_state())
     changes = {"inputs": {**run.inputs, **(inputs or {})}, "resumed": (*run.resumed, again)}
     return _write(folder, replace(run, status="running", ended=None, **changes))
 
 
 def end_run(folder: Path, run: RunRecord, status: Status, outputs: Sequence[str] = ()) -> RunRecord:
-    """Write the final status (done, interrupted or failed) and the SHA-256 of the output files."""
+    """Write the final status and the SHA-256 of the output files."""
     hashes = {name: sha256_of(folder / name) for name in outputs}
     return _write(folder, replace(run, status=status, ended=_now(), outputs=hashes))
 
@@ -138,8 +135,8 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
     """Read ``run.json``.
 
     Raises:
-        ArtefactError: if the folder has none, holds one for each of several seeds, or it is damaged; the message says
-            what was ``expected``.
+        ArtefactError: if it is missing or damaged, or the folder holds runs of several seeds; the message names
+            ``expected``.
     """
     if not os.path.lexists(folder / RUN_FILE):
         seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
@@ -152,15 +149,15 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
 
 
 def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
-    """Read the record of a run that is done.
+    """Read the record of a finished run.
 
     Args:
         folder: folder of the run.
-        expected: what it should be, for the error.
-        result: a file that all such runs have when they are done.
+        expected: description of the run for the error.
+        result: name of an output file that the run must have.
 
     Raises:
-        ArtefactError: if there is no such run or it is not done.
+        ArtefactError: if the run is missing, unfinished, or of another kind.
     """
     run = read_run(folder, expected)
     if run.status != "done":
@@ -171,7 +168,7 @@ def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
 
 
 def run_folders(path: Path) -> list[Path]:
-    """Return the runs of a folder of seeds by ascending seed; any other path is returned alone, as a run would be."""
+    """Return the runs in a folder of seeds by ascending seed; any other path is returned alone."""
     if (path / RUN_FILE).exists() or not path.is_dir():
         return [path]
     seeds = {int(match[1]): run for run in path.iterdir() if (match := _SEED.fullmatch(run.name))}
@@ -179,7 +176,7 @@ def run_folders(path: Path) -> list[Path]:
 
 
 def run_name(folder: Path) -> str:
-    """Return what reports call a run: its folder's name, for a seed after the name of the folder of seeds."""
+    """Return the display name of a run: its folder's name, for a seed with the parent's name before it."""
     folder = folder.resolve()
     return f"{folder.parent.name}-{folder.name}" if _SEED.fullmatch(folder.name) else folder.name
 
@@ -200,17 +197,17 @@ def _now() -> str:
 
 
 def _versions() -> dict[str, str]:
-    found = {"wordcraft-kg": version("wordcraft-kg"), "python": platform.python_version()}
+    versions = {"wordcraft-kg": version("wordcraft-kg"), "python": platform.python_version()}
     for package in _PACKAGES:
         try:
-            found[package] = version(package)
+            versions[package] = version(package)
         except PackageNotFoundError:  # an optional one
             continue
-    return found
+    return versions
 
 
 def _git_state() -> GitState | None:
-    """Return the commit of the checkout that this package runs from, None if it does not run from one."""
+    """Return the state of the checkout that this package runs from, if any."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None

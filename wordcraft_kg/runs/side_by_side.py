@@ -1,4 +1,4 @@
-"""Pieces of a training in processes of their own, side by side where cores allow."""
+"""Parallel processes for the parts of a training."""
 
 import logging
 import multiprocessing
@@ -17,38 +17,38 @@ from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGEr
 from wordcraft_kg.runs.checkpoints import Checkpoints
 
 CORES_VARIABLE = "WORDCRAFT_KG_CORES"
-"""Environment variable: the number of cores that a process may use, where it is not bound to cores of its own."""
+"""Environment variable: number of cores for a process that is not bound to cores."""
 THREADS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""Environment variables from which libraries take their number of threads when they are loaded."""
+"""Environment variables: number of threads, read by libraries at import."""
 
 
 class Job(Protocol):
-    """A piece of a training, which keeps its result beside the checkpoints of the run."""
+    """A part of a training, such as a fold, which saves its result among the run's checkpoints."""
 
     @property
     def fold(self) -> int:
-        """Its number."""
+        """Number of the part."""
 
     @property
     def done(self) -> Any:
-        """The record that its result has; a result with another one is not used."""
+        """Expected record of the result; other results are discarded."""
 
     def train(self, after: Callable[[int], None]) -> None:
-        """Do it; ``after`` takes how far it has come."""
+        """Train; call ``after`` with the number of steps done."""
 
 
 J = TypeVar("J", bound=Job)
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of cores for this process."""
     if (given := os.environ.get(CORES_VARIABLE, "")).isdecimal():
         return max(int(given), 1)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
-    """Return the jobs of which no whole result is kept."""
+    """Return the jobs without an intact result."""
 
     def is_done(job: J) -> bool:
         try:
@@ -61,13 +61,13 @@ def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
 
 
 def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, is_long: bool) -> None:
-    """Do jobs, side by side if they are worth the start of more processes.
+    """Run jobs, in parallel if they are long.
 
     Args:
         jobs: the jobs.
-        threads: CPU threads of each.
-        note: called with a job's number and how far it is, and without arguments while nothing happens.
-        is_long: whether they are worth it.
+        threads: CPU threads of each job.
+        note: called with a job's number and steps, and regularly without arguments.
+        is_long: whether parallel processes are worth their start.
 
     Raises:
         TrainingError: if a process dies.
@@ -81,9 +81,9 @@ def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, 
 
 
 def side_by_side(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -> None:
-    """Train in processes of their own: PyKEEN seeds global generators, which threads would share.
+    """Run jobs in processes, because PyKEEN seeds global generators, which threads would share.
 
-    They are ended, not asked to end, when anything goes wrong or the user presses Ctrl-C: an epoch may take minutes.
+    After an error or Ctrl-C all processes are terminated at once: an epoch may take minutes.
     """
     running = dict(_started(jobs[number::workers]) for number in range(workers))
     try:
@@ -112,7 +112,7 @@ def side_by_side(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -
 
 
 def _started(jobs: Sequence[Job]) -> tuple[Connection, BaseProcess]:
-    """Start a process for some jobs; what it has to say comes from the connection."""
+    """Start a process for jobs; return the receiver of its messages, and the process."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(sender, jobs), daemon=True)
@@ -124,10 +124,10 @@ def _started(jobs: Sequence[Job]) -> tuple[Connection, BaseProcess]:
 
 @contextmanager
 def own_start() -> Iterator[None]:
-    """Keep the caller's program and Ctrl-C out of a process that starts in this block.
+    """Hide the caller's program and Ctrl-C from processes that start in this block.
 
-    A new process would import the program that was started, and thereby run it if it has no ``__main__`` guard; ours
-    needs nothing of it. Ctrl-C on a terminal goes to all processes; this one hears it and ends the others.
+    A new process would import the main program, and so run a program without a ``__main__`` guard. Ctrl-C on a terminal
+    reaches all processes; only the parent handles it and ends the others.
     """
     program = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -142,7 +142,7 @@ def own_start() -> Iterator[None]:
 
 
 def _work(connection: Connection, jobs: Sequence[Job]) -> None:
-    """Do jobs in a process of its own: send fold and number of each epoch, or the error that ended it."""
+    """Run jobs in this process; send fold and number of each epoch, or the final error."""
     with suppress(BrokenPipeError):  # nobody is there any more
         try:
             for job in jobs:

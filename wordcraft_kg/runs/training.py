@@ -1,4 +1,4 @@
-"""The course of every training: begin a run or go on with it, train, finish; for one seed or several."""
+"""The template of every training: begin or resume a run, train, finish; for one seed or several."""
 
 import os
 from abc import ABC, abstractmethod
@@ -17,23 +17,23 @@ from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_new_run
 from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_run
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 
-TOLD_BY_THE_BAR = ("epoch", "seconds", "steps_per_second")
+_SHOWN_BY_THE_BAR = ("epoch", "seconds", "steps_per_second")
 C = TypeVar("C", bound=RunConfig)
 P = TypeVar("P")
 T = TypeVar("T")
 
 
 class Training(ABC, Generic[C, P, T]):
-    """One training of a trainer; ``C`` are its settings, ``P`` the progress of a checkpoint, ``T`` the outcome.
+    """One training with settings ``C``, checkpoint progress ``P`` and outcome ``T``; a trainer is a subclass.
 
-    A trainer is a subclass. :func:`train` calls its methods in the order in which they stand here; when it goes on with
-    a run, it leaves out :meth:`prepare` and :meth:`begin`.
+    :func:`train` calls the methods in the order of their definition; for a resumed run, without :meth:`prepare` and
+    :meth:`begin`.
 
     Attributes:
-        kind: kind of its runs.
-        config_type: type of its settings.
-        decided: names of settings that, if they are None, the training decides for itself.
-        config: settings; those that are decided replace the given ones.
+        kind: kind of the runs.
+        config_type: type of the settings.
+        decided: names of settings that the training decides if they are None.
+        config: settings, including the decided ones.
         opened: graph and split.
     """
 
@@ -42,36 +42,35 @@ class Training(ABC, Generic[C, P, T]):
     decided: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, config: C, opened: OpenedGraph):
-        """Take settings and graph; subclasses refuse what does not fit the graph or the machine."""
         self.config, self.opened = config, opened
 
     @classmethod
     def given(cls, config: C) -> Mapping[str, str | None]:
-        """Return hashes of the inputs, other than the graph, that settings of the same name point to."""
+        """Return the hash of each input other than the graph, by the name of its setting."""
         return {}
 
     def prepare(self) -> None:
-        """Do what may be refused, or takes long, before the folder of a new run is made."""
+        """Check inputs and do slow work before the folder of a new run is made."""
 
     @abstractmethod
     def begin(self, run: RunFolder[P], report: Progress | None) -> Mapping[str, Any]:
-        """Write the first files of a new run; return arguments of :meth:`RunFolder.begin`, such as ``inputs``."""
+        """Write the first files of a new run; return keyword arguments of :meth:`RunFolder.begin`."""
 
     def restored(self, run: RunFolder[P]) -> Checkpoint[P] | None:
-        """Return the checkpoint that a run goes on from; None for a training that keeps finished parts instead."""
+        """Return the last checkpoint; None for a training that keeps finished parts instead."""
         return run.checkpoints.load()
 
     @abstractmethod
     def go(self, run: RunFolder[P], report: Progress | None, log: Log, checkpoint: Checkpoint[P] | None) -> T:
-        """Train to the end or to the first Ctrl-C, from a checkpoint if there is one, and return the outcome.
+        """Train to the end or the first Ctrl-C, from the checkpoint if given.
 
-        If ``run`` is not live yet, it calls ``run.go_on(config)`` as soon as all is restored.
+        If ``run`` is not live, call ``run.go_on(config)`` after restoring.
         """
 
     @classmethod
     @abstractmethod
     def outcome(cls, files: RunFiles) -> T:
-        """Return the outcome of a run that is done."""
+        """Return the outcome of a finished run."""
 
 
 def train(
@@ -84,25 +83,23 @@ def train(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> T:
-    """Train into a folder; if it holds an interrupted run of the same settings and data, go on with that one.
+    """Train into a folder, or resume its interrupted run of the same settings and data.
 
     Args:
         trainer: the trainer.
         config: all settings.
-        out: the folder. Default: that of the settings.
-        force: train anew and replace the folder if it exists.
-        keep: return the outcome of a finished run of the same settings and data instead of refusing the folder, always
-            or if this is true of the folder.
-        trackers: where figures go too, by name or as objects.
-        progress: called with what is done, the total and figures; True shows a bar.
+        out: the folder. Default: :meth:`RunConfig.default_folder`.
+        force: train anew and replace the folder.
+        keep: whether, or for which folder, to return the outcome of a finished run of the same settings and data.
+        trackers: trackers of the figures, by name or as objects.
+        progress: progress callback; True shows a bar.
 
     Raises:
-        OutputExistsError: if the folder holds something else, or a finished run, and ``force`` is False.
-        ConfigError: if it holds an unfinished run of other settings or data, naming them; or if the settings do not
-            fit the graph or the machine.
+        OutputExistsError: if the folder holds other files or a finished run, and ``force`` is False.
+        ConfigError: if an unfinished run has other settings or data, or the settings do not fit the graph or machine.
         MissingExtraError: if the library of a tracker is not installed.
         GraphMismatchError: if an input belongs to another graph.
-        ArtefactError: if a file of an interrupted run is damaged, or another process is training there.
+        ArtefactError: if an interrupted run is damaged, or another process is training in the folder.
         TrainingError: if the loss is no longer finite.
     """
     opened = open_graph(config.graph)
@@ -111,11 +108,11 @@ def train(
     record = None if force else _earlier(folder, trainer.kind)
     if record is not None and (record.status != "done" or (keep(folder) if callable(keep) else keep)):
         files = RunFiles(folder, record)
-        found = _same(files, config, opened, trainer)
+        recorded = _same(files, config, opened, trainer)
         if record.status == "done":
             return trainer.outcome(files)
         if trainer.kind.checkpoints(folder).records():
-            return _go_on(trainer(found, opened), folder, trackers, progress)
+            return _go_on(trainer(recorded, opened), folder, trackers, progress)
         force = True  # it was killed before its first checkpoint
     check_new_run(folder, force=force)
     training = trainer(config, opened)
@@ -130,7 +127,7 @@ def train(
 
 
 def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
-    """Return the record of a run of a kind; None if there is something else or nothing."""
+    """Return the record of the run in a folder; None without a run of this kind."""
     with suppress(ArtefactError):
         record = read_run(folder)
         return record if record.kind in kind.commands else None
@@ -150,30 +147,29 @@ def _go_on(
 
 
 def _same(files: RunFiles, config: C, opened: OpenedGraph, trainer: type[Training[C, P, T]]) -> C:
-    """Return the settings of a run, with its inputs where they are now.
+    """Return the settings of a run, with the present paths of its inputs.
 
     Raises:
-        ConfigError: if they are not those asked for, or its inputs have changed.
+        ConfigError: if the settings or inputs of the command differ.
     """
     files.bytes(CONFIG_FILE)
-    found: C = trainer.config_type.read(files.folder)  # type: ignore[assignment]
-    if found.command != config.command:
-        raise ConfigError(f"'{files.folder}' was written by {found.command}, not {config.command}. {_ADVICE}")
+    recorded: C = trainer.config_type.read(files.folder)  # type: ignore[assignment]
+    if recorded.command != config.command:
+        raise ConfigError(f"'{files.folder}' was written by {recorded.command}, not {config.command}. {_ADVICE}")
     given = trainer.given(config)
     for name, expected in {"graph": opened.graph.hash, "split": opened.split.hash, **given}.items():
         if files.run.inputs.get(name) != expected:
             raise ConfigError(f"'{files.folder}' was trained with another {name}. {_ADVICE}")
-    there, asked = (moved(one.values(), os.path.realpath) for one in (found, config))
-    for name in dict.fromkeys([*asked, *there]):
-        is_open = name not in asked and name in trainer.decided
-        if name != "graph" and name not in given and not is_open and there.get(name) != asked.get(name):
+    old, new = (moved(one.values(), os.path.realpath) for one in (recorded, config))
+    for name in dict.fromkeys([*new, *old]):
+        is_open = name not in new and name in trainer.decided
+        if name != "graph" and name not in given and not is_open and old.get(name) != new.get(name):
             raise ConfigError(
-                f"'{files.folder}' was trained with `{name}` {there.get(name)}, and this command has "
-                f"{asked.get(name)}. {_ADVICE}"
+                f"'{files.folder}' was trained with `{name}` {old.get(name)}, and this command has {new.get(name)}. "
+                f"{_ADVICE}"
             )
-    return replace(
-        found, graph=config.graph, **{name: getattr(config, name) for name in given if hasattr(config, name)}
-    )
+    paths = {name: getattr(config, name) for name in given if hasattr(config, name)}
+    return replace(recorded, graph=config.graph, **paths)
 
 
 _ADVICE = "Choose another `out`, or train again with `force`."
@@ -188,22 +184,22 @@ def train_seeds(
     trackers: Iterable[Tracker | str] = (),
     progress: Callable[[int], Progress | bool | None] = lambda seed: None,
 ) -> Iterator[tuple[int, T]]:
-    """Train each seed in a folder of its own; keep one that is done, and go on with an interrupted one.
+    """Train each seed in ``parent/seed-N``, keep finished runs and resume interrupted ones.
 
     Args:
         trainer: the trainer.
         configs: settings by seed.
-        parent: folder of the folders.
-        force: train all again.
-        trackers: as for :func:`train`.
-        progress: returns that of :func:`train` for a seed.
+        parent: folder of the runs.
+        force: train all seeds again.
+        trackers: trackers of the figures, by name or as objects.
+        progress: returns the progress callback of a seed.
 
     Yields:
         Each seed and its outcome.
 
     Raises:
-        OutputExistsError: if ``parent`` is itself a run.
-        ConfigError: if a seed was trained with other settings or on other data.
+        OutputExistsError: if ``parent`` is a run.
+        ConfigError: if a seed was trained with other settings or data.
     """
     if (parent / RUN_FILE).exists():
         raise OutputExistsError(
@@ -216,19 +212,19 @@ def train_seeds(
 
 
 @contextmanager
-def shown(progress: Progress | bool | None, what: str, unit: str) -> Iterator[Progress | None]:
-    """Yield the function that reports progress: the caller's own, a bar in a terminal or notebook for True, or None."""
+def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Progress | None]:
+    """Yield the progress callback: the given one, or for True a bar in a terminal or notebook."""
     if progress is not True:
         yield progress or None
         return
     from tqdm.auto import tqdm
 
-    with tqdm(desc=what, unit=unit, unit_scale=unit == "step") as bar:
+    with tqdm(desc=name, unit=unit, unit_scale=unit == "step") as bar:
 
         def show(done: int, total: int, figures: dict[str, float]) -> None:
             bar.total = total
-            told = {name: f"{value:.4g}" for name, value in figures.items() if name not in TOLD_BY_THE_BAR}
-            bar.set_postfix(told, refresh=False)
+            shown = {name: f"{value:.4g}" for name, value in figures.items() if name not in _SHOWN_BY_THE_BAR}
+            bar.set_postfix(shown, refresh=False)
             bar.update(done - bar.n)
 
         yield show

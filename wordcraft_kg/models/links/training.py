@@ -70,7 +70,7 @@ def train_links(
         config: graph, and the settings of the model and its training.
         out: the folder to write. Default: ``models/<graph's name>-<kg>``, or ``-<model>-<kg>`` for other models.
         force: train anew and replace the folder if it exists.
-        trackers: where the figures of each epoch go too: tensorboard, wandb, mlflow, or a
+        trackers: where the figures of each epoch go too: tensorboard, wandb, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
         progress: called after each epoch; True shows a bar.
 

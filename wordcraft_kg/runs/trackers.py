@@ -69,8 +69,8 @@ class WeightsAndBiases:
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], step: int):
         wandb = import_module(self.library)
-        disabled = ("disable_code", "disable_git", "disable_job_creation")
-        disabled += ("x_disable_machine_info", "x_disable_meta", "x_disable_stats")
+        disabled = ["disable_code", "disable_git", "disable_job_creation"]
+        disabled += ["x_disable_machine_info", "x_disable_meta", "x_disable_stats"]
         empty = dict.fromkeys(("host", "program", "username"), "")
         options = {"console": "off", "mode": "offline", "silent": True, "x_save_requirements": False}
         private = wandb.Settings(root_dir=str(folder), **options, **empty, **dict.fromkeys(disabled, True))

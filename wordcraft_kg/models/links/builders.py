@@ -1,7 +1,4 @@
-"""How each kind of link predictor is built for PyKEEN, and which parts of it the scorer keeps.
-
-A new kind is a configuration in ``config.py`` and two functions here.
-"""
+"""Building PyKEEN models and training loops from settings, and extracting the tensors of their scorers."""
 
 from contextlib import suppress
 from typing import Any
@@ -26,16 +23,16 @@ from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:
-    """Build the PyKEEN model of a configuration and the loop that trains it.
+    """Build a PyKEEN model and its training loop.
 
     Raises:
-        ConfigError: if PyKEEN has no such model, or it cannot be built with these settings.
+        ConfigError: if PyKEEN has no such model, or cannot build it with these settings.
     """
     return _complex_loop(config, factory) if isinstance(config, ComplExConfig) else _pykeen_loop(config, factory)
 
 
 def is_factored(name: str) -> bool:
-    """Return whether the scores of a PyKEEN model are those of ComplEx embeddings, so that it needs no table.
+    """Return whether ComplEx embeddings give the scores of a PyKEEN model, so that it needs no table.
 
     Raises:
         ConfigError: if PyKEEN has no such model.
@@ -44,10 +41,10 @@ def is_factored(name: str) -> bool:
 
 
 def check_table_fits(model: str, num_entities: int) -> None:
-    """Refuse a PyKEEN model that needs a table of all scores where that is too large.
+    """Check that the table of all scores of a PyKEEN model, if it needs one, is small enough.
 
     Raises:
-        ConfigError: with the size, and the models that need no table; or if PyKEEN has no such model.
+        ConfigError: if the table is too large, or PyKEEN has no such model.
     """
     needed = table_bytes(num_entities)
     if not is_factored(model) and needed > TABLE_LIMIT:
@@ -59,13 +56,13 @@ def check_table_fits(model: str, num_entities: int) -> None:
 
 
 def scorer_kind(config: LinkSettings, num_entities: int) -> str:
-    """Return the kind of scorer that a model becomes.
+    """Return the kind of a model's scorer.
 
-    ComplEx becomes its embeddings (``complex``); any other model becomes a ``table`` of the scores of all triples, or,
-    where that would be too large, embeddings too if :func:`is_factored`.
+    ComplEx is saved as embeddings (``complex``), any other model as a ``table`` of all scores, or above the limit as
+    embeddings if :func:`is_factored`.
 
     Raises:
-        ConfigError: if the table is too large and there are no such embeddings.
+        ConfigError: if the table is too large and the model is not factored.
     """
     if isinstance(config, ComplExConfig):
         return ComplExScorer.kind
@@ -74,9 +71,9 @@ def scorer_kind(config: LinkSettings, num_entities: int) -> str:
 
 
 def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[str, dict[str, torch.Tensor]]:
-    """Return the kind of scorer that a model becomes that was trained on ``triples``, and the tensors that it needs.
+    """Return kind and tensors of the scorer of a model trained on ``triples``.
 
-    Popularity is part of ComplEx's embeddings; a table is stored beside the model's own parameters.
+    Popularity is part of ComplEx's embeddings; a table comes with the parameters of the model.
     """
     kind = scorer_kind(config, model.num_entities)
     if kind == TableScorer.kind:
@@ -120,10 +117,10 @@ def _embeddings(model: Model) -> dict[str, torch.Tensor]:
 
 
 def model_class(name: str) -> type[Model]:
-    """Return a PyKEEN model by name, except for ComplEx, which means the paper's wherever it is named.
+    """Return a PyKEEN model by name, except for ComplEx, which always means the paper's.
 
     Raises:
-        ConfigError: with the nearest names; for ComplEx, with the command that trains it.
+        ConfigError: if the name is unknown, with the nearest names, or ComplEx, with its command.
     """
     if name.lower() == "complex":
         raise ConfigError(
@@ -139,14 +136,14 @@ def trainable_models() -> list[type[Model]]:
     """Return PyKEEN's embedding models that can be built from triples alone, by name."""
     three = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 2]])
     factory = TriplesFactory(three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)})
-    found = []
+    trainable = []
     with pykeen_guard(0, threads=1), quiet_pykeen():
         for name, kind in sorted(model_resolver.lookup_dict.items()):
             if name != "complex" and issubclass(kind, ERModel):
                 with suppress(ConfigError):
                     make_training_loop(LinkModelConfig(model=name, dim=4), factory)
-                    found.append(kind)
-    return found
+                    trainable.append(kind)
+    return trainable
 
 
 def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLoop:

@@ -1,4 +1,4 @@
-"""ComplEx as a PyKEEN model, with the paper's regulariser, which scores all candidates in one matrix product.
+"""ComplEx as a PyKEEN model with the paper's regulariser, which scores all candidates in one matrix product.
 
 PyKEEN's interaction contracts head, relation and tail from left to right, which builds a (batch, entities, dim) tensor
 when heads are scored. Here the two known factors are multiplied first, whichever slot is open.
@@ -81,10 +81,9 @@ class ComplExN3(ERModel):
 
         Args:
             embedding_dim: number of complex dimensions.
-            init_scale: standard deviation of the real and imaginary parts at the start; with PyKEEN's standard normal
-                the model does not learn.
-            regularizer: regulariser of each embedding that a batch looks up; None for none.
-            regularizer_kwargs: its settings, which override the defaults key by key, so a weight alone is enough.
+            init_scale: initial standard deviation of real and imaginary parts; PyKEEN's standard normal does not learn.
+            regularizer: regulariser of the embeddings in a batch, or None.
+            regularizer_kwargs: settings of the regulariser, which override the defaults key by key.
             kwargs: passed to :class:`pykeen.models.ERModel`.
         """
         settings = {**self.regularizer_default_kwargs, **(regularizer_kwargs or {})}

@@ -22,7 +22,7 @@ from wordcraft_kg.runs.config_file import RunConfig
 
 PAPER_DIM = 128
 MAX_SEED = 2**32 - 1
-"""PyKEEN takes no larger one."""
+"""Largest seed of PyKEEN."""
 N3_PARTIAL = 0.1
 """For all but small books; chosen on validation parts, see docs/link-prediction.md."""
 FULL_SOFTMAX = 10_000
@@ -74,12 +74,8 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(KG))
         check_dose(self.kg, self.share, self.noise)
-        for name, high in (
-            ("epochs", None),
-            ("checkpoint_every", None),
-            ("batch_size", MAX_SIZE),
-            ("threads", MAX_THREADS),
-        ):
+        limits = {"epochs": None, "checkpoint_every": None, "batch_size": MAX_SIZE, "threads": MAX_THREADS}
+        for name, high in limits.items():
             whole(name, getattr(self, name), 1, high)
         for name in ("eval_every", "patience"):
             whole(name, getattr(self, name), 0)
@@ -98,7 +94,7 @@ class TrainingConfig:
             raise ConfigError("`patience` counts rankings of the validation triples; give `eval_every` too, such as 5.")
 
     def for_size(self, num_entities: int) -> Self:
-        """Return these settings for a graph of E entities: what depends on its size is decided."""
+        """Return the settings with defaults for a number of entities."""
         return self
 
 
@@ -149,11 +145,11 @@ class ComplExConfig(TrainingConfig):
 
     @property
     def is_open(self) -> bool:
-        """Whether N3 weight and popularity, both or neither of which is None, are left to be chosen."""
+        """Whether N3 weight and popularity are left to be chosen."""
         return self.n3 is None
 
     def fixed(self) -> Self:
-        """Return the settings with the fixed defaults for what is left open."""
+        """Return the settings with fixed defaults for open ones."""
         return replace(self, n3=N3_PARTIAL) if self.is_open else self
 
     def for_size(self, num_entities: int) -> Self:  # noqa: D102 - inherited
@@ -196,7 +192,6 @@ class LinkModelConfig(TrainingConfig):
 
 LinkSettings = ComplExConfig | LinkModelConfig
 
-
 CONFIGS: dict[str, type[ComplExConfig] | type[LinkModelConfig]] = {
     config.command: config for config in (ComplExConfig, LinkModelConfig)
 }
@@ -208,7 +203,7 @@ class LinksConfig(RunConfig):
     """All settings of a link predictor.
 
     Attributes:
-        settings: of the model and its training.
+        settings: settings of model and training.
 
     Example:
         >>> LinksConfig("kitchen", ComplExConfig(dim=8)).command

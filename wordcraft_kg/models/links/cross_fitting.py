@@ -1,8 +1,7 @@
-"""Training the models of the folds: for each fold one on all other train recipes, side by side where cores allow.
+"""Training the models of the folds, each on all other train recipes, in parallel if cores allow.
 
-A fold that is done is kept beside the run's checkpoints, so that an interrupted run goes on with those that are
-missing. What a fold's model becomes depends on the settings and its triples alone, not on the process that trains it
-or on the order.
+Finished folds are saved among the run's checkpoints, so a resumed run trains the missing ones only. A fold's model
+depends on its settings and triples alone, not on process or order.
 """
 
 import logging
@@ -32,26 +31,26 @@ from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.side_by_side import not_done, train_jobs
 
 LONG = 10.0
-"""Seconds of a training from which its folds are trained side by side: a process takes some to import its libraries."""
+"""Shortest training, in seconds, whose folds are trained in parallel: a process takes seconds to start."""
 
 AfterEpoch = Callable[[int], None]
 
 
 def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
-    """Return settings in which the number of folds is decided.
+    """Return settings with a decided number of folds.
 
     Raises:
-        ConfigError: if the number asked for cannot be.
+        ConfigError: if the given number is impossible.
     """
-    asked, kind = settings.folds, opened.split.config.kind
-    count = FOLDS if asked is None else asked
-    if settings.kg == "full" or not count or (asked is None and kind == "none"):
+    given, kind = settings.folds, opened.split.config.kind
+    count = FOLDS if given is None else given
+    if settings.kg == "full" or not count or (given is None and kind == "none"):
         return replace(settings, folds=0)
     try:
         make_folds(opened.split, count)
         _check_size(settings, count, opened.graph.num_entities)
     except ConfigError as error:
-        if asked is not None:
+        if given is not None:
             raise
         logging.getLogger(__name__).info("no folds: %s", error)
         count = 0
@@ -59,7 +58,6 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
 
 
 def _check_size(settings: LinkSettings, count: int, num_entities: int) -> None:
-    """Refuse tables of all scores for each fold where they would be too large together; embeddings are small."""
     needed = count * table_bytes(num_entities)
     if not isinstance(settings, ComplExConfig) and needed > TABLE_LIMIT:
         raise ConfigError(
@@ -70,7 +68,7 @@ def _check_size(settings: LinkSettings, count: int, num_entities: int) -> None:
 
 @dataclass(frozen=True)
 class _Job:
-    """All that a process needs to train a fold's model; one for each fold."""
+    """The training of a fold's model."""
 
     folder: Path
     fold: int
@@ -79,7 +77,7 @@ class _Job:
     triples: Ids
 
     def train(self, after_epoch: AfterEpoch) -> None:
-        """Train it and keep its tensors beside the checkpoints of the run."""
+        """Train the model and save its tensors among the checkpoints."""
         model = fit(self.settings, triples_factory(self.graph, self.triples), after_epoch)
         _, tensors = scorer_tensors(self.settings, model, self.triples)
         # A table serves without the parameters that it was computed from.
@@ -88,7 +86,7 @@ class _Job:
 
     @property
     def done(self) -> FoldDone:
-        """What is recorded of its model; that of another training is not used."""
+        """Expected record of the model."""
         return FoldDone(trained_on=triples_hash(self.triples), epochs=self.settings.epochs)
 
 
@@ -99,15 +97,15 @@ def _kept(folder: Path) -> Checkpoints[FoldDone]:
 def train_folds(
     folder: Path, folds: Folds, settings: LinkSettings, *, seconds: float, after_epoch: Callable[[int, int], None]
 ) -> None:
-    """Train the models of the folds that are not there yet.
+    """Train the missing models of the folds.
 
     Args:
-        folder: folder of the run.
+        folder: run folder.
         folds: the folds.
-        settings: with which the model of all train recipes was trained; ``epochs`` are those that it ended with.
-        seconds: how long that took, which decides whether more processes are worth their start.
-        after_epoch: called with the epochs that are done, of all folds, and their total; what it raises ends the
-            training. Called regularly, also while no epoch ends.
+        settings: settings of the main model, with its final number of ``epochs``.
+        seconds: duration of the main training, which decides on parallel processes.
+        after_epoch: called regularly with the number of epochs done in all folds and their total; may raise to end the
+            training.
 
     Raises:
         TrainingError: if a loss is no longer finite, or a process dies.
@@ -128,7 +126,7 @@ def train_folds(
 
 
 def write_link_folds(folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings) -> FoldsRecord:
-    """Write the files of the folds, all of which are trained; return what is known of them."""
+    """Write the files of trained folds; return their record."""
     kept = _kept(folder)
 
     def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:

@@ -1,4 +1,4 @@
-"""Training a PyKEEN model: the epochs of a run with validation, trace and checkpoints, or a model without a folder."""
+"""Training a PyKEEN model, with validation, trace and checkpoints, or without a run folder."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -36,7 +36,7 @@ def train_epochs(
     *,
     is_resumed: bool = False,
 ) -> None:
-    """Train until the last epoch, or until the callback stops the loop.
+    """Train to the last epoch, or until the callback stops the loop.
 
     Raises:
         TrainingError: if the loss is no longer finite.
@@ -87,16 +87,16 @@ class _Epochs(TrainingCallback):
 
 
 QUIET = 20.0
-"""Seconds of an epoch after which, and then between which, its progress is reported."""
+"""Seconds between reports within an epoch."""
 
 
 class Epochs(TrainingCallback):
-    """The epochs of a run so far.
+    """The epochs of a run.
 
-    Epoch ``n`` draws its randomness from (seed, n) alone, so a checkpoint needs no generator state.
+    Epoch ``n`` draws from (seed, n) alone, so a checkpoint needs no generator state.
 
     Attributes:
-        so_far: trace, seconds, and the best epoch.
+        so_far: trace, seconds and best epoch.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Epochs(TrainingCallback):
         progress: Progress | None,
         log: Log,
     ):
-        """Begin without any, of a training on triples, shape (T, 3); :meth:`restore` returns to a checkpoint."""
+        """Start without epochs; ``triples`` has shape (T, 3)."""
         super().__init__()
         self.run, self.opened, self.triples, self.settings = run, opened, triples, settings
         self.report, self.log = progress, log
@@ -121,7 +121,7 @@ class Epochs(TrainingCallback):
         self._clock = self._reported = time.perf_counter()
 
     def post_batch(self, epoch: int, batch: Any, **kwargs: Any) -> None:
-        """Say how far a long epoch is, and what it and all of them will take."""
+        """Report the progress of a long epoch, and estimates of the remaining time."""
         self._batch += 1
         now = time.perf_counter()
         if self.report and now - self._reported >= QUIET and self._batch < self._batches:
@@ -133,7 +133,7 @@ class Epochs(TrainingCallback):
             self.report(epoch - 1, self._total, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
-        """Do what is due after an epoch, and stop training if it was the last one."""
+        """Validate, note, save, log and report an epoch; stop after the last one."""
         settings = self.settings
         is_ranked = self._valid is not None and (epoch % settings.eval_every == 0 or epoch == settings.epochs)
         row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=self._validate() if is_ranked else None, seconds=0.0)
@@ -156,10 +156,10 @@ class Epochs(TrainingCallback):
         seed_everything(settings.seed, epoch + 1)
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
-        """Return to a checkpoint of the same model and settings.
+        """Restore a checkpoint of the same model and settings.
 
         Raises:
-            ValueError, KeyError, RuntimeError: if its tensors or its trace are not those of the model and its epochs.
+            ValueError, KeyError, RuntimeError: if its tensors or trace do not fit the model and epochs.
         """
         if [row.epoch for row in checkpoint.progress.trace] != list(range(1, checkpoint.number + 1)):
             raise ValueError("its trace is not that of its epochs")
@@ -173,7 +173,7 @@ class Epochs(TrainingCallback):
         self.so_far = checkpoint.progress
 
     def restore_best(self, loop: TrainingLoop) -> None:
-        """Return to the best epoch, if patience is set."""
+        """Restore the best epoch if patience is set."""
         if self.settings.patience and self._best:
             loop.model.load_state_dict(self._best)
 
@@ -191,7 +191,6 @@ class Epochs(TrainingCallback):
         self.so_far = now
 
     def _validate(self) -> float:
-        """Return the filtered MRR of the validation triples."""
         self.model.eval()
         graph = self.opened.graph
         scorer = make_scorer(*scorer_tensors(self.settings, self.model, self.triples), graph.entities, graph.hash)
@@ -208,7 +207,7 @@ class Epochs(TrainingCallback):
 
 
 def _optimizer_state(tensors: dict[str, Tensor], parameters: Sequence[Tensor]) -> dict[int, dict[str, Tensor]]:
-    """Sort and check the optimiser's tensors by parameter: it would notice a missing one only in the next epoch."""
+    """Return the optimiser's tensors by parameter, after a check that PyKEEN makes only in the next epoch."""
     state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
     for name, value in with_prefix(tensors, "optimizer.").items():
         index, _, key = name.partition(".")

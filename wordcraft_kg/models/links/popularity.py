@@ -1,7 +1,7 @@
-"""The popularity of entities as a part of ComplEx, exactly, in three more dimensions per relation.
+"""The popularity of entities as an exact part of ComplEx, in three more dimensions per relation.
 
-A softmax over entities wants to know first how often each of them is an answer. On a small book the embeddings learn
-little beyond that, and learn it badly: counting does it better. So a multiple of the log counts is added to the scores.
+A softmax over entities first learns how often each one is an answer. On a small book the embeddings learn little more,
+and counting does it better. So a multiple of the log counts is added to the scores.
 """
 
 import numpy as np
@@ -11,11 +11,11 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
 
 DIMS = 3 * len(RELATIONS)
-"""Complex dimensions that popularity takes."""
+"""Complex dimensions of popularity."""
 
 
 def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return ``log(1 + n)`` of how often each entity is head, and tail, of each relation: two of shape (R, E)."""
+    """Return ``log(1 + n)`` of each entity's counts as head, and as tail, of each relation: two of shape (R, E)."""
     heads, relations, tails = triples.T
     shape = (len(RELATIONS), num_entities)
     counts = (np.bincount(relations * num_entities + ends, minlength=shape[0] * shape[1]) for ends in (heads, tails))

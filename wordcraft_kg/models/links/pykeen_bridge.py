@@ -1,7 +1,4 @@
-"""Between recipe graphs and PyKEEN: triples factories, and the guard around its global seeding.
-
-PyKEEN is used in this package (``models/links``) and in ``wordcraft_kg/pykeen_dataset.py``, and nowhere else.
-"""
+"""Bridge to PyKEEN: triples factories, scores, and a guard around global seeding."""
 
 import gc
 import logging
@@ -20,7 +17,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 
 
 def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples: bool = False) -> TriplesFactory:
-    """Wrap triples of ids for PyKEEN; entity and relation ids are the graph's own."""
+    """Return a PyKEEN factory of triples with the graph's entity and relation ids."""
     return TriplesFactory(
         mapped_triples=torch.from_numpy(triples.copy()),
         entity_to_id={label: i for i, label in enumerate(graph.entities)},
@@ -34,9 +31,9 @@ def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -
     """Return a model's scores of all triples, shape (R, E, E), by relation, head and tail.
 
     Args:
-        model: a PyKEEN model, which is left in evaluation mode.
-        entities: its ids of the entities, in the order of the result, shape (E,).
-        relations: its ids of the relations, in the order of the result.
+        model: a PyKEEN model; set to evaluation mode.
+        entities: PyKEEN's entity ids in the order of the result, shape (E,).
+        relations: PyKEEN's relation ids in the order of the result.
     """
     entities = entities.to(model.device)
     # 64 heads at a time: some interactions build a (heads, entities, dim) tensor.
@@ -53,7 +50,7 @@ def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -
 
 
 def seed_everything(seed: int, epoch: int = 0) -> None:
-    """Seed the global generators that PyKEEN draws from, by root seed and epoch; use inside :func:`pykeen_guard`."""
+    """Seed PyKEEN's global generators by root seed and epoch, inside :func:`pykeen_guard`."""
     value = int(np.random.SeedSequence([seed, epoch]).generate_state(1)[0])
     random.seed(value)
     np.random.seed(value)  # noqa: NPY002 - PyKEEN's negative samplers draw from it
@@ -62,10 +59,10 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
 
 @contextmanager
 def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
-    """Seed the global generators, as PyKEEN needs, and restore everything afterwards, even after an error.
+    """Seed the global generators for PyKEEN and set torch's CPU threads; restore everything afterwards.
 
-    Within the block torch uses ``threads`` CPU threads, and objects alive at its start are exempt from garbage
-    collection: PyKEEN collects after each epoch, which would take 0.2 s for the objects that its imports made.
+    Objects alive at the start are exempt from garbage collection: PyKEEN collects after each epoch, which takes 0.2 s
+    for the objects of its imports.
     """
     states = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
     cuda_states = torch.cuda.get_rng_state_all() if torch.cuda.is_available() else []
@@ -89,7 +86,7 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
 
 @contextmanager
 def quiet_pykeen() -> Iterator[None]:
-    """Keep messages of PyKEEN, its helpers and torch's sparse optimisers about their own options out of our log."""
+    """Suppress warnings of PyKEEN, its helpers and torch's sparse optimisers about their own options."""
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

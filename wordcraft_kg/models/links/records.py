@@ -12,10 +12,10 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     """A line of ``trace.jsonl``: the figures of an epoch.
 
     Attributes:
-        epoch: from 1.
-        loss: mean loss over its batches.
-        valid_mrr: MRR of the validation triples, if they were ranked after it.
-        seconds: time that it took, including the ranking.
+        epoch: number from 1.
+        loss: mean loss over the batches.
+        valid_mrr: MRR of the validation triples, if ranked.
+        seconds: duration, including the ranking.
     """
 
     epoch: int
@@ -25,7 +25,7 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Candidate(Record, frozen=True, kw_only=True):
-    """A regularisation, and the MRR of held-out train recipes with it."""
+    """A regularisation, and its MRR on held-out train recipes."""
 
     n3: float
     popularity: float
@@ -33,17 +33,17 @@ class Candidate(Record, frozen=True, kw_only=True):
 
 
 class Choice(Record, frozen=True, kw_only=True):
-    """``choice.json``: how the regularisation of a small or large book was chosen, on train recipes held out.
+    """``choice.json``: the choice of regularisation on held-out train recipes.
 
     Attributes:
-        n3: the chosen weight of the N3 regulariser.
-        popularity: the chosen weight of the counts.
-        mrr: MRR of the held-out triples with them.
+        n3: chosen weight of the N3 regulariser.
+        popularity: chosen weight of the counts.
+        mrr: MRR of the held-out triples with these weights.
         frequency_mrr: MRR of the same triples by counting alone.
-        candidates: everything that was tried.
-        folds: number of times that a part of the train recipes was held out.
+        candidates: all candidates.
+        folds: number of draws of held-out recipes.
         epochs: epochs of each training.
-        queries: number of held-out queries, over all folds.
+        queries: number of held-out queries over all folds.
     """
 
     n3: float
@@ -57,11 +57,11 @@ class Choice(Record, frozen=True, kw_only=True):
 
     @property
     def beats_counting(self) -> bool:
-        """Whether any candidate is better than counting alone."""
+        """Whether any candidate beats counting."""
         return max(candidate.mrr for candidate in self.candidates) > self.frequency_mrr
 
     def __str__(self) -> str:
-        """Say what was chosen and why, in a line."""
+        """Return the choice and its figures in a line."""
         without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
         return (
             f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on {self.queries:,} queries of train "
@@ -74,24 +74,23 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     """``metrics.json``: the figures of a training.
 
     Attributes:
-        kg: knowledge graph that it was trained on: partial or full.
-        share: share of the train recipes that it was trained on.
-        noise: share of these that had a wrong result.
+        kg: knowledge graph of the training: partial or full.
+        share: training fraction: share of the train recipes.
+        noise: label noise: share of these with a wrong result.
         triples: number of training triples.
-        epochs: number of epochs done.
-        best_epoch: best epoch by validation MRR, None if nothing was validated.
-        seconds: time of all epochs.
-        seconds_per_epoch: their mean.
-        parameters: number of parameters of the model.
+        epochs: number of epochs.
+        best_epoch: best epoch by validation MRR, if validated.
+        seconds: duration of all epochs.
+        seconds_per_epoch: mean duration of an epoch.
+        parameters: number of model parameters.
         loss: loss of the last epoch.
         valid_mrr: validation MRR of the best epoch.
-        train_mrr: MRR of the training triples, filtered by themselves: how well the model remembers, not how well it
-            predicts.
-        train_mrr_triples: number of triples that ``train_mrr`` is taken over.
-        choice: how the regularisation was chosen, None if it was given or fixed.
-        folds: number of folds of cross-fitting.
-        fold_mrr: MRR of triples of the train recipes by models that have not seen them, None without folds.
-        fold_in_sample_mrr: MRR of the same triples by the model of all train recipes.
+        train_mrr: MRR of the training triples, filtered by themselves: memory, not prediction.
+        train_mrr_triples: number of triples behind ``train_mrr``.
+        choice: choice of the regularisation, if any.
+        folds: number of cross-fitting folds.
+        fold_mrr: out-of-sample MRR of train triples by the folds' models, if any.
+        fold_in_sample_mrr: in-sample MRR of the same triples by the main model.
     """
 
     kg: KG
@@ -114,14 +113,14 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class FoldDone(Record, frozen=True, kw_only=True):
-    """What is recorded beside the tensors of a fold's model until the run is done: hash of its triples, and epochs."""
+    """Record of a fold's model in an unfinished run: hash of its triples, and epochs."""
 
     trained_on: Hash
     epochs: Count
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):
-    """Progress of a link predictor's training, as a checkpoint records it beside its tensors."""
+    """Progress of a training in a checkpoint."""
 
     seconds: float
     best_mrr: float | None
@@ -131,7 +130,7 @@ class LinkProgress(Record, frozen=True, kw_only=True):
 
 
 def links_history(files: RunFiles) -> History:
-    """Read how a link predictor was trained."""
+    """Return the history of a link predictor."""
     config, metrics = LinksConfig.read(files.folder), files.record("metrics.json", LinkMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),

@@ -1,8 +1,8 @@
-"""Choosing the regularisation of ComplEx on a small or a large book, by ranking train recipes that are held out.
+"""Choosing the regularisation of ComplEx on small and large books, by ranking held-out train recipes.
 
-A weight that suits thousands of recipes is wrong for hundreds, and no single one suits them all. On tens of thousands
-of entities a few epochs teach less than counting does. So short trainings leave out a part of the train recipes, as the
-split left out the test recipes, and rank it. Each training serves all weights of popularity, which only change scores.
+No single weight suits hundreds and thousands of recipes, and on tens of thousands of entities a few epochs learn less
+than counting. So short trainings hold out a part of the train recipes, as the split does, and rank it. Each training
+serves all weights of popularity, which change scores only.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,21 +26,21 @@ from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled
 
 SMALL = 2_000
-"""Most train recipes of a small book; above it the fixed default was chosen on validation parts."""
+"""Most train recipes of a small book; larger books use the fixed default."""
 FOLDS = 4
-"""For a small book; a large one has enough to rank in a single one."""
+"""For a small book; one fold is enough for a large book."""
 HELD_OUT = 0.2
 RANKED = 2_000
-"""Most held-out triples that are ranked in a fold; fewer of more than 30,000 entities, where each takes longer."""
+"""Most held-out triples to rank in a fold; fewer above 30,000 entities."""
 SHARE_OF_EPOCHS = 0.1
-"""Each fold trains for this share of the epochs: with two N3 weights and four folds, about one training more."""
+"""Epochs of each fold as a share of all epochs: with two N3 weights and four folds, about one more training."""
 N3 = (0.01, 0.1)
 """For a small book."""
 POPULARITY = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Weights of the log counts. At 16 they nearly decide the order alone, and the embeddings break their ties."""
 
 CAUTION = 0.05
-"""Share of the best MRR that is given up for more popularity: the short trainings overfit less than the whole one."""
+"""Share of the best MRR to give up for more popularity: short trainings overfit less than the full one."""
 
 
 def choose(
@@ -50,19 +50,17 @@ def choose(
     *,
     recipes: Ids | None = None,
 ) -> Choice | None:
-    """Choose N3 weight and popularity if they are left open and the book is small, or popularity if it is large.
-
-    A large book is one whose softmax is over a sample of the entities.
+    """Choose open weights: N3 and popularity on a small book, popularity on a large one (with a sampled softmax).
 
     Args:
         opened: graph and split; only the train recipes are used.
-        settings: those of the training.
-        after_epoch: called with the number of epochs trained and their total; what it raises ends the choice.
-        recipes: those that are learned from, if these are not all train recipes, shape (n, 3).
+        settings: settings of the training.
+        after_epoch: called with the number of epochs done and their total; may raise to end the choice.
+        recipes: training recipes, shape (n, 3). Default: all train recipes.
 
     Returns:
-        the candidate with the most popularity of those whose MRR of the held-out triples is nearly the best, with all
-        others; None if there is nothing to choose, or too little to choose on.
+        All candidates, and the one with the most popularity among those with nearly the best MRR; None if nothing is
+        open, or too few triples are held out.
     """
     split = opened.split
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
@@ -103,14 +101,12 @@ def choose(
 
 
 def _best(candidates: list[Candidate]) -> Candidate:
-    """Return the candidate with the most popularity of those whose MRR is nearly the best."""
     enough = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
     good = (candidate for candidate in candidates if candidate.mrr >= enough)
     return max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
 
 
 def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
-    """Yield the splits of the recipes that leave something to rank."""
     for fold_seed in range(seed, seed + number):
         try:
             fold = split_of_train(split, HELD_OUT, fold_seed, recipes)
@@ -125,11 +121,7 @@ def _queries(fold: Split) -> Ids:
 
 
 def _reciprocal_ranks(fold: Split, settings: ComplExConfig, after_epoch: Callable[[int], None]) -> np.ndarray:
-    """Train on a fold and rank what it holds out.
-
-    Returns:
-        shape (P + 1,): sum of the reciprocal ranks for each of :data:`POPULARITY`, and for counting alone.
-    """
+    """Return sums of held-out reciprocal ranks, shape (P + 1,): for each of :data:`POPULARITY`, and for counting."""
     graph, seen = fold.graph, fold.partial
     model = fit(settings, triples_factory(graph, seen), after_epoch)
     popular = (replace(settings, popularity=weight) for weight in POPULARITY)
@@ -139,19 +131,19 @@ def _reciprocal_ranks(fold: Split, settings: ComplExConfig, after_epoch: Callabl
 
 
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:
-    """Split the train recipes once more, in the way that the whole graph was split.
+    """Split the train recipes once more, with the same kind of split.
 
     Args:
-        split: the split whose train recipes are taken.
-        held_out: share of their pairs, or goals, to hold out as the test part of the result.
+        split: the split of the whole graph.
+        held_out: share of pairs, or goals, in the new test part.
         seed: seed of the draw.
-        recipes: those to split instead of all train recipes, shape (n, 3).
+        recipes: recipes to split, shape (n, 3). Default: all train recipes.
 
     Returns:
-        a split of a graph that has these recipes and, with the same ids, all entities.
+        A split of a graph with these recipes and the same entity ids.
 
     Raises:
-        SplitError: if a part is empty because there are too few train recipes.
+        SplitError: if a part is empty.
     """
     recipes = split.recipes("train") if recipes is None else recipes
     graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)

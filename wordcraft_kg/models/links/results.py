@@ -29,12 +29,11 @@ def write_results(
     progress: LinkProgress,
     choice: Choice | None = None,
 ) -> tuple[Scorer, LinkMetrics]:
-    """Write the files that a scorer is loaded from, the metrics and the trace; return scorer and metrics."""
+    """Write the scorer's files, the metrics and the trace; return scorer and metrics."""
     model.eval()
     graph, triples = dose.graph, dose.triples
     kind, tensors = scorer_tensors(settings, model, triples)
-    # On large graphs a fixed sample is enough.
-    sample = sampled_for(graph, triples)
+    sample = sampled_for(graph, triples)  # on large graphs a fixed sample is enough
     scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
     ranks = rank_triples(scorer, sample, triples)
     metrics = LinkMetrics(
@@ -60,9 +59,8 @@ def write_results(
 
 
 def with_folds(folder: Path, metrics: LinkMetrics, record: FoldsRecord) -> LinkMetrics:
-    """Add what is known of the folds to the metrics, and write them again."""
-    figures = {"folds": record.count, "fold_mrr": record.mrr, "fold_in_sample_mrr": record.in_sample_mrr}
-    metrics = replace(metrics, **figures)
+    """Add the folds' figures to the metrics, and write them again."""
+    metrics = replace(metrics, folds=record.count, fold_mrr=record.mrr, fold_in_sample_mrr=record.in_sample_mrr)
     write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
     return metrics
 

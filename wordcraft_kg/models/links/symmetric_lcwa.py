@@ -1,9 +1,9 @@
 """The paper's training objective as PyKEEN training loops: softmax over all heads plus softmax over all tails.
 
 PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks everything up twice, regularises the candidates
-as well as the batch, and builds dense one-hot targets. This one reads the entity table once per batch and uses the
-target indices themselves. For graphs of many entities the second loop draws S entities for each batch, which stand for
-all others; only the rows that a batch looks up get a gradient, a sparse one, which Adagrad treats like a dense one.
+as well as the batch, and builds dense one-hot targets. The first loop reads the entity table once per batch and uses
+target indices. For many entities the second loop samples S entities per batch in place of all others; gradients are
+sparse, which Adagrad treats like dense ones.
 
 PyKEEN's minor version is pinned because private parts are used: two methods overridden and ``_plain_forward`` here,
 ``_epoch`` and ``_should_stop`` in ``fitting.py`` and ``training.py``.
@@ -33,10 +33,10 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     """
 
     def __init__(self, model: ERModel, *args: Any, **kwargs: Any) -> None:
-        """Check that the model suits this loop, then set it up as PyKEEN does.
+        """Set the loop up as PyKEEN does.
 
         Raises:
-            ConfigError: for a loss other than cross entropy, or a model that is not built from single embeddings.
+            ConfigError: for a loss other than cross entropy, or a model without single embeddings.
         """
         if not isinstance(model.loss, CrossEntropyLoss):
             raise ConfigError(
@@ -122,7 +122,6 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
     def __init__(
         self, model: ERModel, triples_factory: CoreTriplesFactory, *args: Any, num_sampled: int, **kwargs: Any
     ) -> None:
-        """Take a model as :class:`IndexedSymmetricLCWATrainingLoop` does, and S, the size of the sample."""
         super().__init__(model, triples_factory, *args, **kwargs)
         self.num_sampled = num_sampled
         (entity,) = model.entity_representations

@@ -1,6 +1,6 @@
-"""Training a link predictor on the full or the partial knowledge graph, into a model folder that serves as a scorer.
+"""Training a link predictor on the full or partial knowledge graph, into a model folder.
 
-On a CPU, with the same torch and number of threads, an interrupted run that goes on ends bit for bit like another one.
+On a CPU, with the same torch and number of threads, a resumed run ends with the bits of an uninterrupted one.
 """
 
 import logging
@@ -41,9 +41,9 @@ class TrainedLinks:
     """The outcome of a training run.
 
     Attributes:
-        folder: folder of the model.
-        epoch: the last epoch that was trained; a checkpoint holds it if the run was interrupted.
-        metrics: content of ``metrics.json``; None for an interrupted run, with which the same call goes on.
+        folder: model folder.
+        epoch: last trained epoch; an interrupted run has its checkpoint.
+        metrics: content of ``metrics.json``; None for an interrupted run, which the same call resumes.
     """
 
     folder: Path
@@ -64,14 +64,14 @@ def train_links(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> TrainedLinks:
-    """Train a link predictor and write its model folder; go on with an interrupted run of the same settings there.
+    """Train a link predictor into a model folder, or resume its interrupted run of the same settings.
 
     Args:
-        config: graph, and the settings of the model and its training.
-        out: the folder to write. Default: ``models/<graph's name>-<kg>``, or ``-<model>-<kg>`` for other models.
-        force: train anew and replace the folder if it exists.
-        trackers: where the figures of each epoch go too: tensorboard, wandb, or a
-            :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
+        config: graph, and settings of model and training.
+        out: model folder. Default: ``models/<graph's name>-<kg>``, or ``-<model>-<kg>`` for other models.
+        force: train anew and replace the folder.
+        trackers: trackers of each epoch's figures: tensorboard, wandb, or your own
+            :class:`~wordcraft_kg.runs.trackers.Tracker`.
         progress: called after each epoch; True shows a bar.
 
     Raises:
@@ -89,8 +89,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     """The training of a link predictor.
 
     Attributes:
-        dose: recipes that are learned from.
-        folds: their folds, None without; the draw depends on no setting, so all models of a split share it.
+        dose: training recipes.
+        folds: their folds, if any; all models of a split share the draw.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(LinksConfig.commands, "links", unit="epoch", progress=LinkProgress)
@@ -98,10 +98,10 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     decided = ("folds", "n3", "popularity", "negatives")
 
     def __init__(self, config: LinksConfig, opened: OpenedGraph):
-        """Decide what depends on the graph.
+        """Decide the settings that depend on the graph.
 
         Raises:
-            ConfigError: if the settings do not fit the graph or the machine.
+            ConfigError: if the settings do not fit the graph or machine.
         """
         settings = decided_folds(_for_size(config.settings, opened.graph.num_entities), opened)
         super().__init__(replace(config, settings=settings), opened)
@@ -124,7 +124,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         return {"inputs": inputs, "files": [CHOICE] if (run.path / CHOICE).exists() else []}
 
     def _decide_regularisation(self, run: RunFolder[LinkProgress], report: Progress | None) -> None:
-        """Decide what regularisation is left open; where it is chosen, write ``choice.json``."""
+        """Decide an open regularisation; write ``choice.json`` if it is chosen on folds."""
         settings = self.config.settings
         if not isinstance(settings, ComplExConfig):
             return
@@ -182,17 +182,17 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         return TrainedLinks(run.path, metrics.epochs, metrics)
 
     def _cross_fit(self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None) -> None:
-        """Train the models of the folds with the settings that the one of all train recipes ended with."""
+        """Train a model for each fold, for the final number of epochs of the main model."""
         assert self.folds is not None
         settings = self.config.settings
         ended = metrics.best_epoch if settings.patience and metrics.best_epoch else metrics.epochs
-        everything, told = settings.epochs * (1 + self.folds.count), set[int]()
+        everything, reported = settings.epochs * (1 + self.folds.count), set[int]()
 
         def after_epoch(done: int, total: int) -> None:
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
-            if report and done not in told:
-                told.add(done)
+            if report and done not in reported:
+                reported.add(done)
                 report(everything - total + done, everything, {"of the folds": done / total})
 
         settings = replace(settings, epochs=ended)
@@ -205,14 +205,11 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
 
 
 def _for_size(settings: LinkSettings, num_entities: int) -> LinkSettings:
-    """Decide what depends on the size of the graph, and say so if the objective does."""
     decided = settings.for_size(num_entities)
     if isinstance(decided, ComplExConfig) and decided != settings and decided.negatives:
         logging.getLogger(__name__).warning(
-            "%s entities: the softmax is over %s sampled for each batch, because all of them would take too long "
-            "(negatives = 0 takes all).",
-            f"{num_entities:,}",
-            f"{decided.negatives:,}",
+            f"{num_entities:,} entities: the softmax is over {decided.negatives:,} sampled for each batch, because all "
+            "of them would take too long (negatives = 0 takes all)."
         )
     return decided
 
@@ -235,7 +232,7 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
 
 
 def _check_memory(opened: OpenedGraph, settings: LinkSettings) -> None:
-    """Refuse dimensions and batches that cannot fit; what a model needs beside these is not counted."""
+    """Refuse dimensions and batches whose vectors exceed the memory."""
     graph = opened.graph
     parameters = 4 * settings.dim * (graph.num_entities + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
     # Their gradients, and what the optimiser keeps for each.

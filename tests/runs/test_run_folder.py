@@ -368,7 +368,7 @@ def test_a_folder_of_somebody_else_is_never_replaced(tmp_path):
 COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
 LONG = {
     "train-complex": ("--epochs", 15, "--dim", 32, "--n3", 0.1, "--folds", 2, "--checkpoint-every", 5),
-    "train-agent": ("--distractors", 4, "--steps", 400_000, "--checkpoint-every", 5_000, "--eval-every", 50_000),
+    "train-agent": ("--distractors", 4, "--steps", 200_000, "--checkpoint-every", 5_000, "--eval-every", 50_000),
 }
 
 

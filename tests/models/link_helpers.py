@@ -1,21 +1,27 @@
 """Small graphs and small mishaps for the tests of link prediction."""
 
 import hashlib
+import json
 import random
+import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import safetensors.torch
 import torch
 
+from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.config import LinksConfig, LinkSettings
 
 if TYPE_CHECKING:
     from wordcraft_kg.models.links.training import TrainedLinks
+
+Change = Callable[[dict[str, Any]], object]
 
 
 def train(opened: OpenedGraph, settings: LinkSettings, out: Path, **options: Any) -> "TrainedLinks":
@@ -49,6 +55,35 @@ def contents(folder: Path) -> dict[str, str]:
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
+
+
+def same_files(one: Path, other: Path, *more: str) -> bool:
+    names = ["model.safetensors", "folds.safetensors", "folds.json", *more]
+    return [contents(one)[name] for name in names] == [contents(other)[name] for name in names]
+
+
+def rewritten(
+    folder: Path,
+    out: Path,
+    tensors: Change | None = None,
+    record: Change | None = None,
+    inputs: dict[str, str] | None = None,
+) -> Path:
+    """Copy a cross-fitted model with its folds' tensors or record changed, as if it had been written that way."""
+    shutil.copytree(folder, out)
+    run = json.loads((out / "run.json").read_text())
+    if tensors:
+        changed = safetensors.torch.load_file(out / "folds.safetensors")
+        tensors(changed)
+        safetensors.torch.save_file(changed, out / "folds.safetensors")
+    if record:
+        changed = json.loads((out / "folds.json").read_text())
+        record(changed)
+        (out / "folds.json").write_text(json.dumps(changed))
+    run["outputs"] |= {name: sha256_of(out / name) for name in ("folds.safetensors", "folds.json")}
+    run["inputs"] |= inputs or {}
+    (out / "run.json").write_text(json.dumps(run))
+    return out
 
 
 def flip_bit(path: Path, position: int, bit: int = 0) -> None:

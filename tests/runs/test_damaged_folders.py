@@ -20,19 +20,9 @@ Run = Callable[..., Any]
 SCORE = ("score", "{folder}", "flour", "combinesWith", "water")
 COMPARE = ("compare", "{folder}", "{folder}", "--resamples", "2")
 REPORT = ("evaluate-links", "{folder}", "--out", "{out}")
-TRAINER = (
-    "--steps",
-    "320",
-    "--batch-size",
-    "16",
-    "--log-every",
-    "64",
-    "--eval-every",
-    "160",
-    "--checkpoint-every",
-    "64",
-)
 LINKS = ("train-complex", "{home}/graph", "--dim", "4", "--epochs", "3", "--checkpoint-every", "1", "--out", "{folder}")
+EVERY = ("--log-every", "64", "--eval-every", "160", "--checkpoint-every", "64")
+TRAINER = ("--steps", "320", "--batch-size", "16", *EVERY)
 AGENT = ("train-agent", "{home}/graph", "--scorer", "{home}/model", *TRAINER, "--out", "{folder}")
 EVALUATE = ("evaluate-agent", "{folder}", "--draws", "1")
 JUDGE = ("compare", "{folder}", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "{out}")

@@ -1,12 +1,11 @@
 """Models that score links, and models that decide.
 
-Four packages: :mod:`~wordcraft_kg.models.scorers` say how plausible a triple is, :mod:`~wordcraft_kg.models.links` and
-:mod:`~wordcraft_kg.models.recipes` train scorers, of links and of recipes, and :mod:`~wordcraft_kg.models.policies`
-decide, with scores mixed in. The last three use scorers, but not each other. ``folder`` opens any trained model.
+:mod:`~wordcraft_kg.models.scorers` score triples, :mod:`~wordcraft_kg.models.links` and
+:mod:`~wordcraft_kg.models.recipes` train scorers, and :mod:`~wordcraft_kg.models.policies` act with mixed-in scores.
+Links, recipes and policies use scorers, but not each other. ``folder`` opens any trained model.
 
-Importing this package imports neither torch nor PyKEEN, yet it makes our ComplEx known to PyKEEN: from then on
-``pykeen.pipeline.pipeline(model="ComplExN3", training_loop="IndexedSymmetricLCWA", ...)`` works by name, because the
-registration runs when PyKEEN's own modules are imported, before or after this one.
+Importing this package imports neither torch nor PyKEEN, but registers our ComplEx with PyKEEN:
+``pykeen.pipeline.pipeline(model="ComplExN3", training_loop="IndexedSymmetricLCWA", ...)`` then works by name.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Opening a model folder: its scorer, the graph and split that it was trained on, and its history."""
+"""Opening a model folder: scorer, graph, split and history."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +26,7 @@ MODELS: Registry[Callable[[RunFiles], History]] = Registry(
         **dict.fromkeys(SavedConfig.commands, saved_history),
     },
 )
-"""The function that reads the history of a model, by the ``kind`` of its run. A new kind of model adds its own."""
+"""Functions that read the history of a model, by the ``kind`` of its run; a new kind of model adds one."""
 
 
 def open_model(folder: str | Path, graph: str | None = None) -> Model:
@@ -34,11 +34,11 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
 
     Args:
         folder: folder written by a training command, ``ask-opinions`` or ``save_scorer``.
-        graph: where its graph is now, if it has moved.
+        graph: present path of its graph, if moved.
 
     Raises:
         ArtefactError: if the folder is unfinished or damaged, or its graph is not found.
-        GraphMismatchError: if the graph or its split is not the one that the model was trained on.
+        GraphMismatchError: if the model was trained on another graph or split.
 
     Example:
         >>> model = open_model("models/kitchen")
@@ -55,17 +55,14 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
 
 
 def read_dose(folder: str | Path, opened: OpenedGraph, weights: str) -> Dose | None:
-    """Return the recipes that the model of a folder was trained on, see :attr:`Model.dose`.
+    """Return the training recipes of a model folder, see :attr:`Model.dose`; None if it holds other weights.
 
-    The weights are read only if the model was not taught all train recipes as they are.
+    The weights are read only for a training fraction, label noise, or a model that was not trained here.
 
     Args:
-        folder: folder of the model.
-        opened: its graph.
-        weights: hash of the weights that are meant.
-
-    Returns:
-        None if the folder holds other weights.
+        folder: model folder.
+        opened: graph of the model.
+        weights: expected hash of the weights.
 
     Raises:
         ArtefactError: as :func:`open_model` does.

@@ -1,4 +1,4 @@
-"""A trained model: a scorer with its graph, its settings and its history, whatever made it."""
+"""A trained model of any kind: scorer, graph, settings and history."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,15 +18,15 @@ from wordcraft_kg.runs.record import RunRecord
 
 @dataclass(frozen=True)
 class History:
-    """How a model came about, as the files of its folder tell.
+    """Settings and figures of a training, from the files of a model folder.
 
     Attributes:
-        config: its settings; ``kg``, ``share``, ``noise`` and ``seed`` mean the same for all models.
+        config: settings; ``kg``, ``share``, ``noise`` and ``seed`` have the same meaning for all models.
         facts: facts for a report, by name.
-        metrics: figures of its training, if it has any.
-        trace: a record for each epoch.
-        chosen: names of settings that the training chose itself; they may differ between seeds.
-        is_trained: whether it was trained here.
+        metrics: figures of the training, if any.
+        trace: a record per epoch.
+        chosen: names of settings chosen by the training, which may differ between seeds.
+        is_trained: whether the model was trained here.
     """
 
     config: RunConfig
@@ -39,13 +39,13 @@ class History:
 
 @dataclass(frozen=True)
 class Model:
-    """A model with everything that its evaluation needs.
+    """A model, ready for evaluation.
 
     Attributes:
-        scorer: the scorer of the folder, cross-fitted if it has folds.
-        opened: the graph and split that it was trained on, checked by hash.
-        run: its ``run.json``.
-        history: how it came about.
+        scorer: scorer of the folder, cross-fitted if it has folds.
+        opened: graph and split of the training, checked by hash.
+        run: content of ``run.json``.
+        history: settings and figures of the training.
     """
 
     scorer: Scorer
@@ -55,71 +55,71 @@ class Model:
 
     @property
     def metrics(self) -> Record | None:
-        """Figures of its training; None if it was not trained here."""
+        """Figures of the training; None if not trained here."""
         return self.history.metrics
 
     @property
     def trace(self) -> Sequence[Any]:
-        """A record for each epoch, with ``epoch`` and ``loss``; empty without epochs."""
+        """A record per epoch, with ``epoch`` and ``loss``."""
         return self.history.trace
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings by name, without the graph and those that are None."""
+        """The settings that are not None, by name, without the graph."""
         return {name: value for name, value in self.history.config.values().items() if name != "graph"}
 
     @property
     def kg(self) -> Taught:
-        """What it was trained on: ``partial``, ``full``, or ``none`` of the recipes."""
+        """Training data: ``partial``, ``full``, or ``none`` without recipes."""
         kg: Taught = self.settings.get("kg", "none")
         return kg
 
     @property
     def seed(self) -> int | None:
-        """The seed of its training; None if it was not trained here."""
+        """Seed of the training; None if not trained here."""
         return self.settings.get("seed") if self.history.is_trained else None
 
     @property
     def asked_for(self) -> dict[str, Any]:
-        """The settings that were asked for: without the seed of a training, and without what it chose itself."""
+        """The settings without the seed and the settings chosen by the training."""
         left_out = {*self.history.chosen, *(("seed",) if self.history.is_trained else ())}
         return {name: value for name, value in self.settings.items() if name not in left_out}
 
     @property
     def learned_from(self) -> str:
-        """The share and the noise of the recipes that it was trained on, in words; empty for all as they are."""
+        """Training fraction and label noise in words; empty for all recipes without noise."""
         return dose_words(self.settings.get("share", 1.0), self.settings.get("noise", 0.0))
 
     @cached_property
     def dose(self) -> Dose:
-        """The recipes that it was trained on, as they were taught.
+        """The training recipes, with label noise.
 
         Raises:
-            GraphMismatchError: if they cannot be told: they are drawn again here, and are not those of the training.
+            GraphMismatchError: if the draw gives other recipes than those of the training.
         """
         split = self.opened.split
         share, noise = self.settings.get("share", 1.0), self.settings.get("noise", 0.0)
         if (folds := self.scorer.folds) is not None:
-            found = folds.dose(split.graph)
+            dose = folds.dose(split.graph)
         elif is_dosed(share, noise):
-            found = make_dose(split, share, noise, self.settings["seed"])
+            dose = make_dose(split, share, noise, self.settings["seed"])
         else:
-            found = self.opened.dose(self.kg)
-        if self.run.inputs.get("dose", found.hash) != found.hash:
+            dose = self.opened.dose(self.kg)
+        if self.run.inputs.get("dose", dose.hash) != dose.hash:
             raise GraphMismatchError(
                 f"the model was trained on the recipes {self.run.inputs['dose'][:12]}, but `share` and `noise` give "
-                f"{found.hash[:12]}. Train it again with this version of NumPy."
+                f"{dose.hash[:12]}. Train it again with this version of NumPy."
             )
-        return found
+        return dose
 
     @property
     def triples(self) -> Ids:
-        """The triples that it was trained on, shape (T, 3), sorted."""
+        """The training triples, shape (T, 3), sorted."""
         return self.dose.triples
 
     @property
     def observed(self) -> Ids:
-        """The triples that it holds to be true, shape (T, 3): its scorer's own, or those of its training."""
+        """The triples observed by the scorer, or else the training triples, shape (T, 3)."""
         observed = self.scorer.observed
         return self.triples if observed is None else observed
 
@@ -136,7 +136,7 @@ class Model:
 
 
 def cross_fitted_words(folds: int, mrr: float | None, in_sample_mrr: float | None) -> str:
-    """Return how well the models of the folds do, for a report."""
+    """Return the MRR of the folds' models in words."""
     if mrr is None or in_sample_mrr is None:
         return f"{folds} folds"
     return (

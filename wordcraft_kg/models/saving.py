@@ -1,4 +1,4 @@
-"""Writing any scorer as a model folder, so that it goes wherever one that was trained here does."""
+"""Writing any scorer as a model folder for all commands."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,11 +23,11 @@ from wordcraft_kg.runs.record import end_run, start_run
 
 @dataclass(frozen=True)
 class SavedConfig(RunConfig):
-    """What is known of a scorer that was not trained here.
+    """Description of a scorer that was not trained here.
 
     Attributes:
-        kg: what it has seen, as its author says: partial (train recipes only), full, or none (no recipe).
-        origin: what it is, in a line for reports.
+        kg: training data according to its author: partial (train recipes only), full, or none (no recipe).
+        origin: description in a line for reports.
     """
 
     commands: ClassVar[tuple[str, ...]] = ("save-scorer",)
@@ -48,20 +48,19 @@ def save_scorer(
     origin: str = "",
     force: bool = False,
 ) -> Path:
-    """Write a scorer of your own as a model folder, which every command then takes like one that was trained here.
+    """Write your own scorer as a model folder for all commands.
 
-    With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn on honest scores. The
-    folder holds the form that :func:`~wordcraft_kg.models.scorers.folder.stored` returns.
+    With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn on out-of-sample scores.
+    The folder holds the form that :func:`~wordcraft_kg.models.scorers.folder.stored` returns.
 
     Args:
         folder: folder to write.
-        scorer: scores triples of the graph.
-        opened: the graph, and the split that the scorer is judged by.
-        kg: what the scorer has seen: ``partial`` if nothing but the train recipes; ``full`` if any other recipe of the
-            graph, so that its figures are marked as memory; ``none`` if no recipe at all, such as one that rests on
-            words. Nobody else can know it.
-        origin: what the scorer is, in a line for reports. Default: its name.
-        force: replace the folder if it exists.
+        scorer: scorer of the graph's triples.
+        opened: graph, and split for evaluation.
+        kg: training data of the scorer: ``partial`` for train recipes only; ``full`` with other recipes of the graph,
+            so that figures are marked as memory; ``none`` without recipes, such as from words alone.
+        origin: description in a line for reports. Default: the scorer's name.
+        force: replace the folder.
 
     Raises:
         OutputExistsError: if ``folder`` exists and ``force`` is False.
@@ -113,7 +112,7 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
 
 
 def saved_history(files: RunFiles) -> History:
-    """Read what is known of a scorer that was not trained here."""
+    """Return the history of a saved scorer."""
     config = SavedConfig.read(files.folder)
     facts = {"trained by": "someone else, and saved as a model folder", "what it is": config.origin}
     return History(config, facts, is_trained=False)

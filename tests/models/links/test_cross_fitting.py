@@ -5,7 +5,6 @@ import logging
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +13,9 @@ import pytest
 import safetensors.torch
 import torch
 from going_on import go_on
-from link_helpers import contents, interrupt_after, train
+from link_helpers import interrupt_after, rewritten, same_files, train
 from refusals import refuses
 
-from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError, TrainingError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
@@ -48,31 +46,9 @@ def folded(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory
 
 
 @pytest.fixture
-def spoilt_folds(folded: Path, tmp_path: Path) -> Callable[..., Path]:
-    """Copy the model with its tensors or record changed, as if it had been written that way."""
-
-    def spoil(tensors=None, record=None, inputs=None) -> Path:
-        folder = Path(shutil.copytree(folded, tmp_path / "spoilt"))
-        run = json.loads((folder / "run.json").read_text())
-        if tensors:
-            found = safetensors.torch.load_file(folder / FILES[1])
-            tensors(found)
-            safetensors.torch.save_file(found, folder / FILES[1])
-        if record:
-            found = json.loads((folder / FILES[0]).read_text())
-            record(found)
-            (folder / FILES[0]).write_text(json.dumps(found))
-        run["outputs"] |= {name: sha256_of(folder / name) for name in FILES}
-        run["inputs"] |= inputs or {}
-        (folder / "run.json").write_text(json.dumps(run))
-        return folder
-
-    return spoil
-
-
-def same_files(one: Path, other: Path) -> bool:
-    names = [*FILES, "model.safetensors", "config.toml"]
-    return [contents(one)[name] for name in names] == [contents(other)[name] for name in names]
+def spoilt_folds(folded, tmp_path):
+    """Copy the model with changed tensors or record of its folds."""
+    return lambda **changes: rewritten(folded, tmp_path / "spoilt", **changes)
 
 
 # --- what is trained -------------------------------------------------------------------------------------------------

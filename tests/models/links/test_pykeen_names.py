@@ -36,6 +36,18 @@ def own_pykeen_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pykeen.datasets.utils.PYKEEN_DATASETS", tmp_path / "pykeen-cache")
 
 
+def settings(graph: str | Path) -> dict[str, object]:
+    """Settings of PyKEEN's pipelines that name our dataset, model and loop."""
+    names = {"dataset": "wordcraft", "model": "ComplExN3", "training_loop": "IndexedSymmetricLCWA", "device": "cpu"}
+    return {
+        **names,
+        "dataset_kwargs": {"graph": str(graph)},
+        "model_kwargs": {"embedding_dim": 4},
+        "training_kwargs": {"num_epochs": 1, "batch_size": 512, "use_tqdm": False},
+        "evaluation_kwargs": {"batch_size": 128, "use_tqdm": False},
+    }
+
+
 def python(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
 
@@ -59,18 +71,7 @@ def test_importing_the_models_package_imports_neither_torch_nor_pykeen():
 
 
 def test_the_pipeline_trains_our_model_by_name(validated_kitchen, kitchen_folder):
-    result = pipeline(
-        dataset="wordcraft",
-        dataset_kwargs={"graph": str(kitchen_folder)},
-        model="ComplExN3",
-        model_kwargs={"embedding_dim": 8},
-        loss="crossentropy",
-        training_loop="IndexedSymmetricLCWA",
-        training_kwargs={"num_epochs": 1, "batch_size": 128, "use_tqdm": False},
-        evaluation_kwargs={"batch_size": 128, "use_tqdm": False},
-        random_seed=0,
-        device="cpu",
-    )
+    result = pipeline(**settings(kitchen_folder), loss="crossentropy", random_seed=0)
     assert isinstance(result.model, ComplExN3)
     assert [math.isfinite(loss) for loss in result.losses] == [True]
     assert 0 < result.get_metric("mrr") < 1
@@ -78,18 +79,7 @@ def test_the_pipeline_trains_our_model_by_name(validated_kitchen, kitchen_folder
 
 
 def test_the_pipeline_takes_a_built_in_book_by_name():
-    result = pipeline(
-        dataset="wordcraft",
-        dataset_kwargs={"graph": "kitchen"},
-        model="ComplExN3",
-        model_kwargs={"embedding_dim": 4},
-        loss="crossentropy",
-        training_loop="IndexedSymmetricLCWA",
-        training_kwargs={"num_epochs": 1, "batch_size": 512, "use_tqdm": False},
-        evaluation_kwargs={"batch_size": 128, "use_tqdm": False},
-        random_seed=0,
-        device="cpu",
-    )
+    result = pipeline(**settings("kitchen"), loss="crossentropy", random_seed=0)
     assert result.model.num_entities == 80
 
 
@@ -100,17 +90,7 @@ def test_the_pipeline_without_a_loss_is_an_error_that_says_which_loss_to_give():
 
 
 def test_the_hpo_pipeline_takes_our_model_by_name_for_a_trial(kitchen_folder):
-    result = hpo_pipeline(
-        dataset="wordcraft",
-        dataset_kwargs={"graph": str(kitchen_folder)},
-        model="ComplExN3",
-        model_kwargs={"embedding_dim": 4},
-        training_loop="IndexedSymmetricLCWA",
-        training_kwargs={"num_epochs": 1, "batch_size": 512, "use_tqdm": False},
-        evaluation_kwargs={"batch_size": 128, "use_tqdm": False},
-        n_trials=1,
-        device="cpu",
-    )
+    result = hpo_pipeline(**settings(kitchen_folder), n_trials=1)
     (trial,) = result.study.trials
     assert trial.state.name == "COMPLETE"
     assert 0 < trial.value < 1

@@ -1,19 +1,15 @@
 """Fitting recipe scorers: the same bytes again, nothing of a fold left out, and what a spoilt folder says."""
 
 import json
-import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import safetensors.torch
 import torch
 from going_on import go_on
-from link_helpers import contents, interrupt_after, random_graph
+from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
 
-from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -33,7 +29,6 @@ from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.runs import side_by_side
 
-FILES = ["model.safetensors", "folds.safetensors", "folds.json", "vocabulary.json", "config.toml"]
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
 
@@ -59,26 +54,9 @@ def small(book: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def spoilt(small: Path, tmp_path: Path) -> Callable[..., CrossFitted]:
-    """Load a copy of the model whose folds were changed, as if they had been written that way."""
-
-    def spoil(change: Callable[[dict[str, torch.Tensor]], object]) -> CrossFitted:
-        folder = Path(shutil.copytree(small, tmp_path / "spoilt"))
-        tensors = safetensors.torch.load_file(folder / "folds.safetensors")
-        change(tensors)
-        safetensors.torch.save_file(tensors, folder / "folds.safetensors")
-        run = json.loads((folder / "run.json").read_text())
-        run["outputs"]["folds.safetensors"] = sha256_of(folder / "folds.safetensors")
-        (folder / "run.json").write_text(json.dumps(run))
-        scorer = load_scorer(folder)
-        assert isinstance(scorer, CrossFitted)
-        return scorer
-
-    return spoil
-
-
-def same_files(one: Path, other: Path) -> bool:
-    return [contents(one)[name] for name in FILES] == [contents(other)[name] for name in FILES]
+def spoilt(small, tmp_path):
+    """Load a copy of the model with changed tensors of its folds."""
+    return lambda change: load_scorer(rewritten(small, tmp_path / "spoilt", change))
 
 
 # --- the same again --------------------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
-"""Choosing settings by Optuna, on validation triples; test triples are never used.
+"""Choosing settings by Optuna on validation triples, never on test triples.
 
-A search is a folder: ``search.json`` says what is searched, ``trials.jsonl`` holds a line for each finished trial, and
-``best.toml`` the best settings so far, for ``--config``. What a trial draws depends on the seed, its number and the
-trials before it, so a search that goes on after an interruption ends like one without.
+The folder of a search holds ``search.json`` (its definition), ``trials.jsonl`` (a line per finished trial) and
+``best.toml`` (the best settings so far, for ``--config``). The draws of a trial depend on the seed, its number and the
+earlier trials, so a resumed search equals an uninterrupted one.
 """
 
 import logging
@@ -53,7 +53,7 @@ _OTHERS: dict[str, BaseDistribution] = {
 
 
 class Trial(Record, frozen=True, kw_only=True):
-    """A line of ``trials.jsonl``: the settings tried, and their validation MRR, None if the loss became infinite."""
+    """A line of ``trials.jsonl``: settings and their validation MRR, None if the loss was not finite."""
 
     number: Count
     valid_mrr: Share | None
@@ -62,7 +62,7 @@ class Trial(Record, frozen=True, kw_only=True):
 
 
 class Search(Record, frozen=True, kw_only=True):
-    """``search.json``: what decides a search, except for the number of trials."""
+    """``search.json``: the definition of a search, without the number of trials."""
 
     format: Literal["wordcraft-kg search 1"] = "wordcraft-kg search 1"
     graph: str
@@ -74,7 +74,7 @@ class Search(Record, frozen=True, kw_only=True):
 
 
 class Tuned(Record):
-    """The best settings of a search, and the command that trains with them.
+    """The best settings of a search, and the command for them.
 
     Attributes:
         out: folder of the search.
@@ -94,7 +94,7 @@ class Tuned(Record):
 
 @dataclass(frozen=True)
 class _Space:
-    """Settings to draw, and how they become those of a training."""
+    """The search space of a model."""
 
     model: str
     seed: int
@@ -129,26 +129,26 @@ def tune(
     force: bool = False,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Search settings of a model on the partial graph, or go on with a search that has fewer trials.
+    """Search settings of a model on the partial graph, or resume a search with fewer trials.
 
     Args:
-        opened: graph and split; without a validation part, one is drawn from the train recipes.
+        opened: graph and split; a missing validation part is drawn from the train recipes.
         model: ``complex``, or PyKEEN's name of another model.
         out: folder of the search.
-        trials: number of settings to try, those already tried included.
-        valid_ratio: share of the train pairs, or goals, to draw for validation.
-        seed: seed of the search, of the draw and of each training.
+        trials: number of trials, including earlier ones.
+        valid_ratio: share of train pairs, or goals, drawn for validation.
+        seed: seed of search, draw and trainings.
         timeout: seconds after which no new trial begins.
         device: torch device.
-        force: replace the folder if it exists.
-        progress: called after each epoch and each trial, with the number of trials done.
+        force: replace the folder.
+        progress: called after each epoch and trial with the number of trials done.
 
     Raises:
         ConfigError: if an argument is out of range or PyKEEN has no such model.
-        SplitError: if too few triples are left to validate on.
-        OutputExistsError: if the folder holds something else.
-        TrainingError: if no trial kept its loss finite.
-        KeyboardInterrupt: after Ctrl-C, saying what is saved.
+        SplitError: if there are too few validation triples.
+        OutputExistsError: if the folder holds another search or other files.
+        TrainingError: if no trial had a finite loss.
+        KeyboardInterrupt: after Ctrl-C, with the number of saved trials.
     """
     space = _checked_space(opened, model, trials, valid_ratio, seed, timeout, device)
     train, valid = _validation_split(opened, valid_ratio, seed)
@@ -194,7 +194,7 @@ def _checked_space(
 
 
 def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids, Ids]:
-    """Return the triples to train and to validate on; a drawn validation part is held out as the test part was."""
+    """Return training and validation triples; a missing validation part is drawn like the test part."""
     train, valid = opened.split.partial, opened.split.held_out("valid")
     if not len(valid):
         try:
@@ -211,13 +211,13 @@ def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids
 
 @contextmanager
 def _search_folder(out: Path, search: Search, *, force: bool) -> Iterator[list[Trial]]:
-    """Open the folder of a search, keep other processes out of it, and yield its trials; remove it if it has none."""
+    """Open and lock the folder of a search, and yield its trials; remove a folder without trials."""
     if force or not (out / SEARCH).is_file():
         check_new_run(out, force=force)
         shutil.rmtree(out, ignore_errors=True)
     else:
-        found = as_values(read_record(out / SEARCH, Search))
-        other = [name for name, value in as_values(search).items() if found[name] != value]
+        earlier = as_values(read_record(out / SEARCH, Search))
+        other = [name for name, value in as_values(search).items() if earlier[name] != value]
         if other:
             raise OutputExistsError(
                 f"'{out}' holds a search with another {' and '.join(other)}. Choose another `out`, or replace it with "
@@ -272,7 +272,6 @@ def _next_trial(
 
 
 def _write(out: Path, opened: OpenedGraph, space: _Space, done: list[Trial]) -> None:
-    """Write all trials, and the best settings so far."""
     write_atomically(out / TRIALS, as_lines(done), durable=True)
     if best := _best(done):
         lines = [

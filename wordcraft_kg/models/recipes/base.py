@@ -1,4 +1,4 @@
-"""What follows from recipes in closed form, and the features of links that rankers learn to weigh."""
+"""Closed-form predictions from recipes, and the link features that rankers weigh."""
 
 from dataclasses import dataclass
 
@@ -13,22 +13,21 @@ from wordcraft_kg.models.scorers.pair_features import FLOOR
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What some recipes say, in tables of shape (E, E).
+    """Tables of shape (E, E) computed from recipes and words.
 
-    An entity of no recipe is described by its words alone and says nothing of the others: however many of them are
-    added, the rows of the others stay.
+    An entity without recipes is described by its words alone and does not change the rows of other entities.
 
     Attributes:
-        recipes: shape (n, 3): the recipes.
-        seen: ids of the entities that occur in them.
+        recipes: the recipes, shape (n, 3).
+        seen: ids of the entities in them.
         text: cosines of words.
-        kernel: how alike entities are, by what recipes do with them and by words.
-        structure: the same without words.
+        kernel: similarity of entities by recipes and words.
+        structure: similarity by recipes alone.
         alike: the normalised kernel, squared.
         words_like: the positive cosines of words to the power 4.
-        combines, components: the links that the recipes give, 1 or 0.
+        combines, components: the links of the recipes, 1 or 0.
         completed: see :func:`~wordcraft_kg.models.scorers.kernel.completion`.
-        pairs, parts: combinesWith and componentOf as the kernel predicts them, standardised.
+        pairs, parts: combinesWith and componentOf as predicted by the kernel, standardised.
     """
 
     recipes: Ids
@@ -46,11 +45,10 @@ class Base:
 
     @classmethod
     def of(cls, recipes: Ids, text: Tensor) -> "Base":
-        """Compute everything; ``text`` are the cosines of all entities' words, zeros without words."""
+        """Compute all tables; ``text`` holds cosines of words, or zeros."""
         size = len(text)
         kernel = similarity(recipes, text)
         combines, components = link_matrices(recipes, size)
-        # Without recipes there is nothing to learn, from whomsoever.
         seen = torch.from_numpy(np.unique(recipes) if len(recipes) else np.arange(size))
         pairs, parts = kernel_scores(recipes, kernel, seen)
         return cls(
@@ -68,27 +66,13 @@ class Base:
             parts=parts,
         )
 
-    @property
-    def first(self) -> Tensor:
-        """One ingredient of each recipe, shape (n,)."""
-        return torch.from_numpy(self.recipes[:, 0].copy())
-
-    @property
-    def second(self) -> Tensor:
-        """The other ingredient of each recipe, shape (n,)."""
-        return torch.from_numpy(self.recipes[:, 1].copy())
-
-    @property
-    def result(self) -> Tensor:
-        """The result of each recipe, shape (n,)."""
-        return torch.from_numpy(self.recipes[:, 2].copy())
+    def column(self, number: int) -> Tensor:
+        """Return a column of the recipes, shape (n,)."""
+        return torch.from_numpy(self.recipes[:, number].copy())
 
 
 def link_features(base: Base) -> tuple[Tensor, Tensor]:
-    """Return the features of all combinesWith and componentOf links, shapes (E, E, F), row = head.
-
-    Those of combinesWith are symmetric, as the relation is.
-    """
+    """Return the features of all combinesWith (symmetric) and componentOf links, shapes (E, E, F), row = head."""
     return torch.stack(_of_pairs(base), dim=-1), torch.stack(_of_parts(base), dim=-1)
 
 
@@ -96,14 +80,15 @@ def _of_pairs(base: Base) -> list[Tensor]:
     combines, similar = base.combines, _to_others(base.structure)
     made = base.components.sum(0).log1p()
     degree = combines.sum(1).log1p()
+    first, second = base.column(0), base.column(1)
     return [
         base.pairs,
         _log(base.completed),
         _log(_symmetric(similar @ combines)),
         _log(_symmetric(similar**3 @ combines)),
         _log(_symmetric(_to_others(base.words_like) @ combines)),
-        _log(_symmetric(base.alike[:, base.first] @ base.alike[:, base.second].T)),
-        _log(_symmetric(base.words_like[:, base.first] @ base.words_like[:, base.second].T)),
+        _log(_symmetric(base.alike[:, first] @ base.alike[:, second].T)),
+        _log(_symmetric(base.words_like[:, first] @ base.words_like[:, second].T)),
         base.text,
         base.kernel,
         degree[:, None] + degree,
@@ -117,9 +102,9 @@ def _of_pairs(base: Base) -> list[Tensor]:
 def _of_parts(base: Base) -> list[Tensor]:
     components, similar, words = base.components, _to_others(base.structure), _to_others(base.words_like)
     used, made = components.sum(1).log1p(), components.sum(0).log1p()
-    ingredient = base.alike[:, base.first] + base.alike[:, base.second]
-    by_words = base.words_like[:, base.first] + base.words_like[:, base.second]
-    result = base.alike[:, base.result]
+    first, second, result = (base.column(number) for number in range(3))
+    ingredient = base.alike[:, first] + base.alike[:, second]
+    by_words = base.words_like[:, first] + base.words_like[:, second]
     shape = components.shape
     return [
         base.parts,
@@ -129,8 +114,8 @@ def _of_parts(base: Base) -> list[Tensor]:
         _log(components @ similar**3),
         _log(words @ components),
         _log(components @ words),
-        _log(ingredient @ result.T),
-        _log(by_words @ base.words_like[:, base.result].T),
+        _log(ingredient @ base.alike[:, result].T),
+        _log(by_words @ base.words_like[:, result].T),
         base.text,
         base.kernel,
         _log(base.combines @ components),
@@ -152,5 +137,4 @@ def _symmetric(table: Tensor) -> Tensor:
 
 
 def _to_others(similarity: Tensor) -> Tensor:
-    """Return how alike different entities are."""
     return similarity - torch.diag(similarity.diagonal())

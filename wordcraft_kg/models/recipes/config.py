@@ -58,7 +58,7 @@ class RecipesConfig(RunConfig):
     """All settings of a run of ``train-recipes``.
 
     Attributes:
-        settings: of the recipe scorer.
+        settings: settings of the recipe scorer.
 
     Example:
         >>> RecipesConfig("kitchen", RecipeScorerConfig(folds=3)).command

@@ -1,8 +1,8 @@
-"""Fitting a recipe scorer: two rankers on what recipes say about recipes that were held out of them.
+"""Fitting a recipe scorer by stacking: rankers learn from features of held-out recipes.
 
-For each fold the features come from the recipes of the other folds, and the ranker learns which of them to trust. It is
-then used with the features of all recipes, as in stacking (Wolpert 1992; van der Laan, Polley and Hubbard 2007). The
-scorer that leaves a fold out is fitted in the same way on the remaining folds, so that nothing of it has seen the fold.
+For each fold the features come from the recipes of the other folds, and a ranker learns to weigh them. The final scorer
+applies it to the features of all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007). The scorer without a
+fold is fitted in the same way on the remaining folds.
 """
 
 import math
@@ -25,7 +25,7 @@ WEIGHT_DECAY = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Ranker:
-    """``score(x) = second · relu(x first + first_bias) + bias``, on features as they are.
+    """``score(x) = second · relu(x first + first_bias) + bias``, on raw features.
 
     Attributes:
         first: shape (F, H).
@@ -45,7 +45,7 @@ class Ranker:
 
 
 Batch = tuple[Tensor, Tensor, Tensor]
-"""Features (B, N, F) of the candidates of B queries, which of them compete (B, N), and which are right (B, N)."""
+"""Features (B, N, F) of N candidates for B queries; masks of competing and of right candidates (B, N)."""
 
 
 def fit_ranker(
@@ -102,16 +102,16 @@ def _shuffled(amount: int, epochs: int, generator: torch.Generator) -> Iterator[
 
 
 LinkRankers = tuple[Ranker, Ranker]
-"""Those of combinesWith and of componentOf."""
+"""Rankers of combinesWith and componentOf."""
 LINK_QUERIES = 300
-"""Queries for each fold, relation and side."""
+"""Queries per fold, relation and side."""
 LINK_BATCH = 32
 LINK_EPOCHS = 10
 LINK_RATE = 5e-3
 UNKNOWN = 0.1
-"""Share of the entities that are held out once."""
+"""Share of entities that are held out once."""
 TABLES = (8, 2)
-"""Distractors of the tables that a recipe is posed on."""
+"""Numbers of distractors on the tables of a recipe."""
 PAIR_BATCH = 256
 PAIR_EPOCHS = 30
 PAIR_RATE = 1e-2
@@ -125,14 +125,14 @@ def fit_recipe_scorer(
     seed: int = 0,
     after: Callable[[], None] = lambda: None,
 ) -> tuple[RecipeKnowledge, LinkRankers]:
-    """Fit a recipe scorer on the train recipes but those of the folds left out; return it and its link rankers.
+    """Fit a recipe scorer on the folds that are not left out; return its knowledge and link rankers.
 
     Args:
-        folds: folds of the train recipes; those that are not left out take turns at being held out.
+        folds: folds of the train recipes, which are held out in turn.
         text: cosines of the entities' words, shape (E, E); zeros without words.
-        left_out: folds that nothing may be known of.
-        seed: seed of the rankers and of the tables.
-        after: called after each fold's turn; what it raises ends the fit.
+        left_out: folds without influence on the result.
+        seed: seed of rankers and tables.
+        after: called after each fold; may raise to end the fit.
     """
     turns = [fold for fold in range(folds.count) if fold not in left_out]
     rng = np.random.default_rng([seed, *sorted(left_out)])
@@ -144,18 +144,22 @@ def fit_recipe_scorer(
         for fold, base in zip(turns, bases, strict=True)
     ]
     features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
-    ranker = _pair_ranker(features, competes, is_right, generator)
+    flat = features[competes]
+    order = torch.randperm(len(features), generator=generator)
+    batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
+    mean, deviation = flat.mean(0), flat.std(0)
+    ranker = fit_ranker(batches, mean, deviation, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator)
     return knowledge_from(whole, rankers).with_ranker(vars(ranker)), rankers
 
 
 def knowledge_from(base: Base, rankers: LinkRankers) -> RecipeKnowledge:
-    """Return what recipes and the link rankers of both relations say, with a ranker of pairs that is all zeros."""
+    """Return the knowledge from recipes and link rankers, with a pair ranker of zeros."""
     links = tuple(_scored(ranker, features) for ranker, features in zip(rankers, link_features(base), strict=True))
     return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]))
 
 
 def scorer_tensors(knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Ids) -> dict[str, Tensor]:
-    """Return the tensors of a scorer: what it knows, its link rankers, and the recipes that it has seen, (n, 3)."""
+    """Return a scorer's tensors: its knowledge, link rankers and training recipes, shape (n, 3)."""
     return {
         **knowledge.constants(),
         **{
@@ -183,13 +187,13 @@ def fit_link_rankers(
     generator: torch.Generator,
     after: Callable[[], None] = lambda: None,
 ) -> tuple[list[Base], LinkRankers]:
-    """Fit the rankers of both relations on links that only the fold held out has, and on those of unknown entities.
+    """Fit the rankers of both relations on links of held-out folds and of unknown entities.
 
-    Args are those of :func:`fit_recipe_scorer`; ``rng`` draws queries and the unknown entities, ``generator`` the first
-    weights of the rankers.
+    The arguments are those of :func:`fit_recipe_scorer`; ``rng`` draws queries and unknown entities, ``generator`` the
+    initial weights.
 
     Returns:
-        the bases of the recipes outside each of these folds, and the rankers.
+        The bases without each fold, and the rankers.
     """
     size = folds.split.graph.num_entities
     turns = [fold for fold in range(folds.count) if fold not in left_out]
@@ -201,11 +205,11 @@ def fit_link_rankers(
     moments: tuple[list[Tensor], list[Tensor]] = ([], [])
     spans: tuple[list[Tensor], list[Tensor]] = ([], [])
     nobody = torch.zeros(size, dtype=torch.bool)
-    asked_of = [
+    queries = [
         (base, _new_triples(folds.recipes_of(fold), base.recipes, size), nobody)
         for fold, base in zip(turns, bases, strict=True)
     ]
-    for base, new, unknown in (*asked_of, _unknown_entities(folds.recipes(left_out), bases[0].text, rng)):
+    for base, new, unknown in (*queries, _unknown_entities(folds.recipes(left_out), bases[0].text, rng)):
         for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base), strict=True):
             cells = features.flatten(0, 1)
             moments[relation].append(cells[::7].clone())  # a view would keep all
@@ -223,7 +227,7 @@ def fit_link_rankers(
     for of_relation, seen, span in zip(batches, moments, spans, strict=True):
         together = torch.cat(seen)
         mean, deviation = together.mean(0), together.std(0)
-        # A few recipes say so little that a sample may miss it; the weight of what seems constant would have no limit.
+        # With few recipes a sample may miss a feature; the weight of a seemingly constant one would have no limit.
         deviation = torch.where(deviation > 1e-6, deviation, torch.stack(span).amax(0))
         fitted.append(
             fit_ranker(of_relation, mean, deviation, epochs=LINK_EPOCHS, learning_rate=LINK_RATE, generator=generator)
@@ -233,17 +237,17 @@ def fit_link_rankers(
 
 
 def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:
-    """Return the triples of recipes that were held out, shape (T, 3), without those that others give."""
+    """Return the triples of held-out recipes that seen recipes do not give, shape (T, 3)."""
     new = recipe_triples(held_out)
     return new[~is_in(new, recipe_triples(seen), size)]
 
 
 def _unknown_entities(recipes: Ids, text: Tensor, rng: np.random.Generator) -> tuple[Base, Ids, Tensor]:
-    """Hold out some entities with all their recipes, so that the rankers learn what words alone are worth.
+    """Hold out entities with all their recipes, so that the rankers learn the value of words alone.
 
     Returns:
-        what the other recipes say; the links between an entity that was held out and one that was not, (T, 3); and
-        which entities were held out, (E,).
+        The base of the other recipes, the links between held-out and other entities (T, 3), and the mask of held-out
+        entities (E,).
     """
     entities = np.unique(recipes)
     taken = rng.permutation(entities)[: round(UNKNOWN * len(entities))]
@@ -256,10 +260,9 @@ def _unknown_entities(recipes: Ids, text: Tensor, rng: np.random.Generator) -> t
 
 
 def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, asked: Ids, side: str) -> Batch:
-    """Return the queries of one side; where the answer is an unknown entity, only such ones compete.
+    """Return the queries of one side; for an unknown answer, only unknown entities compete.
 
-    If the others did as well, all of whose links are known and left out, a ranker would learn that it is always one
-    that it does not know.
+    Known links are left out, so otherwise a ranker would learn that the answer is always unknown.
     """
     heads, tails = torch.from_numpy(asked[:, 0].copy()), torch.from_numpy(asked[:, 2].copy())
     if side == "tail":
@@ -275,7 +278,7 @@ def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, asked: Ids, si
 
 
 def _examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.random.Generator) -> Batch:
-    """Pose recipes on tables with distractors; every pair that a known recipe gives is right."""
+    """Pose recipes on tables with distractors; every pair of a known recipe is right."""
     size = knowledge.num_entities
     weights = 1.0 + np.bincount(np.concatenate([known[:, 0], known[known[:, 0] != known[:, 1], 1]]), minlength=size)
     slots = 2 + max(TABLES)
@@ -303,13 +306,13 @@ def _examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.ran
 
 
 def _keys(recipes: Tensor, size: int) -> Tensor:
-    """Return a number for each recipe, shape (..., 3) -> (...)."""
+    """Return an integer key per recipe, shape (..., 3) -> (...)."""
     one, other, result = recipes.unbind(-1)
     return (one * (size + 1) + other) * (size + 1) + result
 
 
 def _tables(recipes: Ids, distractors: int, slots: int, weights: np.ndarray, rng: np.random.Generator) -> Ids:
-    """Return the ingredients of recipes and distractors, drawn like the environment's, shape (n, slots)."""
+    """Return tables of ingredients and distractors, drawn as in the environment, shape (n, slots)."""
     size = len(weights)
     keys = rng.exponential(size=(len(recipes), size)) / weights
     np.put_along_axis(keys, recipes, np.inf, axis=1)
@@ -320,12 +323,3 @@ def _tables(recipes: Ids, distractors: int, slots: int, weights: np.ndarray, rng
     table[recipes[:, 0] == recipes[:, 1], 1] = size
     table[:, 2 : 2 + amount] = drawn
     return table
-
-
-def _pair_ranker(features: Tensor, competes: Tensor, is_right: Tensor, generator: torch.Generator) -> Ranker:
-    flat = features[competes]
-    order = torch.randperm(len(features), generator=generator)
-    batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
-    return fit_ranker(
-        batches, flat.mean(0), flat.std(0), epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator
-    )

@@ -1,8 +1,7 @@
-"""Entities that the graph does not have, scored by the words of their labels.
+"""Inductive link prediction: entities outside the graph, scored by the words of their labels.
 
-All that a recipe scorer knows follows from the recipes, the words of the labels and a few weights. An entity of no
-recipe has words only, and they are enough: what is alike by words is expected to do alike. In the literature this is
-inductive link prediction, in contrast to the transductive one, whose entities are all known from training.
+A recipe scorer follows from recipes, words of labels and a few weights. An entity without recipes has words alone, and
+similar words predict similar recipes.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,19 +30,18 @@ from wordcraft_kg.runs.record import read_finished_run
 
 
 def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScorer:
-    """Return a recipe scorer with more entities, of which only words are known.
+    """Return a recipe scorer with n more entities that have words but no recipes.
 
-    It has the recipes and rankers of the other, and the scores of the other's entities stay what they are, up to the
-    rounding of tables of 16 bits.
+    Recipes and rankers stay, and so do the scores of old entities, up to the rounding of 16-bit tables.
 
     Args:
-        scorer: a recipe scorer of E entities; of a cross-fitted one that of all train recipes.
-        labels: of the n new entities, whose ids follow those of the others.
-        text: cosines of the words of all, in the order of ids, shape (E + n, E + n).
+        scorer: a recipe scorer of E entities; of a cross-fitted one, its main scorer.
+        labels: labels of the new entities, whose ids follow the old ones.
+        text: cosines of words by id, shape (E + n, E + n).
 
     Raises:
-        ConfigError: if it is a scorer of another kind, a label is none or not new, or the entities are too many.
-        ArtefactError: if its link rankers do not fit the features of links.
+        ConfigError: if the scorer is of another kind, a label is invalid or known, or there are too many entities.
+        ArtefactError: if the link rankers do not fit the link features.
     """
     whole = scorer.whole
     if not isinstance(whole, RecipeScorer):
@@ -74,17 +72,17 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
 def with_words(
     folder: str | Path, scorer: Scorer, labels: Sequence[str], *, where: Callable[[str], str] = lambda label: ""
 ) -> RecipeScorer:
-    """Return the scorer of a model folder with entities that its graph does not have, from their words.
+    """Return the scorer of a model folder with more entities, described by their words.
 
     Args:
         folder: folder written by ``train-recipes``.
-        scorer: its scorer.
-        labels: of the new entities, each once.
-        where: returns with what an error about one of them begins.
+        scorer: scorer of the folder.
+        labels: labels of the new entities, without duplicates.
+        where: returns the beginning of an error about a label.
 
     Raises:
-        UnknownEntityError: if the model can say nothing of entities that are not in its graph, or not of one of these.
-        ArtefactError: if the folder is damaged, or the vectors of words are not those that it was trained with.
+        UnknownEntityError: if the model uses no words, or a label has no word vector.
+        ArtefactError: if the folder is damaged, or the word vectors have changed.
 
     Example:
         >>> scorer = with_words("models/kitchen-recipes", load_scorer("models/kitchen-recipes"), ["pancake"])

@@ -8,7 +8,7 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 class FitDone(Record, frozen=True, kw_only=True):
-    """What is recorded beside the tensors of a fit until the run is done: the hash of its triples."""
+    """Record of a fit in an unfinished run: the hash of its triples."""
 
     trained_on: Hash
 
@@ -17,14 +17,14 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     """``metrics.json``: the figures of a recipe scorer.
 
     Attributes:
-        kg: recipes that it was fitted on: partial or full.
-        share: share of the train recipes that it was fitted on.
-        noise: share of these that had a wrong result.
-        recipes: their number.
-        seconds: time of all fits.
-        folds: number of folds of cross-fitting.
-        fold_mrr: MRR of triples of the train recipes by models that have not seen them, None without folds.
-        fold_in_sample_mrr: MRR of the same triples by the model of all train recipes.
+        kg: knowledge graph of the fit: partial or full.
+        share: training fraction: share of the train recipes.
+        noise: label noise: share of these with a wrong result.
+        recipes: number of training recipes.
+        seconds: duration of all fits.
+        folds: number of cross-fitting folds.
+        fold_mrr: out-of-sample MRR of train triples by the folds' models, if any.
+        fold_in_sample_mrr: in-sample MRR of the same triples by the main model.
     """
 
     kg: KG
@@ -38,7 +38,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
 
 
 def recipes_history(files: RunFiles) -> History:
-    """Read how a recipe scorer was fitted."""
+    """Return the history of a recipe scorer."""
     config, metrics = RecipesConfig.read(files.folder), files.record("metrics.json", RecipeMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),

@@ -1,7 +1,6 @@
 """Fitting a recipe scorer into a model folder: one on all train recipes, and one without each fold.
 
-All are fitted in the same way, side by side where cores allow, and each is kept as soon as it is done, so that an
-interrupted run goes on with those that are missing.
+Fits run in parallel if cores allow. Finished fits are saved, so a resumed run makes the missing ones only.
 """
 
 import time
@@ -41,7 +40,7 @@ from wordcraft_kg.runs.training import Training, train
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
 ALONE = 1_000
-"""Recipes up to which one process fits all: starting another one takes as long as a fit."""
+"""Most recipes for a single process: starting another one takes as long as a fit."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class TrainedRecipes:
     """The outcome of a run.
 
     Attributes:
-        folder: folder of the model.
+        folder: model folder.
         metrics: content of ``metrics.json``.
     """
 
@@ -64,17 +63,17 @@ def train_recipes(
     force: bool = False,
     progress: Progress | bool | None = None,
 ) -> TrainedRecipes:
-    """Fit a recipe scorer and write its model folder; go on with an interrupted run of the same settings there.
+    """Fit a recipe scorer into a model folder, or resume its interrupted run of the same settings.
 
     Args:
         config: graph and settings.
-        out: the folder to write. Default: ``models/<graph's name>-recipes``.
-        force: replace the folder if it exists.
+        out: model folder. Default: ``models/<graph's name>-recipes``.
+        force: replace the folder.
         progress: called after each step of a fit; True shows a bar.
 
     Raises:
         WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.
-        KeyboardInterrupt: after Ctrl-C, saying how to go on.
+        KeyboardInterrupt: after Ctrl-C, with the number of saved fits.
 
     Example:
         >>> trained = train_recipes(RecipesConfig("kitchen", RecipeScorerConfig(folds=3)), "models/kitchen-recipes")
@@ -85,10 +84,10 @@ def train_recipes(
 
 
 def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
-    """Return the folds of the recipes, and which of them are learned from.
+    """Return the folds of the training recipes.
 
     Raises:
-        ConfigError: if there is no partial graph, or the graph or the dose is too large or too small.
+        ConfigError: if there is no partial graph, or the graph or training set is too large or small.
     """
     check_dense("a recipe scorer", opened.graph.num_entities)
     split = opened.split
@@ -116,7 +115,7 @@ def _text(graph: RecipeGraph, settings: RecipeScorerConfig) -> tuple[Tensor, str
 
 @dataclass(frozen=True)
 class _Job:
-    """A fit; number 0 leaves nothing out, and number k + 1 leaves out fold k."""
+    """A fit: number 0 on all recipes, number k + 1 without fold k."""
 
     folder: Path
     fold: int
@@ -163,7 +162,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     config_type = RecipesConfig
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
-        """Cut the folds and look the words up.
+        """Draw the folds and look up word vectors.
 
         Raises:
             ConfigError: if the settings do not fit the graph.
@@ -181,7 +180,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return {"inputs": inputs}
 
     def restored(self, run: RunFolder[FitDone]) -> None:
-        """Return no checkpoint: fits that are done are kept."""
+        """Return no checkpoint: finished fits are saved instead."""
 
     def go(  # noqa: D102 - inherited
         self, run: RunFolder[FitDone], report: Progress | None, log: Log, checkpoint: Checkpoint[FitDone] | None
@@ -216,7 +215,6 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return self._finish(run, kept, time.perf_counter() - began)
 
     def _finish(self, run: RunFolder[FitDone], kept: Checkpoints[FitDone], seconds: float) -> TrainedRecipes:
-        """Write the results of fits that are all done."""
         graph, settings = self.opened.graph, self.config.settings
         tensors = kept.read(0).tensors
         write_scorer(run.path, RecipeScorer.kind, tensors, graph)
@@ -225,8 +223,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         if settings.kg == "partial":
 
             def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-                found = kept.read(fold + 1)
-                return found.progress.trained_on, found.tensors
+                fit = kept.read(fold + 1)
+                return fit.progress.trained_on, fit.tensors
 
             whole = RecipeScorer(tensors, graph.entities, graph.hash)
             record = write_folds(run.path, self.folds, whole, RecipeScorer.kind, part)

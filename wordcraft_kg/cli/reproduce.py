@@ -51,7 +51,7 @@ class ShowOptions:
             differ, except the seed, divide the runs into groups.
         metric: success, iqm, by-plan (success by the last pair of a plan), train (success on train tasks), mrr (of the
             scorer), or steps (until the reference's final success is reached).
-        plot: write a page with all figures, tables (CSV, Markdown, LaTeX) and pictures (SVG; PNG and PDF with the extra
+        plot: write a page with all figures, a table (CSV) and pictures (SVG; PNG and PDF with the extra
             figures).
         report: folder of that page, which implies --plot. Default: reports/<the study's name> in the results folder.
     """

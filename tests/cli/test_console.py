@@ -279,36 +279,29 @@ IS = {
     "file": "is a file",
     "nothing": "does not exist",
 }
-RUN, MODEL = (
-    "expected a run of train-agent",
-    "expected a model of train-complex, train-links, train-recipes or ask-opinions",
-)
+RUN = "expected a run of train-agent"
+MODEL = "expected a model of train-complex, train-links, train-recipes or ask-opinions"
 
 
 @pytest.mark.parametrize(
-    ("command", "own_kind", "expected"),
+    ("command", "taken", "expected"),
     [
-        ("explain {}", "agent", RUN),
-        ("evaluate-agent {}", "agent", RUN),
-        ("compare {}", "", "expected a run of an agent or a link predictor"),
-        ("score {} flour combinesWith water", "model", MODEL),
-        ("evaluate-links {}", "model", MODEL),
-        ("train-agent kitchen --scorer {}", "model", MODEL),
-        ("evaluate-agent kitchen --scorer {}", "model", MODEL),
-        ("discover kitchen --scorer {}", "model", MODEL),
+        ("explain {}", ["agent"], RUN),
+        ("evaluate-agent {}", ["agent", "graph", "file", "nothing"], RUN),  # it takes a graph and a book too
+        ("compare {}", ["agent", "model"], "expected a run of an agent or a link predictor"),
+        ("score {} flour combinesWith water", ["model"], MODEL),
+        ("evaluate-links {}", ["model"], MODEL),
+        ("train-agent kitchen --scorer {}", ["model"], MODEL),
+        ("evaluate-agent kitchen --scorer {}", ["model"], MODEL),
+        ("discover kitchen --scorer {}", ["model"], MODEL),
     ],
-    ids=lambda value: value.split()[0] if value else "any",
 )
-def test_the_wrong_kind_of_folder_is_named(run, folders, command, own_kind, expected):
-    for name, is_what in IS.items():
-        if command.startswith("evaluate-agent {") and name in ("graph", "file", "nothing"):  # may be graph or book
-            continue
-        if name == own_kind or (own_kind == "" and name in ("agent", "model")):
-            continue
+def test_the_wrong_kind_of_folder_is_named(run, folders, command, taken, expected):
+    for name in IS.keys() - taken:
         path = str(folders / name)
         outcome = run(*command.replace("{}", path).split())
         assert (outcome.code, outcome.kind) == (1, "ArtefactError")
-        assert outcome.err == f"error: '{path}' {is_what}; {expected}.\n"
+        assert outcome.err == f"error: '{path}' {IS[name]}; {expected}.\n"
 
 
 @pytest.mark.parametrize("command", ["describe", "tasks", "train-complex", "build-graph", "check-book"])

@@ -1,9 +1,10 @@
 """``wordcraft-kg tasks``."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.console import Output, aligned, lines_of
 from wordcraft_kg.cli.options import Graph
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -46,22 +47,9 @@ def tasks(
     output.result(view, _text(view))
 
 
-def _text(view: "TaskListing") -> list[str]:
-    of_part = "" if view.part == "all" else f" in the {view.part} part"
-    known = "which is all" if view.complete else "drawn; there may be more"
-    head = [("graph", view.graph), ("tasks", f"{view.tasks:,} of depth {view.depth}{of_part}, {known}")]
-    if view.part != "all":
-        drawn = "" if view.complete else " of those drawn"
-        reason = "their plans belong to different parts"
-        head.append(("mixed", f"{view.mixed:,}{drawn} belong to no part: {reason}"))
-    text = [*aligned(head), *([] if view.shown else [f"none shown of {view.tasks:,}"])]
+def _text(view: "TaskListing") -> Iterator[str]:
+    yield from lines_of({name: getattr(view, name) for name in view.__struct_fields__ if name != "shown"})
     for task in view.shown:
         plans = ["; ".join(f"{a} + {b} -> {result}" for a, b, result in plan) for plan in task.plans]
-        rows = [
-            ("  start", ", ".join(task.start)),
-            ("  distractors", ", ".join(task.distractors) or "none"),
-            ("  table", ", ".join(task.table)),
-            *(("  plan", plan) for plan in plans),
-        ]
-        text += ["", task.goal, *aligned(rows)]
-    return text
+        rows = [(f"  {name}", ", ".join(getattr(task, name)) or "none") for name in ("start", "distractors", "table")]
+        yield from ("", task.goal, *aligned([*rows, *(("  plan", plan) for plan in plans)]))

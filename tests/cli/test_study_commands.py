@@ -78,29 +78,22 @@ def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "says"),
     [
         ("distractors = 2", "distractor = 2", "unknown setting 'settings.distractor'. Did you mean 'distractors'"),
-        (
-            "[variants.none]",
-            '[variants.other]\nscorer = "plain"\n[variants.none]',
-            "'other' and 'guided' are the same trainings",
-        ),
+        ("[variants.none]", '[variants.other]\nscorer = "plain"\n[variants.none]', "'other' and 'guided' are the same"),
         ('[variants.none]\n[variants.guided]\nscorer = "plain"', "", "variants"),
         ("title =", "title", "not a TOML file"),
         ('command = "kernel"', 'command = "kernle"', "Did you mean 'kernel'"),
         ('scorer = "plain"', 'scorer = "plan"', "Did you mean 'plain'"),
+        ("", "", "is a file; expected a results folder"),
     ],
 )
-def test_a_wrong_study_is_refused_before_anything_starts(refused, study, tmp_path, old, new, said):
+def test_a_wrong_study_or_output_is_refused_before_anything_starts(refused, study, tmp_path, old, new, says):
     assert old in STUDY
-    study.write_text(STUDY.replace(old, new))
-    refused("reproduce", study, "--out", tmp_path / "results", says=said)
-    assert not (tmp_path / "results").exists()
-
-
-def test_an_output_that_is_a_file_is_refused(refused, study, tmp_path):
-    refused("reproduce", study, "--out", study, says="is a file; expected a results folder")
+    study.write_text(STUDY.replace(old, new) if old else STUDY)
+    refused("reproduce", study, "--out", tmp_path / "results" if old else study, says=says)
+    assert list(tmp_path.iterdir()) == [study]
 
 
 @pytest.mark.slow

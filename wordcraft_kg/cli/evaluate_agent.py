@@ -1,6 +1,5 @@
 """``wordcraft-kg evaluate-agent``."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,12 +8,12 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Output, aligned, refuse_given, whole_numbers
+from wordcraft_kg.cli.console import Output, aligned, lines_of, refuse_given, whole_numbers
 from wordcraft_kg.cli.options import Book, MovedGraph, Part, Words
 from wordcraft_kg.envs.config import WordCraftConfig
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.players import AgentEvaluation, Baselines
+    from wordcraft_kg.evaluation.players import Baselines
 
 EXAMPLES = (
     "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --draws 5",
@@ -80,26 +79,13 @@ def evaluate_agent(
         opened = open_agent(Path(run), trained.graph)
         amounts = whole_numbers("distractors", distractors or [str(opened.config.tasks.distractors)])
         view = view_evaluation(Path(run), opened, trained.agent, part, amounts, draws)
-        output.result(view, _agent_text(view))
+        output.result(view, lines_of(view))
     else:
         refuse_given(trained, f"the run of an agent, and '{run}' is none")
         amounts = whole_numbers("distractors", distractors or ["1,2,8"])
         config = WordCraftConfig(part=part, depth=scripted.depth, num_distractors=amounts[0])
-        found = _play(run, config, amounts, draws, scripted, output)
-        output.result(found, _table(found, amounts))
-
-
-def _agent_text(view: "AgentEvaluation") -> Iterator[str]:
-    who = f"kg-only ({view.scores})" if view.scores else view.agent
-    who = f"{Path(view.run).name}, {view.checkpoint}" if view.checkpoint else who
-    yield f"{who}: {view.part} tasks of depth {view.depth}, greedy"
-    for amount, found in view.success.items():
-        figures = f"success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}]"
-        shares = (f"{name.replace('_', ' ')} {share:.1%}" for name, share in view.outcomes[amount].items())
-        yield f"{counted(int(amount), 'distractor')}  {figures}  by a plan {found.by_plan:.3f}  picks {found.picks:.2f}"
-        yield f"  {', '.join(shares)}"
-    found = next(iter(view.success.values()))
-    yield f"{found.tasks:,} tasks, {found.draws} draws of distractors each; 95 % intervals over tasks"
+        baselines = _play(run, config, amounts, draws, scripted, output)
+        output.result(baselines, _table(baselines, amounts))
 
 
 def _play(

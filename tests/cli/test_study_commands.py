@@ -35,7 +35,27 @@ def study(tmp_path):
     return path
 
 
-def test_a_sweep_trains_what_is_missing_and_writes_its_results(printed, run, study, tmp_path):
+class Here:
+    """Performs tasks in this process; processes have tests of their own."""
+
+    places = 1
+
+    def __init__(self, root, jobs, perform, threads):
+        self._perform, self._root, self._outcomes = perform, root, []
+
+    def start(self, task):
+        self._outcomes.append(self._perform(task, self._root))
+
+    def wait(self, seconds):
+        outcomes, self._outcomes = self._outcomes, []
+        return outcomes
+
+    def stop(self):
+        pass
+
+
+def test_a_sweep_trains_missing_runs_and_writes_its_results(printed, run, study, tmp_path, monkeypatch):
+    monkeypatch.setattr("wordcraft_kg.studies.local_workers.LocalWorkers", Here)
     out = tmp_path / "results"
     assert printed("reproduce", study, "--out", out, "--jobs", 1)["studies"]["study"]["done"] == 6
     results = json.loads((out / "reports/study/results.json").read_text())

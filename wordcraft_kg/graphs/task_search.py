@@ -150,7 +150,7 @@ def make_tasks(
     sieve = _Sieve(search or PlanSearch(graph), depth, split, part)
     # At depth 2 a plan is a recipe, and a recipe for an ingredient.
     most_plans = graph.recipe_counts[graph.recipes[:, :2]].sum()
-    is_complete = depth <= _ENUMERATED_DEPTH and (depth == 1 or most_plans <= MAX_ENUMERATED)
+    is_complete = depth <= _ENUMERATED_DEPTH and (depth == 1 or bool(most_plans <= MAX_ENUMERATED))
     if is_complete:
         tasks = {posed: plans for posed in sorted(set(_enumerated(sieve.search, depth))) if (plans := sieve(posed))}
     else:

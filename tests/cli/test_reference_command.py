@@ -62,7 +62,7 @@ def pack(monkeypatch):
     )
     found = ReferencePack(format=FORMAT, title="kitchen", rows=rows, graph=PlayedGraph.of(opened))
     real = [one for one in reference.read_packs() if one.graph is None]
-    monkeypatch.setattr(reference, "packs", lambda: (found, *real))
+    monkeypatch.setattr(reference, "_packs", lambda: (found, *real))
     return found
 
 
@@ -255,7 +255,7 @@ def test_a_report_of_agents_shows_the_pack_apart_and_has_the_same_figures(run, w
     options = "--part test --depth 1 --distractors 1,4"
     with_pack = run(*command, "--out", tmp_path / "with")
     assert f"for comparison: wordcraft-kg reference {world / 'graph'} {options}" in with_pack.out
-    monkeypatch.setattr(reference, "packs", lambda: ())
+    monkeypatch.setattr(reference, "_packs", lambda: ())
     assert "for comparison" not in run(*command, "--out", tmp_path / "without").out
     reports = [json.loads((tmp_path / name / "report.json").read_text()) for name in ("with", "without")]
     assert [one["player"] for one in reports[0].pop("references")] == ["our agent"]

@@ -21,11 +21,11 @@ from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import Judged, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.studies.collect import collect_study
-from wordcraft_kg.studies.doses import Dose
 from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.store import studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
+from wordcraft_kg.studies.train_samples import TrainSample
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
@@ -33,7 +33,7 @@ HERE = Path(__file__).parent
 BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"
 MOST_BYTES = 2 * 1024 * 1024
 """Of all committed results together."""
-ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csrl", "dose")
+ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csrl", "training-data")
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
@@ -180,9 +180,9 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
     yield ""
     yield f"![{study.title} ({shown_book(results).strip('`')})](images/results-{anchor(results)}.svg)"
     yield ""
-    if view.doses:
-        for dose in view.doses:
-            yield from dose_table(dose, view.reference)
+    if view.train_samples:
+        for train_sample in view.train_samples:
+            yield from dose_table(train_sample, view.reference)
     else:
         for point in view.points:
             yield from point_table(view, point)
@@ -215,24 +215,28 @@ def point_table(view: StudyView, point: PointFigures) -> Iterator[str]:
     yield ""
 
 
-def dose_table(dose: Dose, reference: str) -> Iterator[str]:
+def dose_table(train_sample: TrainSample, reference: str) -> Iterator[str]:
     """Yield the lines of a table of success by the scorer's MRR."""
-    how = "train tasks answered from memory" if dose.in_sample else "train tasks answered by models of other folds"
-    yield f"{how.capitalize()}{f', {title_of(dose.values)}' if dose.values else ''}:"
+    how = (
+        "train tasks answered from memory"
+        if train_sample.in_sample
+        else "train tasks answered by models of other folds"
+    )
+    yield f"{how.capitalize()}{f', {title_of(train_sample.values)}' if train_sample.values else ''}:"
     yield ""
     yield f"| scorer | MRR | success | steps to where {reference} ends |"
     yield "|---|---|---|---|"
-    if dose.without is not None:
-        yield f"| none |  | {share(dose.without)} |  |"
-    for at in dose.points:
+    if train_sample.without is not None:
+        yield f"| none |  | {share(train_sample.without)} |  |"
+    for at in train_sample.points:
         low, high = at.interval
         reached = "never" if at.reached is None else f"{at.reached:,}"
         yield f"| {at.label} | {share(at.mrr)} | {share(at.success)} [{share(low)}, {share(high)}] | {reached} |"
     yield ""
     found = {
-        "of MRR and success, Pearson": dose.pearson,
-        "Spearman": dose.spearman,
-        "of MRR and steps, Spearman": dose.steps_spearman,
+        "of MRR and success, Pearson": train_sample.pearson,
+        "Spearman": train_sample.spearman,
+        "of MRR and steps, Spearman": train_sample.steps_spearman,
     }
     said = [f"{name} {of.value:+.2f} [{of.low:+.2f}, {of.high:+.2f}]" for name, of in found.items() if of]
     if said:

@@ -40,10 +40,10 @@ def tasks() -> None:
     assert sum(len(group) for group in made) > 5_000
 
 
-def doses() -> None:
-    from wordcraft_kg.graphs.doses import make_dose
+def train_samples() -> None:
+    from wordcraft_kg.graphs.train_samples import draw_train_sample
 
-    print(make_dose(open_graph("kitchen").split, 0.5, 0.2).hash)
+    print(draw_train_sample(open_graph("kitchen").split, 0.5, 0.2).hash)
 
 
 def episodes() -> None:
@@ -95,7 +95,7 @@ def maps() -> None:
 
 MAKERS = {
     make.__name__: make
-    for make in (graph_folders_and_exports, tasks, doses, episodes, discovery, link_models, reports, maps)
+    for make in (graph_folders_and_exports, tasks, train_samples, episodes, discovery, link_models, reports, maps)
 }
 """Functions that print, or write into the working folder."""
 

@@ -147,10 +147,20 @@ def test_the_check_finds_a_page_that_is_out_of_date(tmp_path, monkeypatch):
 
 
 def test_a_study_of_doses_shows_mrr_success_and_their_correlation(script):
-    study = {"drawing": "dose", "reference": "none", "grid": {"scorer.share": [0.2, 0.5, 1.0]}, "claims": []}
+    study = {
+        "drawing": "scatter",
+        "reference": "none",
+        "grid": {"scorer.train_fraction": [0.2, 0.5, 1.0]},
+        "claims": [],
+    }
     study["settings"] = {"book": "everyday", "distractors": 8}
-    doses = [({"scorer.share": dose}, {"none": [1], "guided": [won]}) for dose, won in ((0.2, 1), (0.5, 2), (1.0, 4))]
-    text = text_of(script, results_of(doses, study=study, mrr={"guided@0": 0.1, "guided@1": 0.25, "guided@2": 0.5}))
+    train_samples = [
+        ({"scorer.train_fraction": train_sample}, {"none": [1], "guided": [won]})
+        for train_sample, won in ((0.2, 1), (0.5, 2), (1.0, 4))
+    ]
+    text = text_of(
+        script, results_of(train_samples, study=study, mrr={"guided@0": 0.1, "guided@1": 0.25, "guided@2": 0.5})
+    )
     assert "| none |  | .200 |  |" in text
-    assert "| share 0.5 | .250 | .400 [.309, .498] | 1,000 |" in text
+    assert "| train_fraction 0.5 | .250 | .400 [.309, .498] | 1,000 |" in text
     assert "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00" in text

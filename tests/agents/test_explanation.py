@@ -359,8 +359,8 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(made, kg, model
 
 @pytest.mark.parametrize("in_sample", [False, True])
 def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened, explaining, made_once, in_sample):
-    dosed = RecipeScorerConfig(folds=3, share=0.6, noise=0.2)
-    config = RecipesConfig("kitchen", dosed)
+    with_train_sample = RecipeScorerConfig(folds=3, share=0.6, noise=0.2)
+    config = RecipesConfig("kitchen", with_train_sample)
     guide = load_scorer(made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out)))
     world, _ = explaining("no scorer", "train")
     settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)
@@ -371,12 +371,12 @@ def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened,
         assert isinstance(guide, CrossFitted)
         assert (found.model == "train_recipes") == in_sample
         model = guide.whole if found.fold is None else guide.left_out(found.fold)
-        taught = {tuple(recipe) for recipe in model.recipes.tolist()}
+        trained_on = {tuple(recipe) for recipe in model.recipes.tolist()}
         if found.model == "no_knowledge":
-            taught = set()
+            trained_on = set()
         for one in (recipe for way in found.ways for recipe in way):
             ids = tuple(map(opened.graph.id_of, (one.ingredient_a, one.ingredient_b, one.result)))
-            assert one.is_remembered == (ids in taught)
+            assert one.is_remembered == (ids in trained_on)
             told.add((one.part, one.is_remembered))
     assert told >= {("train", False), *([("train", True)] if in_sample else [])}
 

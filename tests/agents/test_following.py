@@ -117,15 +117,15 @@ def test_a_run_of_another_split_is_refused(interrupted):
 
 @pytest.mark.parametrize("gone", [False, True])
 def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_path, gone):
-    dosed = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, folds=0, share=0.5, noise=0.4))
-    model = train_links(dosed, tmp_path / "model").folder
+    with_train_sample = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, folds=0, share=0.5, noise=0.4))
+    model = train_links(with_train_sample, tmp_path / "model").folder
     config = replace(CONFIG, scorer=str(model), trainer=ImpalaConfig(steps=80, batch_size=8))
     run = FollowedRun(train_agent(config, tmp_path / "run").folder, opened)
-    dose = open_model(model).dose
+    train_sample = open_model(model).train_sample
     if gone:
         shutil.rmtree(model)  # then it is only known that these are train recipes
     world = World(opened, config.tasks.environment("all"))
-    is_right, told = dose.is_taught & ~dose.is_wrong, set()
+    is_right, told = train_sample.is_trained_on & ~train_sample.is_wrong, set()
     for task in range(0, len(world.tasks), 10):
         for one in (recipe for way in run.explainer(world).task(task).ways for recipe in way):
             ids = [opened.graph.id_of(label) for label in (one.ingredient_a, one.ingredient_b, one.result)]

@@ -25,9 +25,9 @@ from wordcraft_kg.base.statistics import bootstrap
 from wordcraft_kg.evaluation.links import LinkView, summarise_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.model import Model
@@ -384,7 +384,7 @@ def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model, split, monkeypa
     # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
     partial = np.concatenate([split.partial, [given_away[::-1]]])
     test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
-    monkeypatch.setattr(Dose, "triples", property(lambda self: partial))
+    monkeypatch.setattr(TrainSample, "triples", property(lambda self: partial))
     monkeypatch.setattr(Split, "held_out", lambda self, part: test)
     assert checks(values_of(made(kitchen_model))) == ALL_PASS | {"mirror": False}
 

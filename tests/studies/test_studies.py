@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
-from fabricated import GUIDED, NO_GRAPH, dosed, fabricate
+from fabricated import GUIDED, NO_GRAPH, fabricate, with_train_sample
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
@@ -96,12 +96,12 @@ def test_steps_to_the_references_end_are_of_the_mean_curve():
 
 
 def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks():
-    folds, memory = view_study(dosed()).doses
+    folds, memory = view_study(with_train_sample()).train_samples
     assert (folds.in_sample, memory.in_sample) == (False, True)
     assert [(at.label, at.mrr, at.success) for at in folds.points] == [
-        ("share 0.2", pytest.approx(0.105), pytest.approx(0.2)),
-        ("share 0.5", pytest.approx(0.205), pytest.approx(0.5)),
-        ("share 1", pytest.approx(0.305), pytest.approx(0.7)),
+        ("train_fraction 0.2", pytest.approx(0.105), pytest.approx(0.2)),
+        ("train_fraction 0.5", pytest.approx(0.205), pytest.approx(0.5)),
+        ("train_fraction 1", pytest.approx(0.305), pytest.approx(0.7)),
     ]
     assert folds.points[0].mrr_range == pytest.approx((0.1, 0.11))
     assert folds.pearson.value == pytest.approx(np.corrcoef([1, 2, 3], [0.2, 0.5, 0.7])[0, 1])
@@ -121,30 +121,32 @@ def test_steps_are_correlated_with_never_as_the_latest():
         "c": [[(10, 0.6), (20, 0.6)]],
     }
     mrr = {"a": 0.1, "b": 0.2, "c": 0.3}
-    (dose,) = view_study(fabricate(points, mrr=mrr, curves=curves, drawing="dose")).doses
-    assert [at.reached for at in dose.points] == [None, 20, 10]
-    assert dose.steps_spearman.value == pytest.approx(-1)
+    (train_sample,) = view_study(fabricate(points, mrr=mrr, curves=curves, drawing="scatter")).train_samples
+    assert [at.reached for at in train_sample.points] == [None, 20, 10]
+    assert train_sample.steps_spearman.value == pytest.approx(-1)
 
 
 @pytest.mark.parametrize(
     ("values", "label"),
     [
-        ({"scorer.share": 0.1, "scorer.noise": 0.0}, "share 0.1"),
-        ({"scorer.share": 1.0, "scorer.noise": 0.3}, "noise 0.3"),
-        ({"scorer.share": 1.0, "scorer.noise": 0.0}, "share 1"),
-        ({"scorer.share": 0.5, "scorer.noise": 0.1}, "share 0.5, noise 0.1"),
+        ({"scorer.train_fraction": 0.1, "scorer.label_noise": 0.0}, "train_fraction 0.1"),
+        ({"scorer.train_fraction": 1.0, "scorer.label_noise": 0.3}, "label_noise 0.3"),
+        ({"scorer.train_fraction": 1.0, "scorer.label_noise": 0.0}, "train_fraction 1"),
+        ({"scorer.train_fraction": 0.5, "scorer.label_noise": 0.1}, "train_fraction 0.5, label_noise 0.1"),
         ({}, "a"),
     ],
 )
 def test_a_dose_is_labelled_by_what_is_not_whole(values, label):
-    (dose,) = view_study(fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="dose")).doses
-    assert dose.points[0].label == label
+    (train_sample,) = view_study(
+        fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="scatter")
+    ).train_samples
+    assert train_sample.points[0].label == label
 
 
 def test_a_view_has_a_place_for_each_of_its_values_and_equal_results_have_equal_ones():
-    view = view_study(dosed())
+    view = view_study(with_train_sample())
     assert msgspec.convert(checked_values(view), StudyView) == view
-    assert as_values(view_study(dosed())) == as_values(view)
+    assert as_values(view_study(with_train_sample())) == as_values(view)
 
 
 def moved(results: StudyResults, number: int, key: str) -> StudyResults:
@@ -186,5 +188,5 @@ def test_runs_that_cannot_be_averaged_are_refused(won, more, why):
 
 
 def test_points_of_the_grid_in_words():
-    values = {"book": "everyday", "distractors": 1, "in_sample": True, "scorer.share": 0.5}
-    assert title_of(values) == "everyday, 1 distractor, in_sample true, scorer.share 0.5"
+    values = {"book": "everyday", "distractors": 1, "in_sample": True, "scorer.train_fraction": 0.5}
+    assert title_of(values) == "everyday, 1 distractor, in_sample true, scorer.train_fraction 0.5"

@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 import jsonschema
 import msgspec
 import pytest
-from fabricated import GUIDED, NO_GRAPH, dosed, fabricate
+from fabricated import GUIDED, NO_GRAPH, fabricate, with_train_sample
 
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.records import schema_of
@@ -109,10 +109,10 @@ def test_a_variant_keeps_its_colour_where_others_are_missing():
 
 
 def test_a_study_of_doses_is_drawn_by_mrr():
-    view = view_study(dosed())
+    view = view_study(with_train_sample())
     ((title, chart),) = panels_of(view)
     assert title == ""
-    assert all(label in chart for label in ("cross-fitted", "in-sample", "no graph", "share 0.5"))
+    assert all(label in chart for label in ("cross-fitted", "in-sample", "no graph", "train_fraction 0.5"))
     assert "train tasks scored in-sample</th><td>3</td>" in " ".join(render(make_study_report(view)).split())
 
 

@@ -19,7 +19,7 @@ from wordcraft_kg.envs.batch import GOAL, IN_PROGRESS, OUT_OF_ATTEMPTS, OUTCOMES
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.graphs.tasks import Rows, TaskSet
@@ -167,8 +167,8 @@ class Explainer:
         policy: Policy,
         world: World,
         *,
-        kg: Taught = "partial",
-        taught: NDArray[np.bool_] | None = None,
+        kg: TrainedOn = "partial",
+        trained_on: NDArray[np.bool_] | None = None,
         most_picks: int | None = None,
     ):
         """Copy a policy.
@@ -177,14 +177,14 @@ class Explainer:
             policy: policy for the graph.
             world: graph, tasks and settings.
             kg: the scorer's knowledge graph.
-            taught: the scorer's correct training recipes, shape (num_recipes,). Default: all, unless a source knows.
+            trained_on: the scorer's correct training recipes, shape (num_recipes,). Default: all, unless a source knows.
             most_picks: maximum number of picks; None plays to the end.
 
         Raises:
             LeakError: if a task would be scored by a model trained on its recipes.
         """
         self.world = world
-        self._kg, self._taught, self._most_picks = kg, taught, most_picks
+        self._kg, self._trained_on, self._most_picks = kg, trained_on, most_picks
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
@@ -316,8 +316,8 @@ class Explainer:
 
     def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
         """Return the known training recipes of a model."""
-        if self._taught is not None:
-            return is_seen & self._taught
+        if self._trained_on is not None:
+            return is_seen & self._trained_on
         for source in self._policy.sources.values():
             if isinstance(source, BestRecipe):
                 recipes = torch.from_numpy(self.world.graph.recipes.copy())

@@ -17,7 +17,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.folder import read_dose
+from wordcraft_kg.models.folder import read_train_sample
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
@@ -76,16 +76,16 @@ class FollowedRun:
         with self._lock:
             agent = self.agent()
             if world.config not in self._explainers:
-                kg, taught = agent.run.kg or "partial", self._taught(agent)
+                kg, trained_on = agent.run.kg or "partial", self._trained_on(agent)
                 self._explainers[world.config] = Explainer(
-                    agent.policy, world, kg=kg, taught=taught, most_picks=MOST_PICKS
+                    agent.policy, world, kg=kg, trained_on=trained_on, most_picks=MOST_PICKS
                 )
                 if len(self._explainers) > EXPLAINERS:
                     self._explainers.popitem(last=False)
             self._explainers.move_to_end(world.config)
             return self._explainers[world.config]
 
-    def _taught(self, agent: AgentRun) -> NDArray[np.bool_] | None:
+    def _trained_on(self, agent: AgentRun) -> NDArray[np.bool_] | None:
         """Return the correct training recipes of the scorer; None if the scorer's folder is unavailable."""
         inputs, folder = agent.run.inputs, agent.config.scorer
         if folder is None or "scorer" not in inputs:
@@ -93,12 +93,12 @@ class FollowedRun:
 
         def read() -> NDArray[np.bool_] | None:
             try:
-                dose = read_dose(folder, self.opened, inputs["scorer"])
-                return None if dose is None else dose.is_taught & ~dose.is_wrong
+                train_sample = read_train_sample(folder, self.opened, inputs["scorer"])
+                return None if train_sample is None else train_sample.is_trained_on & ~train_sample.is_wrong
             except WordCraftKGError:
                 return None
 
-        return self._once("taught", inputs["scorer"], read)
+        return self._once("trained_on", inputs["scorer"], read)
 
     def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
         """Return the final evaluation by split, goal and start; empty before the end of training.

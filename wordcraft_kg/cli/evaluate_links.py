@@ -47,7 +47,7 @@ def evaluate_links(
         trained.scorer,
         trained.opened,
         kg=trained.kg,
-        dose=trained.dose,
+        train_sample=trained.train_sample,
         name=model.name,
         provenance=trained.provenance,
         trace=trained.trace,

@@ -16,7 +16,7 @@ from wordcraft_kg.cli.options import Force, MovedGraph
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
     from wordcraft_kg.evaluation.scores import ScoringModel
-    from wordcraft_kg.graphs.folder import Taught
+    from wordcraft_kg.graphs.folder import TrainedOn
     from wordcraft_kg.models.scorers.queries import Query, RecipeQuery
 
 EXAMPLES = (
@@ -180,7 +180,7 @@ def _chance(found: Any) -> str:
     return "" if share is None else f"probability {'> 99' if share > 0.99 else format(100 * share, '.2g')} %"
 
 
-def _notes(kg: "Taught | None", found: Sequence[Any]) -> Iterator[str]:
+def _notes(kg: "TrainedOn | None", found: Sequence[Any]) -> Iterator[str]:
     """Yield the notes on triples or recipes that the model has seen in training."""
     if any(getattr(one, "memory", False) for one in found):
         yield "(memory): the scorer was trained on this recipe, so its score is no prediction."

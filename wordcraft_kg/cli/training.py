@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.cli.console import Output, aligned, read_seeds
-from wordcraft_kg.graphs.doses import dose_words
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs.train_samples import describe_train_sample
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.folder import Progress, check_run_output
@@ -242,10 +242,10 @@ def _agent_values(trained: "TrainedAgent") -> Values:
 def _agent_rows(trained: "TrainedAgent") -> Rows:
     summary = trained.summary
     assert summary is not None
-    share = f"{summary.curves_share:.1%} of the time spent on the curves"
+    train_fraction = f"{summary.curves_share:.1%} of the time spent on the curves"
     return [
         ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
-        ("speed", f"{summary.steps_per_second:,} steps/s; {share}"),
+        ("speed", f"{summary.steps_per_second:,} steps/s; {train_fraction}"),
         *(
             (
                 f"{name} tasks",
@@ -268,7 +268,7 @@ def _agent_seed_rows(values: dict[int, Values]) -> Rows:
 
 
 def _learned_from(metrics: "LinkMetrics | RecipeMetrics") -> Rows:
-    words = dose_words(metrics.share, metrics.noise)
+    words = describe_train_sample(metrics.train_fraction, metrics.label_noise)
     return [("from", words)] if words else []
 
 

@@ -36,7 +36,7 @@ from wordcraft_kg.evaluation.training_curves import (
     success_curves,
     training_figures,
 )
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
@@ -87,7 +87,7 @@ class AgentEntry(Record):
     seeds: tuple[int, ...]
     checkpoints: tuple[str, ...]
     settings: dict[str, str]
-    kg: Taught | None
+    kg: TrainedOn | None
     cross_fitted: Count
     trained_with: Count
     steps: tuple[int, ...]

@@ -27,7 +27,7 @@ from wordcraft_kg.evaluation.link_sections import (
 from wordcraft_kg.evaluation.probabilities import Reliability, view_probabilities
 from wordcraft_kg.evaluation.ranked_links import RankedLinks
 from wordcraft_kg.graphs.audit import Leakage, SplitSummary, leakage, split_summary
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
@@ -52,7 +52,7 @@ class JudgedModel(Record):
     """The model; a model of the full graph has seen the evaluation triples."""
 
     name: str
-    kg: Taught
+    kg: TrainedOn
     has_seen_the_test_recipes: bool
 
 
@@ -249,7 +249,9 @@ def _checks(judged: RankedLinks) -> Iterator[Check]:
         "graph", "the model was trained on the graph that is evaluated", judged.scorer.graph_hash == graph.hash, ""
     )
     if judged.kg != "none":  # coverage of an untrained model is undefined
-        uncovered = np.setdiff1d(np.arange(graph.num_entities) if not judged.is_full else [], judged.dose.recipes)
+        uncovered = np.setdiff1d(
+            np.arange(graph.num_entities) if not judged.is_full else [], judged.train_sample.recipes
+        )
         listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
         covered = not len(uncovered)
         yield Check("coverage", "every entity occurs in training", covered, "all do" if covered else listed)

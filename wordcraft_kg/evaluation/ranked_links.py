@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import SplitError
 from wordcraft_kg.base.settings import refuse, whole
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.doses import Dose
-from wordcraft_kg.graphs.folder import OpenedGraph, Taught
+from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
@@ -33,16 +33,16 @@ class RankedLinks:
         population: count of all evaluation triples.
         queries: ranked triples, shape (T, 3): all of them, or a uniform sample.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
-        dose: training recipes.
+        train_sample: training recipes.
     """
 
     scorer: TripleScorer
     opened: OpenedGraph
-    kg: Taught
+    kg: TrainedOn
     population: int
     queries: Ids
     ranks: pd.DataFrame
-    dose: Dose
+    train_sample: TrainSample
 
     @property
     def graph(self) -> RecipeGraph:
@@ -57,7 +57,7 @@ class RankedLinks:
     @property
     def trained_on(self) -> Ids:
         """Training triples, shape (T, 3)."""
-        return self.dose.triples
+        return self.train_sample.triples
 
     @property
     def observed(self) -> Ids:
@@ -85,7 +85,7 @@ class RankedLinks:
     @cached_property
     def baseline_ranks(self) -> dict[str, pd.DataFrame]:
         """Rankings by baselines of the same training triples, by name; train recipes for an untrained scorer."""
-        known = self.opened.dose("partial") if self.kg == "none" else self.dose
+        known = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
         if self.has_table:
             scorers["votes"] = VoteScorer(self.graph, known.recipes)
@@ -101,9 +101,9 @@ class RankedLinks:
 def rank_links(
     scorer: TripleScorer,
     opened: OpenedGraph,
-    kg: Taught = "partial",
+    kg: TrainedOn = "partial",
     *,
-    dose: Dose | None = None,
+    train_sample: TrainSample | None = None,
     max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> RankedLinks:
@@ -116,7 +116,7 @@ def rank_links(
         scorer: a scorer of the graph.
         opened: graph and split.
         kg: training graph.
-        dose: training recipes; None takes all recipes of ``kg``. They change neither triples nor filter.
+        train_sample: training recipes; None takes all recipes of ``kg``. They change neither triples nor filter.
         max_queries: most queries to rank, two for each triple of a uniform sample; 0 ranks all.
         seed: seed of the sample.
 
@@ -131,10 +131,10 @@ def rank_links(
     if len(queries) < MIN_TRIPLES:
         raise SplitError(_too_few(len(queries), opened, kg))
     ranks = rank_triples(scorer, queries, opened.graph.triples)
-    return RankedLinks(scorer, opened, kg, len(everything), queries, ranks, dose or opened.dose(kg))
+    return RankedLinks(scorer, opened, kg, len(everything), queries, ranks, train_sample or opened.train_sample(kg))
 
 
-def _too_few(found: int, opened: OpenedGraph, kg: Taught) -> str:
+def _too_few(found: int, opened: OpenedGraph, kg: TrainedOn) -> str:
     needed = f"a meaningful figure needs at least {MIN_TRIPLES}."
     if kg == "full":
         return f"only {found} triples in the whole graph; {needed} Use a recipe book with more recipes."

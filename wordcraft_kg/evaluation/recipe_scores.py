@@ -12,7 +12,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.queries import RecipeQuery
@@ -51,7 +51,7 @@ class RankedRecipe(ScoredRecipe):
     rank_as_result: Count
     rank_as_ingredient_a: Count
     rank_as_ingredient_b: Count
-    trained_on: Taught | None
+    trained_on: TrainedOn | None
 
 
 class OpenRecipe(Record):
@@ -61,7 +61,7 @@ class OpenRecipe(Record):
     ingredient_b: str | None
     result: str | None
     top: tuple[ScoredRecipe, ...]
-    trained_on: Taught | None
+    trained_on: TrainedOn | None
 
 
 class ScoredRecipeRow(Record):

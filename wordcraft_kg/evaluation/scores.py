@@ -13,7 +13,7 @@ from wordcraft_kg.base.errors import ArtefactError, QueryFileError, UnknownEntit
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.folder import open_model
@@ -43,7 +43,7 @@ class ScoredTriple(Record):
     known: Known | None
     rank_as_tail: int
     rank_as_head: int
-    trained_on: Taught | None
+    trained_on: TrainedOn | None
     probability: Share | None = None
     by_words: tuple[str, ...] = ()
 
@@ -64,7 +64,7 @@ class OpenSlot(Record):
     relation: str
     tail: str | None
     top: tuple[ScoredEntity, ...]
-    trained_on: Taught | None
+    trained_on: TrainedOn | None
     by_words: tuple[str, ...]
 
 
@@ -86,7 +86,7 @@ class ScoredFile(Record, omit_defaults=True):
 
     queries: Count
     found: Count
-    trained_on: Taught | None
+    trained_on: TrainedOn | None
     by_words: tuple[str, ...] = ()
     rows: tuple[Record, ...] = ()
     out: str | None = None
@@ -104,7 +104,7 @@ class ScoringModel:
 
     scorer: Scorer
     split: Split | None
-    kg: Taught | None
+    kg: TrainedOn | None
     missing: str = ""
     by_words: tuple[str, ...] = ()
 

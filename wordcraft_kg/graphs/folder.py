@@ -11,17 +11,17 @@ from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.book_files import book_json, read_book, recipe_table
-from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.frames import entities_frame
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
+from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
 
 KG = Literal["partial", "full"]
 """Triples of the train recipes, or of all recipes."""
-Taught = Literal["partial", "full", "none"]
+TrainedOn = Literal["partial", "full", "none"]
 """A scorer's training recipes: train, all, or none (a scorer of entity names only)."""
 
 
@@ -40,9 +40,9 @@ class OpenedGraph:
         """Return the full or partial knowledge graph, shape (T, 3), sorted."""
         return self.graph.triples if kg == "full" else self.split.partial
 
-    def dose(self, kg: Taught) -> Dose:
+    def train_sample(self, kg: TrainedOn) -> TrainSample:
         """Return the training recipes of a scorer."""
-        return Dose.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
+        return TrainSample.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
 
 
 @stage("writing the graph folder")

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.settings import refuse, whole
 from wordcraft_kg.graphs.arrays import Ids, frozen
-from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.splits import Split, units_of
 from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import recipe_triples
 
 OUTSIDE = -1
@@ -33,35 +33,37 @@ class Folds:
         count: K.
         seed: seed of the draw.
         of_recipe: shape (num_recipes,), int64: each recipe's fold, :data:`OUTSIDE` outside train.
-        dose: the training recipes; the folds do not depend on the dose.
+        train_sample: the training recipes; the folds do not depend on the dose.
     """
 
-    def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, dose: Dose | None = None):
+    def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, train_sample: TrainSample | None = None):
         """Bind a draw to a split, see :func:`make_folds`; the default dose is the train part."""
         self.split, self.count, self.seed = split, count, seed
         self.of_recipe = frozen(of_recipe)
-        self.dose = Dose.of(split.graph, split.is_in("train")) if dose is None else dose
+        self.train_sample = TrainSample.of(split.graph, split.is_in("train")) if train_sample is None else train_sample
 
-    def dosed(self, dose: Dose) -> "Folds":
+    def with_train_sample(self, train_sample: TrainSample) -> "Folds":
         """Return the same folds with another dose."""
-        return Folds(self.split, self.count, self.seed, self.of_recipe, dose)
+        return Folds(self.split, self.count, self.seed, self.of_recipe, train_sample)
 
     @property
-    def is_dosed(self) -> bool:
+    def is_subsample(self) -> bool:
         """Whether the dose changes the train recipes."""
-        return bool((self.dose.is_taught != self.split.is_in("train")).any() or self.dose.is_wrong.any())
+        return bool(
+            (self.train_sample.is_trained_on != self.split.is_in("train")).any() or self.train_sample.is_wrong.any()
+        )
 
     def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
         """Return which recipes are in the dose and outside the folds left out, shape (num_recipes,)."""
-        return self.dose.is_taught & ~np.isin(self.of_recipe, list(left_out))
+        return self.train_sample.is_trained_on & ~np.isin(self.of_recipe, list(left_out))
 
     def recipes(self, left_out: Collection[int] = ()) -> Ids:
         """Return the recipes :meth:`seen`, with training results, shape (n, 3)."""
-        return self.dose.among(self.seen(left_out))
+        return self.train_sample.among(self.seen(left_out))
 
     def recipes_of(self, fold: int) -> Ids:
         """Return the dose's recipes in a fold, with training results, shape (n, 3)."""
-        return self.dose.among(self.of_recipe == fold)
+        return self.train_sample.among(self.of_recipe == fold)
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:
         """Return the triples of the recipes :meth:`seen`, shape (T, 3), sorted."""

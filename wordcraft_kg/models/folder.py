@@ -5,8 +5,8 @@ from pathlib import Path
 
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.graphs.doses import Dose, is_dosed
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.train_samples import TrainSample, is_subsample
 from wordcraft_kg.models.links.config import LinksConfig
 from wordcraft_kg.models.links.records import links_history
 from wordcraft_kg.models.model import History, Model
@@ -54,8 +54,8 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
     return Model(scorer, opened, files.run, history)
 
 
-def read_dose(folder: str | Path, opened: OpenedGraph, weights: str) -> Dose | None:
-    """Return the training recipes of a model folder, see :attr:`Model.dose`; None if it holds other weights.
+def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> TrainSample | None:
+    """Return the training recipes of a model folder, see :attr:`Model.train_sample`; None if it holds other weights.
 
     The weights are read only for a training fraction, label noise, or a model that was not trained here.
 
@@ -66,16 +66,16 @@ def read_dose(folder: str | Path, opened: OpenedGraph, weights: str) -> Dose | N
 
     Raises:
         ArtefactError: as :func:`open_model` does.
-        GraphMismatchError: as :func:`open_model` and :attr:`Model.dose` do.
+        GraphMismatchError: as :func:`open_model` and :attr:`Model.train_sample` do.
     """
     files = RunFiles(Path(folder), read_finished_run(Path(folder), MODEL, WEIGHTS))
     if files.run.outputs[WEIGHTS] != weights:
         return None
     history = _history(files)
     settings = history.config.values()
-    if not history.is_trained or is_dosed(settings.get("share", 1.0), settings.get("noise", 0.0)):
-        return open_model(folder, opened.source).dose
-    return opened.dose(settings.get("kg", "none"))
+    if not history.is_trained or is_subsample(settings.get("train_fraction", 1.0), settings.get("label_noise", 0.0)):
+        return open_model(folder, opened.source).train_sample
+    return opened.train_sample(settings.get("kg", "none"))
 
 
 def _history(files: RunFiles) -> History:

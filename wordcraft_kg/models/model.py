@@ -8,8 +8,8 @@ from typing import Any
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.doses import Dose, dose_words, is_dosed, make_dose
-from wordcraft_kg.graphs.folder import OpenedGraph, Taught
+from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
+from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample, is_subsample
 from wordcraft_kg.models.scorers.folder import WEIGHTS
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.config_file import RunConfig
@@ -21,7 +21,7 @@ class History:
     """Settings and figures of a training, from the files of a model folder.
 
     Attributes:
-        config: settings; ``kg``, ``share``, ``noise`` and ``seed`` have the same meaning for all models.
+        config: settings; ``kg``, ``train_fraction``, ``label_noise`` and ``seed`` have the same meaning for all models.
         facts: facts for a report, by name.
         metrics: figures of the training, if any.
         trace: a record per epoch.
@@ -69,9 +69,9 @@ class Model:
         return {name: value for name, value in self.history.config.values().items() if name != "graph"}
 
     @property
-    def kg(self) -> Taught:
+    def kg(self) -> TrainedOn:
         """Training data: ``partial``, ``full``, or ``none`` without recipes."""
-        kg: Taught = self.settings.get("kg", "none")
+        kg: TrainedOn = self.settings.get("kg", "none")
         return kg
 
     @property
@@ -88,34 +88,34 @@ class Model:
     @property
     def learned_from(self) -> str:
         """Training fraction and label noise in words; empty for all recipes without noise."""
-        return dose_words(self.settings.get("share", 1.0), self.settings.get("noise", 0.0))
+        return describe_train_sample(self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0))
 
     @cached_property
-    def dose(self) -> Dose:
+    def train_sample(self) -> TrainSample:
         """The training recipes, with label noise.
 
         Raises:
             GraphMismatchError: if the draw gives other recipes than those of the training.
         """
         split = self.opened.split
-        share, noise = self.settings.get("share", 1.0), self.settings.get("noise", 0.0)
+        train_fraction, label_noise = self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0)
         if (folds := self.scorer.folds) is not None:
-            dose = folds.dose(split.graph)
-        elif is_dosed(share, noise):
-            dose = make_dose(split, share, noise, self.settings["seed"])
+            train_sample = folds.train_sample(split.graph)
+        elif is_subsample(train_fraction, label_noise):
+            train_sample = draw_train_sample(split, train_fraction, label_noise, self.settings["seed"])
         else:
-            dose = self.opened.dose(self.kg)
-        if self.run.inputs.get("dose", dose.hash) != dose.hash:
+            train_sample = self.opened.train_sample(self.kg)
+        if self.run.inputs.get("train_sample", train_sample.hash) != train_sample.hash:
             raise GraphMismatchError(
-                f"the model was trained on the recipes {self.run.inputs['dose'][:12]}, but `share` and `noise` give "
-                f"{dose.hash[:12]}. Train it again with this version of NumPy."
+                f"the model was trained on the recipes {self.run.inputs['train_sample'][:12]}, but `train_fraction` and `label_noise` give "
+                f"{train_sample.hash[:12]}. Train it again with this version of NumPy."
             )
-        return dose
+        return train_sample
 
     @property
     def triples(self) -> Ids:
         """The training triples, shape (T, 3), sorted."""
-        return self.dose.triples
+        return self.train_sample.triples
 
     @property
     def observed(self) -> Ids:

@@ -9,7 +9,7 @@ from torch import Tensor
 from wordcraft_kg.base.artefacts import staged_folder, with_a_name, write_atomically
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.settings import one_of
-from wordcraft_kg.graphs.folder import OpenedGraph, Taught
+from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.models.model import History
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
@@ -32,11 +32,11 @@ class SavedConfig(RunConfig):
 
     commands: ClassVar[tuple[str, ...]] = ("save-scorer",)
 
-    kg: Taught
+    kg: TrainedOn
     origin: str
 
     def __post_init__(self) -> None:
-        one_of("kg", self.kg, get_args(Taught))
+        one_of("kg", self.kg, get_args(TrainedOn))
 
 
 def save_scorer(
@@ -44,7 +44,7 @@ def save_scorer(
     scorer: TripleScorer,
     opened: OpenedGraph,
     *,
-    kg: Taught,
+    kg: TrainedOn,
     origin: str = "",
     force: bool = False,
 ) -> Path:
@@ -93,8 +93,8 @@ def save_scorer(
         if folded is not None:
             inputs["folds"], outputs = folded.record.hash, (*outputs, *FOLD_OUTPUTS)
             _write_folds(staging, folded, whole.kind, opened)
-            if folded.taught is not None:
-                inputs["dose"] = folded.dose(opened.graph).hash
+            if folded.train_results is not None:
+                inputs["train_sample"] = folded.train_sample(opened.graph).hash
         end_run(staging, start_run(staging, config.command, inputs=inputs), "done", outputs)
     return out
 
@@ -106,8 +106,8 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
         scorer.trained_on(fold, opened.graph)  # or it is refused
         return scorer.record.folds[fold].trained_on, stored(scorer.left_out(fold)).tensors()
 
-    dose = scorer.dose(opened.graph)
-    folds = Folds(opened.split, scorer.count, scorer.record.seed, scorer.of_recipe, dose)
+    train_sample = scorer.train_sample(opened.graph)
+    folds = Folds(opened.split, scorer.count, scorer.record.seed, scorer.of_recipe, train_sample)
     write_folds(folder, folds, scorer.whole, kind, part)
 
 

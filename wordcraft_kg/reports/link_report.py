@@ -9,8 +9,8 @@ from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
 from wordcraft_kg.evaluation.links import LinkView, view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
-from wordcraft_kg.graphs.doses import Dose
-from wordcraft_kg.graphs.folder import OpenedGraph, Taught
+from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
+from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
@@ -36,8 +36,8 @@ def make_link_report(
     scorer: TripleScorer,
     opened: OpenedGraph,
     *,
-    kg: Taught = "partial",
-    dose: Dose | None = None,
+    kg: TrainedOn = "partial",
+    train_sample: TrainSample | None = None,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
     trace: Sequence[TraceRow] = (),
@@ -50,7 +50,7 @@ def make_link_report(
         scorer: a scorer of this graph.
         opened: graph and split.
         kg: training graph, see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
-        dose: training recipes of the scorer; None takes all recipes of ``kg``.
+        train_sample: training recipes of the scorer; None takes all recipes of ``kg``.
         name: scorer name in the report.
         provenance: facts for the last section.
         trace: a row for each epoch.
@@ -60,7 +60,7 @@ def make_link_report(
     Raises:
         SplitError: if fewer than 30 evaluation triples remain.
     """
-    judged = rank_links(scorer, opened, kg, dose=dose, max_queries=max_queries, seed=seed)
+    judged = rank_links(scorer, opened, kg, train_sample=train_sample, max_queries=max_queries, seed=seed)
     view = view_links(judged, name=name, provenance=provenance, trace=trace, seed=seed)
     return Report(
         view,

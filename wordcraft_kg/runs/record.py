@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from wordcraft_kg.base.artefacts import dump_json, sha256_of, what_is, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_values, read_record
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 
 RUN_FILE = "run.json"
 _SEED = re.compile(r"seed-(\d+)")
@@ -71,7 +71,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     seed: int
     device: str
     threads: int
-    kg: Taught | None = None
+    kg: TrainedOn | None = None
     cross_fitted: int = 0
     trackers: tuple[str, ...] = ()
     missing_words: tuple[str, ...] = ()
@@ -82,7 +82,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
 class RunFacts(TypedDict, total=False):
     """Optional fields of :class:`RunRecord`."""
 
-    kg: Taught | None
+    kg: TrainedOn | None
     cross_fitted: int
     trackers: tuple[str, ...]
     missing_words: tuple[str, ...]

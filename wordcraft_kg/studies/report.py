@@ -13,8 +13,8 @@ from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
-from wordcraft_kg.studies.doses import Correlation, Dose
 from wordcraft_kg.studies.tables import as_csv, notes, tables_of, with_bounds
+from wordcraft_kg.studies.train_samples import Correlation, TrainSample
 from wordcraft_kg.studies.variants import PointFigures
 from wordcraft_kg.studies.view import StudyView, title_of
 
@@ -67,9 +67,15 @@ def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
 
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
     """Yield caption and picture of each grid point; the drawing "dose" has a picture for all scorer settings."""
-    if view.drawing == "dose" and view.doses:
-        for title in dict.fromkeys(title_of(dose.values) for dose in view.doses):
-            yield title, _dose(view, [dose for dose in view.doses if title_of(dose.values) == title])
+    if view.drawing == "scatter" and view.train_samples:
+        for title in dict.fromkeys(title_of(train_sample.values) for train_sample in view.train_samples):
+            yield (
+                title,
+                _train_sample(
+                    view,
+                    [train_sample for train_sample in view.train_samples if title_of(train_sample.values) == title],
+                ),
+            )
         return
     for point in view.points:
         is_curve = view.drawing == "curves" and any(len(entry.curve) > 1 for entry in point.variants)
@@ -104,14 +110,14 @@ def _bars(view: StudyView, point: PointFigures) -> Markup:
     )
 
 
-def _dose(view: StudyView, doses: list[Dose]) -> Markup:
-    several = any(len({at.variant for at in dose.points}) > 1 for dose in doses)
+def _train_sample(view: StudyView, train_samples: list[TrainSample]) -> Markup:
+    several = any(len({at.variant for at in train_sample.points}) > 1 for train_sample in train_samples)
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
-    for dose in doses:
-        for at in dose.points:
-            name = at.variant if several else "in-sample" if dose.in_sample else "cross-fitted"
+    for train_sample in train_samples:
+        for at in train_sample.points:
+            name = at.variant if several else "in-sample" if train_sample.in_sample else "cross-fitted"
             series.setdefault(name, []).append((at.label, (at.mrr, *at.mrr_range), (at.success, *at.interval)))
-    without = next((dose.without for dose in doses if dose.without is not None), None)
+    without = next((train_sample.without for train_sample in train_samples if train_sample.without is not None), None)
     return charts.scatter(
         series,
         "leak-free MRR of the scorer on test triples",

@@ -26,7 +26,7 @@ from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 
 Value = str | int | float | bool
 Values = dict[str, Value]
-Drawing = Literal["curves", "bars", "dose"]
+Drawing = Literal["curves", "bars", "scatter"]
 """Success by step of training; final success of each variant; final success by the MRR of the scorer."""
 
 Metric = Literal["success", "iqm", "by-plan", "train", "mrr", "steps"]

@@ -10,9 +10,9 @@ from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.statistics import holm
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.claims import Judged, view_claims
-from wordcraft_kg.studies.doses import Dose, doses_of
 from wordcraft_kg.studies.results import Missing, RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Value, Values
+from wordcraft_kg.studies.train_samples import TrainSample, train_samples_of
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures, figures_of
 
 
@@ -22,7 +22,7 @@ class StudyView(Record):
     Attributes:
         reference: the variant of all comparisons.
         points: grid points that have runs.
-        doses: for the drawing "dose": an entry for each way of scoring train tasks and each point of other settings.
+        train_samples: for the drawing "dose": an entry for each way of scoring train tasks and each point of other settings.
         comparisons: number of comparisons in the correction of p-values.
     """
 
@@ -35,7 +35,7 @@ class StudyView(Record):
     drawing: Drawing
     reference: str
     points: Annotated[tuple[PointFigures, ...], msgspec.Meta(min_length=1)]
-    doses: tuple[Dose, ...]
+    train_samples: tuple[TrainSample, ...]
     comparisons: Count
     claims: tuple[Judged, ...]
     missing: tuple[Missing, ...]
@@ -69,7 +69,7 @@ def view_study(results: StudyResults) -> StudyView:
         drawing=study.drawing,
         reference=reference,
         points=tuple(points),
-        doses=tuple(doses_of(results, points, reference)) if study.drawing == "dose" else (),
+        train_samples=tuple(train_samples_of(results, points, reference)) if study.drawing == "scatter" else (),
         comparisons=len(compared),
         claims=view_claims(results),
         missing=results.missing,
@@ -82,8 +82,8 @@ def title_of(values: Values) -> str:
     """Format a grid point.
 
     Example:
-        >>> title_of({"distractors": 8, "split": "by-goal", "scorer.share": 0.5})
-        '8 distractors, split by-goal, scorer.share 0.5'
+        >>> title_of({"distractors": 8, "split": "by-goal", "scorer.train_fraction": 0.5})
+        '8 distractors, split by-goal, scorer.train_fraction 0.5'
     """
     return ", ".join(_worded(name, value) for name, value in values.items())
 

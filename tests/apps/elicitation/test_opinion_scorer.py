@@ -86,7 +86,7 @@ def test_opinions_are_saved_and_loaded_without_training_recipes(opened, scorer, 
     assert isinstance(loaded, OpinionScorer)
     torch.testing.assert_close(loaded.tensors(), scorer.tensors(), rtol=0, atol=0)
     model = open_model(folder)
-    assert (model.kg, len(model.triples), len(model.dose.recipes)) == ("none", 0, 0)
+    assert (model.kg, len(model.triples), len(model.train_sample.recipes)) == ("none", 0, 0)
     np.testing.assert_array_equal(model.observed, scorer.observed)
     assert "no recipe of the graph" in (folder / "README.md").read_text()
     assert "w, best pair" in scorer_players(opened.graph, loaded, model.observed)

@@ -34,6 +34,6 @@ def test_a_model_that_was_taught_a_dose_says_of_what(settings: dict[str, float],
     config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, folds=0, **settings))  # type: ignore[arg-type]
     explored = Explored.open("kitchen", [train_links(config, tmp_path / "model").folder])
     (line,) = HOME.view(explored, HOME.state()).models
-    assert line.dose == said
+    assert line.train_sample == said
     page = client_of(explored).get("/home").text
     assert f">{said or 'train recipes'}<" in page

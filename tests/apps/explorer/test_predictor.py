@@ -142,18 +142,18 @@ def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours: L
 
 
 @pytest.fixture
-def dosed(parted_kitchen: OpenedGraph, tmp_path: Path) -> Callable[..., LinkPredictor]:
+def with_train_sample(parted_kitchen: OpenedGraph, tmp_path: Path) -> Callable[..., LinkPredictor]:
     """Train a tiny ComplEx on a dose of the train recipes."""
 
-    def dosed(**settings: float) -> LinkPredictor:
+    def with_train_sample(**settings: float) -> LinkPredictor:
         config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, **settings))  # type: ignore[arg-type]
-        return LinkPredictor("dosed", tmp_path, open_model(train_links(config, tmp_path / "model").folder))
+        return LinkPredictor("with_train_sample", tmp_path, open_model(train_links(config, tmp_path / "model").folder))
 
-    return dosed
+    return with_train_sample
 
 
-def test_what_a_dose_left_out_is_true_but_not_learned(dosed: Callable[..., LinkPredictor]):
-    predictor = dosed(folds=0, share=0.5)
+def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample: Callable[..., LinkPredictor]):
+    predictor = with_train_sample(folds=0, share=0.5)
     statuses = set()
     for entity, relation, side in SLOTS:
         slot = predictor.slot(entity, relation, side)
@@ -163,10 +163,10 @@ def test_what_a_dose_left_out_is_true_but_not_learned(dosed: Callable[..., LinkP
     assert ("learned", "test") not in statuses
 
 
-def test_what_was_taught_wrong_is_learned_and_has_no_probability(dosed: Callable[..., LinkPredictor]):
-    predictor = dosed(folds=2, noise=0.5)
-    dose = predictor.model.dose
-    a, _, result = dose.among(dose.is_wrong)[0].tolist()
+def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_sample: Callable[..., LinkPredictor]):
+    predictor = with_train_sample(folds=2, noise=0.5)
+    train_sample = predictor.model.train_sample
+    a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
     found = predictor.best(predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0)
     (wrong,) = [row for row in found.best if row.entity == predictor.graph.entities[result]]
     assert (wrong.status, wrong.known, wrong.probability) == ("learned", "new", None)

@@ -8,9 +8,9 @@ from link_helpers import random_graph
 from small_scorers import normal
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.doses import make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
@@ -96,11 +96,11 @@ def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
 
 def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen: OpenedGraph):
     graph = opened_kitchen.graph
-    dose = make_dose(opened_kitchen.split, share=0.5, noise=0.5)
-    evidence = LinkEvidence(NeighbourScorer(graph, dose.triples), dose.recipes)
-    a, _, result = dose.among(dose.is_wrong)[0].tolist()
+    train_sample = draw_train_sample(opened_kitchen.split, share=0.5, noise=0.5)
+    evidence = LinkEvidence(NeighbourScorer(graph, train_sample.triples), train_sample.recipes)
+    a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
     assert evidence.reason(a, COMPONENT_OF, result).is_memory
-    right = graph.recipes[np.flatnonzero(dose.is_wrong)[0], 2]
+    right = graph.recipes[np.flatnonzero(train_sample.is_wrong)[0], 2]
     assert not evidence.reason(a, COMPONENT_OF, int(right)).is_memory
 
 

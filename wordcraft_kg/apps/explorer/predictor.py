@@ -137,7 +137,7 @@ class LinkPredictor:
     @cached_property
     def evidence(self) -> LinkEvidence:
         """The training links that support a link; a model with too many entities for evidence raises a ConfigError."""
-        return LinkEvidence(self.model.scorer.whole, self.model.dose.recipes)
+        return LinkEvidence(self.model.scorer.whole, self.model.train_sample.recipes)
 
     @property
     def split(self) -> Split:

@@ -10,7 +10,7 @@ from wordcraft_kg.apps.text_agents.games import Game
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph, Taught
+from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 
@@ -32,7 +32,7 @@ class Knowledge(ABC):
     """
 
     scorer: str | None = None
-    kg: Taught | None = None
+    kg: TrainedOn | None = None
 
     @abstractmethod
     def facts(self, entity: int, game: Game) -> list[str]:
@@ -76,7 +76,7 @@ class ScorerKnowledge(Knowledge):
     link predictors score almost all high.
     """
 
-    def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: Taught | None = None):
+    def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: TrainedOn | None = None):
         """Take a scorer, the weights hash and the training triples.
 
         Raises:

@@ -8,7 +8,7 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import texts_hash
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -42,7 +42,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     tasks: Count | None = None
     knowledge: KnowledgeKind = "none"
     scorer: Hash | None = None
-    kg: Taught | None = None
+    kg: TrainedOn | None = None
     look_ups: Count = LOOK_UPS
     refusals: Count = REFUSALS
     texts: Hash

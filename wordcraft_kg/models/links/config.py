@@ -16,8 +16,8 @@ from wordcraft_kg.base.settings import (
     require,
     whole,
 )
-from wordcraft_kg.graphs.doses import check_dose
 from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.train_samples import check_train_sample
 from wordcraft_kg.runs.config_file import RunConfig
 
 PAPER_DIM = 128
@@ -39,9 +39,9 @@ class TrainingConfig:
 
     Attributes:
         kg: triples to train on: partial (those of the train recipes) or full (all of them, test recipes included).
-        share: share of the train recipes to learn from, drawn with `seed`; those of a smaller share are among those of
+        train_fraction: share of the train recipes to learn from, drawn with `seed`; those of a smaller share are among those of
             a larger one.
-        noise: share of these recipes that get a wrong result, that of another one.
+        label_noise: share of these recipes that get a wrong result, that of another one.
         epochs: passes over the triples.
         batch_size: triples per step.
         eval_every: epochs between rankings of the validation triples; 0 never ranks them.
@@ -51,7 +51,7 @@ class TrainingConfig:
         folds: parts of the train recipes for cross-fitting: for each, one more model is trained on all others, so that
             an agent's train tasks can be scored by a model that has not seen their recipes; 0 trains none. Default: 5
             on the partial graph, as far as it can be cut into so many; 0 on the full one.
-        seed: root seed of the initial parameters, the batches and what `share` and `noise` draw.
+        seed: root seed of the initial parameters, the batches and what `train_fraction` and `label_noise` draw.
         device: torch device to train on, such as cpu or cuda.
         threads: CPU threads; 1 is rarely slower for models this small, and much faster on a busy machine.
     """
@@ -59,8 +59,8 @@ class TrainingConfig:
     command: ClassVar[str]
 
     kg: KG = "partial"
-    share: float = 1.0
-    noise: float = 0.0
+    train_fraction: float = 1.0
+    label_noise: float = 0.0
     epochs: int = 50
     batch_size: int = 512
     eval_every: int = 0
@@ -73,7 +73,7 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(KG))
-        check_dose(self.kg, self.share, self.noise)
+        check_train_sample(self.kg, self.train_fraction, self.label_noise)
         limits = {"epochs": None, "checkpoint_every": None, "batch_size": MAX_SIZE, "threads": MAX_THREADS}
         for name, high in limits.items():
             whole(name, getattr(self, name), 1, high)

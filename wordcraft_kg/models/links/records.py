@@ -75,8 +75,8 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         kg: knowledge graph of the training: partial or full.
-        share: training fraction: share of the train recipes.
-        noise: label noise: share of these with a wrong result.
+        train_fraction: training fraction: share of the train recipes.
+        label_noise: label noise: share of these with a wrong result.
         triples: number of training triples.
         epochs: number of epochs.
         best_epoch: best epoch by validation MRR, if validated.
@@ -94,8 +94,8 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     kg: KG
-    share: float = 1.0
-    noise: float = 0.0
+    train_fraction: float = 1.0
+    label_noise: float = 0.0
     triples: int
     epochs: int
     best_epoch: int | None

@@ -7,8 +7,8 @@ from pykeen.models import Model
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.records import as_lines, as_values
-from wordcraft_kg.graphs.doses import Dose, dose_words
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
@@ -24,22 +24,22 @@ OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json"
 def write_results(
     folder: Path,
     model: Model,
-    dose: Dose,
+    train_sample: TrainSample,
     settings: LinkSettings,
     progress: LinkProgress,
     choice: Choice | None = None,
 ) -> tuple[Scorer, LinkMetrics]:
     """Write the scorer's files, the metrics and the trace; return scorer and metrics."""
     model.eval()
-    graph, triples = dose.graph, dose.triples
+    graph, triples = train_sample.graph, train_sample.triples
     kind, tensors = scorer_tensors(settings, model, triples)
     sample = sampled_for(graph, triples)  # on large graphs a fixed sample is enough
     scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
     ranks = rank_triples(scorer, sample, triples)
     metrics = LinkMetrics(
         kg=settings.kg,
-        share=settings.share,
-        noise=settings.noise,
+        train_fraction=settings.train_fraction,
+        label_noise=settings.label_noise,
         triples=len(triples),
         epochs=len(progress.trace),
         best_epoch=progress.best_epoch,
@@ -68,7 +68,7 @@ def with_folds(folder: Path, metrics: LinkMetrics, record: FoldsRecord) -> LinkM
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
     """Return the ``README.md`` of a model folder."""
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
-    seen = f"the triples of {dose_words(settings.share, settings.noise) or 'the train recipes'} only."
+    seen = f"the triples of {describe_train_sample(settings.train_fraction, settings.label_noise) or 'the train recipes'} only."
     if settings.kg == "full":
         seen = "all triples, including those of the test recipes: its scores show what it remembers."
     fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples "

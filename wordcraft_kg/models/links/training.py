@@ -14,9 +14,9 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import check_device
-from wordcraft_kg.graphs.doses import is_dosed, make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.train_samples import draw_train_sample, is_subsample
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
@@ -89,7 +89,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     """The training of a link predictor.
 
     Attributes:
-        dose: training recipes.
+        train_sample: training recipes.
         folds: their folds, if any; all models of a split share the draw.
     """
 
@@ -108,17 +108,19 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         _check_fit(opened, settings)
         folds = make_folds(opened.split, settings.folds) if settings.folds else None
         if settings.kg == "full":
-            self.dose = opened.dose("full")
+            self.train_sample = opened.train_sample("full")
         else:
             of_recipe = folds.of_recipe if folds else None
-            self.dose = make_dose(opened.split, settings.share, settings.noise, settings.seed, of_recipe=of_recipe)
-        self.folds = folds.dosed(self.dose) if folds else None
+            self.train_sample = draw_train_sample(
+                opened.split, settings.train_fraction, settings.label_noise, settings.seed, of_recipe=of_recipe
+            )
+        self.folds = folds.with_train_sample(self.train_sample) if folds else None
 
     def begin(self, run: RunFolder[LinkProgress], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
         self._decide_regularisation(run, report)
         settings, inputs = self.config.settings, {}
-        if is_dosed(settings.share, settings.noise):
-            inputs["dose"] = self.dose.hash
+        if is_subsample(settings.train_fraction, settings.label_noise):
+            inputs["train_sample"] = self.train_sample.hash
         if self.folds:
             inputs["folds"] = self.folds.hash
         return {"inputs": inputs, "files": [CHOICE] if (run.path / CHOICE).exists() else []}
@@ -135,7 +137,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if report:
                 report(0, settings.epochs * (1 + (settings.folds or 0)), {"choosing weights": done / total})
 
-        choice = choose(self.opened, settings, after_epoch, recipes=self.dose.recipes)
+        choice = choose(self.opened, settings, after_epoch, recipes=self.train_sample.recipes)
         if choice:
             write_atomically(run.path / CHOICE, dump_json(as_values(choice)), durable=True)
             settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
@@ -150,10 +152,10 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     ) -> TrainedLinks:
         settings, files = self.config.settings, RunFiles(run.path, run.record)
         choice = files.record(CHOICE, Choice) if CHOICE in run.record.inputs else None
-        factory = triples_factory(self.opened.graph, self.dose.triples)
+        factory = triples_factory(self.opened.graph, self.train_sample.triples)
         with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
             loop = make_training_loop(settings, factory)
-            epochs = Epochs(run, self.opened, self.dose.triples, settings, report, log)
+            epochs = Epochs(run, self.opened, self.train_sample.triples, settings, report, log)
             if checkpoint is not None:
                 with run.restoring():
                     epochs.restore(loop, checkpoint)
@@ -165,7 +167,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 run.interrupt()
                 return TrainedLinks(run.path, loop._epoch, None)
             epochs.restore_best(loop)
-            scorer, metrics = write_results(run.path, loop.model, self.dose, settings, epochs.so_far, choice)
+            scorer, metrics = write_results(run.path, loop.model, self.train_sample, settings, epochs.so_far, choice)
         outputs: tuple[str, ...] = OUTPUTS
         if self.folds:
             try:

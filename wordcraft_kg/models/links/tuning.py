@@ -159,11 +159,11 @@ def tune(
         with first_interrupt() as interrupted, _quiet_optuna():
             study = _study_of(space, done)
 
-            def after_epoch(share: float) -> None:
+            def after_epoch(train_fraction: float) -> None:
                 if interrupted.is_set():
                     raise KeyboardInterrupt(_saved(out, done))
                 if progress:
-                    progress(len(done), trials, {"of the next": share, **_best_mrr(done)})
+                    progress(len(done), trials, {"of the next": train_fraction, **_best_mrr(done)})
 
             while len(done) < trials and (ends is None or time.monotonic() < ends or not done):
                 done.append(_next_trial(study, space, opened, train, valid, after_epoch))

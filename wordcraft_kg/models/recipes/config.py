@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import ClassVar, get_args
 
 from wordcraft_kg.base.settings import MAX_THREADS, one_of, refuse, require, whole
-from wordcraft_kg.graphs.doses import check_dose
 from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.train_samples import check_train_sample
 from wordcraft_kg.runs.config_file import RunConfig
 
 
@@ -16,14 +16,14 @@ class RecipeScorerConfig:
 
     Attributes:
         kg: recipes to learn from: partial (the train recipes) or full (all of them, test recipes included).
-        share: share of the train recipes to learn from, drawn with `seed`; those of a smaller share are among those of
+        train_fraction: share of the train recipes to learn from, drawn with `seed`; those of a smaller share are among those of
             a larger one.
-        noise: share of these recipes that get a wrong result, that of another one.
+        label_noise: share of these recipes that get a wrong result, that of another one.
         folds: folds that the recipes are cut into: rankers learn on what each fold's recipes look like to the others,
             and on the partial graph there is a scorer for each fold that has not seen it.
         features: vectors of the entities' words: glove, a file of vectors as for agents, or one-hot for none.
         allow_missing: use zeros for entities without a vector, however many there are.
-        seed: root seed of the rankers and of what `share` and `noise` draw.
+        seed: root seed of the rankers and of what `train_fraction` and `label_noise` draw.
         threads: CPU threads of each fit.
 
     Example:
@@ -35,8 +35,8 @@ class RecipeScorerConfig:
     device: ClassVar[str] = "cpu"
 
     kg: KG = "partial"
-    share: float = 1.0
-    noise: float = 0.0
+    train_fraction: float = 1.0
+    label_noise: float = 0.0
     folds: int = 5
     features: str = "glove"
     allow_missing: bool = False
@@ -45,7 +45,7 @@ class RecipeScorerConfig:
 
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(KG))
-        check_dose(self.kg, self.share, self.noise)
+        check_train_sample(self.kg, self.train_fraction, self.label_noise)
         if isinstance(self.folds, bool) or not isinstance(self.folds, int) or self.folds < 2:
             raise refuse("folds", self.folds, "a whole number, 2 or more: the rankers learn on what is held out")
         require(self, "allow_missing", isinstance(self.allow_missing, bool), "true or false")

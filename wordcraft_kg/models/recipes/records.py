@@ -18,8 +18,8 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
 
     Attributes:
         kg: knowledge graph of the fit: partial or full.
-        share: training fraction: share of the train recipes.
-        noise: label noise: share of these with a wrong result.
+        train_fraction: training fraction: share of the train recipes.
+        label_noise: label noise: share of these with a wrong result.
         recipes: number of training recipes.
         seconds: duration of all fits.
         folds: number of cross-fitting folds.
@@ -28,8 +28,8 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     """
 
     kg: KG
-    share: float = 1.0
-    noise: float = 0.0
+    train_fraction: float = 1.0
+    label_noise: float = 0.0
     recipes: Count
     seconds: float
     folds: Count

@@ -16,11 +16,11 @@ from torch import Tensor
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs.doses import dose_words, is_dosed, make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.train_samples import describe_train_sample, draw_train_sample, is_subsample
 from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
@@ -102,7 +102,11 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
     if settings.kg == "partial" and settings.folds < 3:
         raise ConfigError("`folds` 2: expected 3 or more, because one is left out while rankers learn on the others.")
     folds = make_folds(split, settings.folds)
-    return folds.dosed(make_dose(split, settings.share, settings.noise, settings.seed, of_recipe=folds.of_recipe))
+    return folds.with_train_sample(
+        draw_train_sample(
+            split, settings.train_fraction, settings.label_noise, settings.seed, of_recipe=folds.of_recipe
+        )
+    )
 
 
 def _text(graph: RecipeGraph, settings: RecipeScorerConfig) -> tuple[Tensor, str]:
@@ -175,8 +179,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         settings, inputs = self.config.settings, {"features": self.features}
         if settings.kg == "partial":
             inputs["folds"] = self.folds.hash
-        if is_dosed(settings.share, settings.noise):
-            inputs["dose"] = self.folds.dose.hash
+        if is_subsample(settings.train_fraction, settings.label_noise):
+            inputs["train_sample"] = self.folds.train_sample.hash
         return {"inputs": inputs}
 
     def restored(self, run: RunFolder[FitDone]) -> None:
@@ -231,8 +235,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             outputs += FOLD_OUTPUTS
         metrics = RecipeMetrics(
             kg=settings.kg,
-            share=settings.share,
-            noise=settings.noise,
+            train_fraction=settings.train_fraction,
+            label_noise=settings.label_noise,
             recipes=len(tensors["recipes"]),
             seconds=round(seconds, 3),
             folds=record.count if record else 0,
@@ -249,7 +253,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
 
 
 def _model_card(opened: OpenedGraph, config: RecipesConfig, metrics: RecipeMetrics) -> str:
-    seen = f"{dose_words(metrics.share, metrics.noise) or 'the train recipes'} only."
+    seen = f"{describe_train_sample(metrics.train_fraction, metrics.label_noise) or 'the train recipes'} only."
     if metrics.kg == "full":
         seen = "all recipes, including the test recipes: its scores show what it remembers."
     points = [f"{metrics.recipes:,} recipes; words: {config.settings.features}"]

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.arrays import Ids, frozen
-from wordcraft_kg.graphs.doses import Dose
 from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
+from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
 from wordcraft_kg.models.scorers.calibration import Probabilities
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
@@ -97,7 +97,7 @@ class CrossFitted(Scorer):
         record: record of the folds.
         of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
         probabilities: calibration of scores; None in older folders.
-        taught: results as learned, see :class:`~wordcraft_kg.graphs.doses.Dose`; None for unchanged train recipes.
+        train_results: results as learned, see :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None for unchanged train recipes.
     """
 
     def __init__(
@@ -107,13 +107,13 @@ class CrossFitted(Scorer):
         of_recipe: Ids,
         record: FoldsRecord,
         probabilities: Probabilities | None = None,
-        taught: Ids | None = None,
+        train_results: Ids | None = None,
     ):
         """Take the scorer of all train recipes and, per fold, a function that makes the model without the fold."""
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
         self._whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
-        self.taught = None if taught is None else frozen(np.asarray(taught, dtype=np.int64))
+        self.train_results = None if train_results is None else frozen(np.asarray(train_results, dtype=np.int64))
         self._makers = tuple(folds)
         self._made: dict[int, Scorer] = {}
         if isinstance(whole, FactoredScorer):  # only then this scorer is one, too
@@ -168,14 +168,18 @@ class CrossFitted(Scorer):
             self._made[fold] = self._makers[fold]()
         return self._made[fold]
 
-    def dose(self, graph: RecipeGraph) -> Dose:
+    def train_sample(self, graph: RecipeGraph) -> TrainSample:
         """Return the training recipes of :attr:`whole`; GraphMismatchError if the number of recipes differs."""
         if len(self.of_recipe) != graph.num_recipes:
             raise GraphMismatchError(
                 f"the folds of {self.name} are of {len(self.of_recipe):,} recipes but '{graph.name}' has "
                 f"{graph.num_recipes:,}. Train it on this graph, or use the graph that it was trained on."
             )
-        return Dose.of(graph, self.of_recipe != OUTSIDE) if self.taught is None else Dose(graph, self.taught)
+        return (
+            TrainSample.of(graph, self.of_recipe != OUTSIDE)
+            if self.train_results is None
+            else TrainSample(graph, self.train_results)
+        )
 
     def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
         """Return the training triples of :meth:`left_out`, shape (T, 3).
@@ -184,7 +188,7 @@ class CrossFitted(Scorer):
             LeakError: if the model was trained on other triples than the recipes outside the fold.
             GraphMismatchError: if the number of recipes differs.
         """
-        recipes = self.dose(graph).among(seen_by_models(self.of_recipe)[1 + fold])
+        recipes = self.train_sample(graph).among(seen_by_models(self.of_recipe)[1 + fold])
         triples = recipe_triples(recipes)
         left_out = self.left_out(fold)
         is_other = isinstance(left_out, RecipeScores) and not np.array_equal(left_out.recipes.cpu().numpy(), recipes)

@@ -33,8 +33,8 @@ FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION = "folds.json", "folds.safetensors", "c
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 OF_RECIPE = "of_recipe"
 """Tensor with the fold of each recipe."""
-TAUGHT = "taught"
-"""Tensor with the results of a :class:`~wordcraft_kg.graphs.doses.Dose`; absent for unchanged train recipes."""
+TRAIN_RESULTS = "train_results"
+"""Tensor with the results of a :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; absent for unchanged train recipes."""
 MODEL = "a model of train-complex, train-links, train-recipes or ask-opinions"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
@@ -118,12 +118,14 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
         makers.append(partial(make_scorer, vocabulary.scorer, part, vocabulary.entities, vocabulary.graph, **settings))
     if OF_RECIPE not in tensors or tensors[OF_RECIPE].ndim != 1:
         raise ArtefactError(f"{path} does not say which recipe is in which fold. Train again, or restore a copy.")
-    taught = tensors.get(TAUGHT)
-    if taught is not None and (taught.shape != tensors[OF_RECIPE].shape or taught.is_floating_point()):
+    train_results = tensors.get(TRAIN_RESULTS)
+    if train_results is not None and (
+        train_results.shape != tensors[OF_RECIPE].shape or train_results.is_floating_point()
+    ):
         raise ArtefactError(f"{path} does not say what each recipe was taught as. Train again, or restore a copy.")
     # Folders of earlier versions have no calibration.
     probabilities = files.record(CALIBRATION, Probabilities) if CALIBRATION in files.run.outputs else None
-    results = None if taught is None else taught.numpy()
+    results = None if train_results is None else train_results.numpy()
     return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities, results)
 
 
@@ -195,8 +197,8 @@ def write_folds(
     """
     graph = folds.split.graph
     tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
-    if folds.is_dosed:
-        tensors[TAUGHT] = torch.from_numpy(folds.dose.results.copy())
+    if folds.is_subsample:
+        tensors[TRAIN_RESULTS] = torch.from_numpy(folds.train_sample.results.copy())
     found, seen_by = [], []
     for number in range(folds.count):
         trained_on, own_tensors = part(number)

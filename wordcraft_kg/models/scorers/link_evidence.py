@@ -79,7 +79,7 @@ class LinkEvidence:
 
     Example:
         >>> model = open_model("models/kitchen")
-        >>> evidence = LinkEvidence(model.scorer, model.dose.recipes)
+        >>> evidence = LinkEvidence(model.scorer, model.train_sample.recipes)
         >>> flour, water = model.scorer.entity_ids(["flour", "water"]).tolist()
         >>> evidence.reason(flour, COMBINES_WITH, water).is_memory
         True

@@ -7,7 +7,7 @@ from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.audit import SplitSummary, split_summary
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.planner import layers
 
 EXAMPLES = 12
@@ -23,8 +23,8 @@ class ModelLine(Record):
 
     name: str
     command: str
-    kg: Taught
-    dose: str
+    kg: TrainedOn
+    train_sample: str
     folds: Count
     scores_recipes: bool
 
@@ -77,8 +77,8 @@ def _view(explored: Explored, _: Home) -> Overview:
 def _line(predictor: LinkPredictor) -> ModelLine:
     model = predictor.model
     folds = 0 if model.scorer.folds is None else model.scorer.folds.count
-    kind, dose = model.run.kind, model.learned_from
-    return ModelLine(predictor.name, kind, model.kg, dose, folds, predictor.scores_recipes)
+    kind, train_sample = model.run.kind, model.learned_from
+    return ModelLine(predictor.name, kind, model.kg, train_sample, folds, predictor.scores_recipes)
 
 
 PAGE = Page("home", Home, _view)

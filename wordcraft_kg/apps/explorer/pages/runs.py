@@ -24,7 +24,7 @@ from wordcraft_kg.evaluation.training_curves import (
     success_curves,
     training_figures,
 )
-from wordcraft_kg.graphs.folder import Taught
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import ALPHA, source_names
 from wordcraft_kg.reports.agent_pictures import picture_of_lambdas, picture_of_success, pictures_of_figures
@@ -63,7 +63,7 @@ class RunRow(Record):
     problem: str = ""
     policy: str = ""
     scorer: str = ""
-    kg: Taught | None = None
+    kg: TrainedOn | None = None
     use: tuple[str, ...] = ()
     steps: Count = 0
     planned: Count = 0

@@ -24,7 +24,7 @@ _STREAM = 0xD05E  # separates this random stream from others with the same seed
 
 
 @dataclass(frozen=True, eq=False)
-class Dose:
+class TrainSample:
     """The recipes and results for training a scorer.
 
     Attributes:
@@ -36,29 +36,29 @@ class Dose:
     results: Ids
 
     @classmethod
-    def of(cls, graph: RecipeGraph, rows: NDArray[np.bool_]) -> "Dose":
+    def of(cls, graph: RecipeGraph, rows: NDArray[np.bool_]) -> "TrainSample":
         """Return the dose with the given recipes unchanged; ``rows`` has shape (num_recipes,)."""
         return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], _UNTAUGHT)))
 
     @property
-    def is_taught(self) -> NDArray[np.bool_]:
+    def is_trained_on(self) -> NDArray[np.bool_]:
         """Which recipes are in the dose, shape (num_recipes,)."""
         return self.results != _UNTAUGHT
 
     @property
     def is_wrong(self) -> NDArray[np.bool_]:
         """Which recipes have a wrong result, shape (num_recipes,)."""
-        return self.is_taught & (self.results != self.graph.recipes[:, 2])
+        return self.is_trained_on & (self.results != self.graph.recipes[:, 2])
 
     def among(self, rows: NDArray[np.bool_]) -> Ids:
         """Return the dose's recipes among ``rows``, with training results, shape (n, 3), in the graph's order."""
-        chosen = self.is_taught & rows
+        chosen = self.is_trained_on & rows
         return np.column_stack([self.graph.recipes[chosen, :2], self.results[chosen]])
 
     @cached_property
     def recipes(self) -> Ids:
         """All recipes, with training results, shape (n, 3)."""
-        return frozen(self.among(self.is_taught))
+        return frozen(self.among(self.is_trained_on))
 
     @cached_property
     def triples(self) -> Ids:
@@ -71,33 +71,33 @@ class Dose:
         return hashlib.sha256(self.graph.hash.encode() + self.results.astype("<i8").tobytes()).hexdigest()
 
 
-def check_dose(kg: str, share: float, noise: float) -> None:
+def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> None:
     """Raise a :class:`ConfigError` for a setting out of range, or a dose of the full graph."""
-    number_in("share", share, SMALLEST, 1, "more than 0 and at most 1")
-    number_in("noise", noise, 0, 1, "0 to 1")
-    if kg == "full" and is_dosed(share, noise):
-        setting = f"`share` {share:g}" if share < 1 else f"`noise` {noise:g}"
+    number_in("train_fraction", train_fraction, SMALLEST, 1, "more than 0 and at most 1")
+    number_in("label_noise", label_noise, 0, 1, "0 to 1")
+    if kg == "full" and is_subsample(train_fraction, label_noise):
+        setting = f"`train_fraction` {train_fraction:g}" if train_fraction < 1 else f"`label_noise` {label_noise:g}"
         raise ConfigError(
             f"{setting} needs `kg` partial: a model of the full graph is judged by what it remembers of all recipes."
         )
 
 
-def is_dosed(share: float, noise: float) -> bool:
+def is_subsample(train_fraction: float, label_noise: float) -> bool:
     """Return whether the settings change the train recipes."""
-    return share < 1 or noise > 0
+    return train_fraction < 1 or label_noise > 0
 
 
-def dose_words(share: float, noise: float) -> str:
+def describe_train_sample(train_fraction: float, label_noise: float) -> str:
     """Describe a dose, as in "20 % of the train recipes"; empty for unchanged train recipes."""
-    if not is_dosed(share, noise):
+    if not is_subsample(train_fraction, label_noise):
         return ""
-    wrong = f", {100 * noise:g} % of them with a wrong result" if noise else ""
-    return f"{100 * share:g} % of the train recipes{wrong}"
+    wrong = f", {100 * label_noise:g} % of them with a wrong result" if label_noise else ""
+    return f"{100 * train_fraction:g} % of the train recipes{wrong}"
 
 
-def make_dose(
-    split: Split, share: float = 1.0, noise: float = 0.0, seed: int = 0, *, of_recipe: Ids | None = None
-) -> Dose:
+def draw_train_sample(
+    split: Split, train_fraction: float = 1.0, label_noise: float = 0.0, seed: int = 0, *, of_recipe: Ids | None = None
+) -> TrainSample:
     """Draw train recipes, and give some a wrong result.
 
     Doses with the same seed are nested, in recipes and in wrong recipes. A wrong recipe has no componentOf triple that
@@ -105,8 +105,8 @@ def make_dose(
 
     Args:
         split: split with the train part.
-        share: fraction of the train recipes.
-        noise: fraction of the drawn recipes with a wrong result.
+        train_fraction: fraction of the train recipes.
+        label_noise: fraction of the drawn recipes with a wrong result.
         seed: seed of the draw.
         of_recipe: fold of each recipe, shape (num_recipes,), the source of wrong results. Default: one fold.
 
@@ -114,23 +114,25 @@ def make_dose(
         ConfigError: for too few recipes.
 
     Example:
-        >>> dose = make_dose(open_graph("kitchen").split, share=0.5, noise=0.2)
-        >>> int(dose.is_taught.sum()), int(dose.is_wrong.sum())
+        >>> train_sample = draw_train_sample(open_graph("kitchen").split, train_fraction=0.5, label_noise=0.2)
+        >>> int(train_sample.is_trained_on.sum()), int(train_sample.is_wrong.sum())
         (130, 26)
     """
     graph, train = split.graph, np.flatnonzero(split.is_in("train"))
-    if not is_dosed(share, noise):
-        return Dose.of(graph, split.is_in("train"))
+    if not is_subsample(train_fraction, label_noise):
+        return TrainSample.of(graph, split.is_in("train"))
     rng = np.random.default_rng([seed, _STREAM])
     order, doubt = rng.permutation(len(train)), rng.permutation(len(train))
-    taken = order[: round(share * len(train))]
+    taken = order[: round(train_fraction * len(train))]
     groups = np.zeros(graph.num_recipes, dtype=np.int64) if of_recipe is None else of_recipe
     if not len(taken) or (of_recipe is not None and len(np.unique(of_recipe[train[taken]])) < 2):
         expected = "at least one of them" if of_recipe is None else "some in two folds or more"
-        raise refuse("share", share, f"more of the {len(train):,} train recipes than {len(taken)}, {expected}")
-    wrong = train[taken[np.argsort(doubt[taken])][: round(noise * len(taken))]]
-    if noise and not len(wrong):
-        raise refuse("noise", noise, f"at least one of the {len(taken)} recipes with a wrong result, or 0")
+        raise refuse(
+            "train_fraction", train_fraction, f"more of the {len(train):,} train recipes than {len(taken)}, {expected}"
+        )
+    wrong = train[taken[np.argsort(doubt[taken])][: round(label_noise * len(taken))]]
+    if label_noise and not len(wrong):
+        raise refuse("label_noise", label_noise, f"at least one of the {len(taken)} recipes with a wrong result, or 0")
     results = np.full(graph.num_recipes, _UNTAUGHT, dtype=np.int64)
     results[train[taken]] = graph.recipes[train[taken], 2]
     parts = graph.triples[graph.triples[:, 1] == COMPONENT_OF]
@@ -138,12 +140,12 @@ def make_dose(
     for group in np.unique(groups[wrong]).tolist():
         rows = np.sort(wrong[groups[wrong] == group])
         pool = graph.recipes[(results != _UNTAUGHT) & (groups == group), 2]
-        results[rows] = _wrong_results(graph.recipes[rows], pool, right, rng, noise)
-    return Dose(graph, frozen(results))
+        results[rows] = _wrong_results(graph.recipes[rows], pool, right, rng, label_noise)
+    return TrainSample(graph, frozen(results))
 
 
 def _wrong_results(
-    recipes: Ids, pool: Ids, right: set[tuple[int, int]], rng: np.random.Generator, noise: float
+    recipes: Ids, pool: Ids, right: set[tuple[int, int]], rng: np.random.Generator, label_noise: float
 ) -> list[int]:
     """Draw a wrong result for each recipe (n, 3) from ``pool``; ``right`` has all (ingredient, result) of the book."""
     drawn: dict[tuple[int, int, int], None] = {}
@@ -155,7 +157,7 @@ def _wrong_results(
                 break
         else:
             raise ConfigError(
-                f"`noise` {noise:g}: among the {len(pool)} recipes that results are exchanged with, none has a result "
-                "that is wrong for another. Use a larger `share`, fewer `folds` or another `seed`."
+                f"`label_noise` {label_noise:g}: among the {len(pool)} recipes that results are exchanged with, none has a result "
+                "that is wrong for another. Use a larger `train_fraction`, fewer `folds` or another `seed`."
             )
     return [result for _, _, result in drawn]

@@ -17,9 +17,9 @@ from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.evaluation.links import view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
-from wordcraft_kg.graphs.doses import make_dose
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.builders import scorer_tensors
@@ -35,14 +35,14 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
-SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3, share=0.5, noise=0.2, seed=1)
+SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3, train_fraction=0.5, label_noise=0.2, seed=1)
 PLAIN = replace(SHORT, folds=0)
 
 
 @pytest.fixture(scope="module")
-def dosed(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def with_train_sample(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cross-fitted ComplEx of half of the recipes, a fifth of them wrong; read only."""
-    return train(opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "dosed").folder
+    return train(opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "with_train_sample").folder
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +53,11 @@ def plain(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory)
 
 def folds_of(opened: OpenedGraph):
     folds = make_folds(opened.split, 3)
-    return folds.dosed(make_dose(opened.split, 0.5, 0.2, 1, of_recipe=folds.of_recipe))
+    return folds.with_train_sample(draw_train_sample(opened.split, 0.5, 0.2, 1, of_recipe=folds.of_recipe))
 
 
-def test_each_model_is_that_of_the_triples_that_it_was_taught(dosed, opened_kitchen):
-    scorer, folds, graph = load_scorer(dosed), folds_of(opened_kitchen), opened_kitchen.graph
+def test_each_model_is_that_of_the_triples_that_it_was_taught(with_train_sample, opened_kitchen):
+    scorer, folds, graph = load_scorer(with_train_sample), folds_of(opened_kitchen), opened_kitchen.graph
     assert isinstance(scorer, CrossFitted)
     for fold, model in [((), scorer.whole), *(((fold,), scorer.left_out(fold)) for fold in range(3))]:
         triples = folds.triples(fold)
@@ -69,14 +69,14 @@ def test_each_model_is_that_of_the_triples_that_it_was_taught(dosed, opened_kitc
             np.testing.assert_array_equal(scorer.trained_on(*fold, graph), triples)
 
 
-def test_the_folds_are_those_of_every_other_model_and_no_model_has_seen_its_own(dosed, opened_kitchen):
-    scorer, folds = load_scorer(dosed), folds_of(opened_kitchen)
+def test_the_folds_are_those_of_every_other_model_and_no_model_has_seen_its_own(with_train_sample, opened_kitchen):
+    scorer, folds = load_scorer(with_train_sample), folds_of(opened_kitchen)
     assert isinstance(scorer, CrossFitted)
     assert scorer.record.hash == make_folds(opened_kitchen.split, 3).hash
     size = opened_kitchen.graph.num_entities
     for fold in range(3):
         seen = scorer.trained_on(fold, opened_kitchen.graph)
-        others = recipe_triples(folds.dose.among(folds.of_recipe != fold))
+        others = recipe_triples(folds.train_sample.among(folds.of_recipe != fold))
         own = recipe_triples(folds.recipes_of(fold))
         assert not is_in(own[~is_in(own, others, size)], seen, size).any()
         # The results of a fold that no other one has are not known as results.
@@ -84,74 +84,80 @@ def test_the_folds_are_those_of_every_other_model_and_no_model_has_seen_its_own(
         assert not (results - elsewhere) & set(seen[seen[:, 1] == 1, 2].tolist())
 
 
-def test_an_opened_model_tells_what_it_was_trained_on(dosed, plain, opened_kitchen):
-    for folder, dose in (
-        (dosed, folds_of(opened_kitchen).dose),
-        (plain, make_dose(opened_kitchen.split, 0.5, 0.2, 1)),
+def test_an_opened_model_tells_what_it_was_trained_on(with_train_sample, plain, opened_kitchen):
+    for folder, train_sample in (
+        (with_train_sample, folds_of(opened_kitchen).train_sample),
+        (plain, draw_train_sample(opened_kitchen.split, 0.5, 0.2, 1)),
     ):
         model = open_model(folder)
-        np.testing.assert_array_equal(model.dose.results, dose.results)
-        np.testing.assert_array_equal(model.triples, dose.triples)
-        assert model.run.inputs["dose"] == dose.hash
+        np.testing.assert_array_equal(model.train_sample.results, train_sample.results)
+        np.testing.assert_array_equal(model.triples, train_sample.triples)
+        assert model.run.inputs["train_sample"] == train_sample.hash
         words = "50 % of the train recipes, 20 % of them with a wrong result"
         assert model.provenance["learned from"] == words
         assert f"of {words} only" in (folder / "README.md").read_text()
         metrics = json.loads((folder / "metrics.json").read_text())
-        assert (metrics["share"], metrics["noise"], metrics["triples"]) == (0.5, 0.2, len(dose.triples))
-        ranks = rank_triples(model.scorer, dose.triples, dose.triples)
+        assert (metrics["train_fraction"], metrics["label_noise"], metrics["triples"]) == (
+            0.5,
+            0.2,
+            len(train_sample.triples),
+        )
+        ranks = rank_triples(model.scorer, train_sample.triples, train_sample.triples)
         assert model.metrics.train_mrr == pytest.approx(mean_reciprocal_rank(ranks))
 
 
 def test_without_a_dose_nothing_is_said_of_one(complex_folder, opened_kitchen, tmp_path):
-    settings = replace(SHORT, share=1.0, noise=0.0)
+    settings = replace(SHORT, train_fraction=1.0, label_noise=0.0)
     folder = train(opened_kitchen, settings, tmp_path / "whole").folder
     assert "taught" not in safetensors.torch.load_file(folder / "folds.safetensors")
     model = open_model(folder)
-    assert "dose" not in model.run.inputs
+    assert "train_sample" not in model.run.inputs
     assert "learned from" not in model.provenance
     np.testing.assert_array_equal(model.triples, opened_kitchen.split.partial)
     np.testing.assert_array_equal(open_model(complex_folder).triples, opened_kitchen.split.partial)
 
 
-def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(dosed, opened_kitchen, tmp_path):
+def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(with_train_sample, opened_kitchen, tmp_path):
     def right_again(tensors):
-        tensors["taught"] = torch.from_numpy(folds_of(opened_kitchen).dose.graph.recipes[:, 2].copy())
+        tensors["taught"] = torch.from_numpy(folds_of(opened_kitchen).train_sample.graph.recipes[:, 2].copy())
 
-    model = open_model(rewritten(dosed, tmp_path / "spoilt", right_again))
+    model = open_model(rewritten(with_train_sample, tmp_path / "spoilt", right_again))
     with pytest.raises(LeakError):
         model.scorer.trained_on(0, opened_kitchen.graph)
     with pytest.raises(GraphMismatchError):
         _ = model.triples
     with pytest.raises(LeakError):
-        load_scorer(rewritten(dosed, tmp_path / "none", lambda tensors: tensors.pop("taught"))).trained_on(
+        load_scorer(rewritten(with_train_sample, tmp_path / "none", lambda tensors: tensors.pop("taught"))).trained_on(
             0, opened_kitchen.graph
         )
 
 
 @pytest.mark.parametrize("tensor", [torch.zeros(3, dtype=torch.int64), torch.zeros(271)])
-def test_a_damaged_dose_is_refused(dosed, tmp_path, tensor):
-    folder = rewritten(dosed, tmp_path / "spoilt", lambda tensors: tensors.update(taught=tensor))
+def test_a_damaged_dose_is_refused(with_train_sample, tmp_path, tensor):
+    folder = rewritten(with_train_sample, tmp_path / "spoilt", lambda tensors: tensors.update(taught=tensor))
     with pytest.raises(ArtefactError, match="does not say what each recipe was taught as"):
         load_scorer(folder)
 
 
-def test_a_dose_that_is_drawn_otherwise_now_is_refused(dosed, tmp_path):
-    model = open_model(rewritten(dosed, tmp_path / "other", inputs={"dose": "0" * 64}))
+def test_a_dose_that_is_drawn_otherwise_now_is_refused(with_train_sample, tmp_path):
+    model = open_model(rewritten(with_train_sample, tmp_path / "other", inputs={"train_sample": "0" * 64}))
     with pytest.raises(GraphMismatchError):
         _ = model.triples
 
 
-def test_a_saved_copy_keeps_its_dose(dosed, opened_kitchen, tmp_path):
-    copy = open_model(save_scorer(tmp_path / "copy", load_scorer(dosed), opened_kitchen, kg="partial"))
-    np.testing.assert_array_equal(copy.triples, open_model(dosed).triples)
+def test_a_saved_copy_keeps_its_dose(with_train_sample, opened_kitchen, tmp_path):
+    copy = open_model(save_scorer(tmp_path / "copy", load_scorer(with_train_sample), opened_kitchen, kg="partial"))
+    np.testing.assert_array_equal(copy.triples, open_model(with_train_sample).triples)
     np.testing.assert_array_equal(
         copy.scorer.trained_on(1, opened_kitchen.graph), folds_of(opened_kitchen).triples([1])
     )
 
 
-def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_knows(dosed, opened_kitchen):
-    model = open_model(dosed)
-    judged = rank_links(model.scorer, model.opened, dose=model.dose, max_queries=0)
+def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_knows(
+    with_train_sample, opened_kitchen
+):
+    model = open_model(with_train_sample)
+    judged = rank_links(model.scorer, model.opened, train_sample=model.train_sample, max_queries=0)
     graph, test = opened_kitchen.graph, opened_kitchen.split.held_out("test")
     np.testing.assert_array_equal(judged.queries, test)
     assert judged.ranks.equals(rank_triples(model.scorer, test, graph.triples))
@@ -160,22 +166,24 @@ def test_doses_are_judged_on_the_same_triples_and_baselines_know_what_the_model_
     assert not known.equals(rank_triples(FrequencyScorer(graph, opened_kitchen.split.partial), test, graph.triples))
 
 
-@pytest.mark.parametrize(("share", "noise"), [(0.1, 0.0), (1.0, 1.0)])
-def test_the_checks_of_a_report_are_those_of_the_dose(opened_kitchen, share, noise):
-    graph, dose = opened_kitchen.graph, make_dose(opened_kitchen.split, share, noise)
-    judged = rank_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=dose)
+@pytest.mark.parametrize(("train_fraction", "label_noise"), [(0.1, 0.0), (1.0, 1.0)])
+def test_the_checks_of_a_report_are_those_of_the_dose(opened_kitchen, train_fraction, label_noise):
+    graph, train_sample = opened_kitchen.graph, draw_train_sample(opened_kitchen.split, train_fraction, label_noise)
+    judged = rank_links(FrequencyScorer(graph, train_sample.triples), opened_kitchen, train_sample=train_sample)
     checks = {check.id: check for check in view_links(judged).checks}
-    missing = np.setdiff1d(np.arange(graph.num_entities), dose.recipes)
+    missing = np.setdiff1d(np.arange(graph.num_entities), train_sample.recipes)
     assert checks["leak"].passed
     assert checks["mirror"].passed
     assert checks["coverage"].detail.startswith(f"{len(missing)} do not" if len(missing) else "all do")
-    assert bool(len(missing)) == (share < 1)
+    assert bool(len(missing)) == (train_fraction < 1)
     # And they can fail: a dose of the whole book holds the test triples.
-    leaky = rank_links(FrequencyScorer(graph, dose.triples), opened_kitchen, dose=opened_kitchen.dose("full"))
+    leaky = rank_links(
+        FrequencyScorer(graph, train_sample.triples), opened_kitchen, train_sample=opened_kitchen.train_sample("full")
+    )
     assert not {check.id: check for check in view_links(leaky).checks}["leak"].passed
 
 
-def test_an_agent_takes_the_self_edges_of_the_dose(dosed, monkeypatch, tmp_path):
+def test_an_agent_takes_the_self_edges_of_the_dose(with_train_sample, monkeypatch, tmp_path):
     seen = {}
 
     def stop(*args, observed, **options):
@@ -183,49 +191,49 @@ def test_an_agent_takes_the_self_edges_of_the_dose(dosed, monkeypatch, tmp_path)
         raise ConfigError("enough")
 
     monkeypatch.setattr(agents, "make_policy", stop)
-    config = AgentConfig("kitchen", str(dosed), trainer=ImpalaConfig(steps=512, eval_every=0))
+    config = AgentConfig("kitchen", str(with_train_sample), trainer=ImpalaConfig(steps=512, eval_every=0))
     with pytest.raises(ConfigError, match="enough"):
         agents.train_agent(config, tmp_path / "run")
-    np.testing.assert_array_equal(seen["observed"], open_model(dosed).triples)
+    np.testing.assert_array_equal(seen["observed"], open_model(with_train_sample).triples)
 
 
 def test_weights_are_chosen_on_the_dose(opened_kitchen, tmp_path):
-    asked = replace(SHORT, n3=None, popularity=None, folds=0, share=0.9, noise=0.5)
+    asked = replace(SHORT, n3=None, popularity=None, folds=0, train_fraction=0.9, label_noise=0.5)
     model = open_model(train(opened_kitchen, asked, tmp_path / "chosen").folder)
     asked = replace(asked, negatives=0)
-    found = choose(opened_kitchen, asked, lambda done, total: None, recipes=model.dose.recipes)
+    found = choose(opened_kitchen, asked, lambda done, total: None, recipes=model.train_sample.recipes)
     assert model.metrics.choice == found
     assert found != choose(opened_kitchen, asked, lambda done, total: None)
 
 
-def test_an_interrupted_run_goes_on_with_the_same_dose(dosed, opened_kitchen, tmp_path):
+def test_an_interrupted_run_goes_on_with_the_same_dose(with_train_sample, opened_kitchen, tmp_path):
     run = train(opened_kitchen, SHORT, tmp_path / "run", progress=interrupt_after(2))
     assert run.interrupted
-    assert same_files(go_on(run.folder).folder, dosed)
+    assert same_files(go_on(run.folder).folder, with_train_sample)
 
 
 def test_other_link_predictors_learn_from_a_dose(opened_kitchen, tmp_path):
-    settings = LinkModelConfig(model="distmult", dim=4, epochs=1, folds=0, share=0.1)
+    settings = LinkModelConfig(model="distmult", dim=4, epochs=1, folds=0, train_fraction=0.1)
     model = open_model(train(opened_kitchen, settings, tmp_path / "distmult").folder)
-    assert (len(model.dose.recipes), model.metrics.triples) == (26, len(model.triples))
+    assert (len(model.train_sample.recipes), model.metrics.triples) == (26, len(model.triples))
 
 
 def test_a_recipe_scorer_knows_its_dose_and_no_more(opened_kitchen, tmp_path):
-    settings = RecipeScorerConfig(folds=3, features="one-hot", share=0.5, noise=0.2, seed=1)
+    settings = RecipeScorerConfig(folds=3, features="one-hot", train_fraction=0.5, label_noise=0.2, seed=1)
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "recipes")
     model, folds = open_model(trained.folder), folds_of(opened_kitchen)
-    np.testing.assert_array_equal(model.scorer.whole.recipes.numpy(), folds.dose.recipes)
-    np.testing.assert_array_equal(model.triples, folds.dose.triples)
+    np.testing.assert_array_equal(model.scorer.whole.recipes.numpy(), folds.train_sample.recipes)
+    np.testing.assert_array_equal(model.triples, folds.train_sample.triples)
     for fold in range(3):
         np.testing.assert_array_equal(model.scorer.left_out(fold).recipes.numpy(), folds.recipes([fold]))
         np.testing.assert_array_equal(model.scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold]))
         assert model.scorer.record.folds[fold].trained_on == triples_hash(folds.triples([fold]))
-    assert (model.metrics.recipes, model.metrics.share, model.metrics.noise) == (130, 0.5, 0.2)
+    assert (model.metrics.recipes, model.metrics.train_fraction, model.metrics.label_noise) == (130, 0.5, 0.2)
     assert "50 % of the train recipes, 20 % of them with a wrong result" in (trained.folder / "README.md").read_text()
 
 
 def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen, tmp_path):
-    settings = RecipeScorerConfig(folds=3, features="one-hot", share=0.02)
+    settings = RecipeScorerConfig(folds=3, features="one-hot", train_fraction=0.02)
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "few")
     scorer = open_model(trained.folder).scorer
     assert trained.metrics.recipes == 5
@@ -238,8 +246,8 @@ def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen, tmp_
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        *(("share", value) for value in (0, 1.5, float("nan"), -0.1, True, "half")),
-        *(("noise", value) for value in (-1, 1.01, float("nan"))),
+        *(("train_fraction", value) for value in (0, 1.5, float("nan"), -0.1, True, "half")),
+        *(("label_noise", value) for value in (-1, 1.01, float("nan"))),
     ],
 )
 def test_a_share_or_noise_out_of_range_is_refused(kind, name, value):
@@ -248,7 +256,7 @@ def test_a_share_or_noise_out_of_range_is_refused(kind, name, value):
 
 
 @pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig, RecipeScorerConfig])
-@pytest.mark.parametrize(("name", "value"), [("share", 0.5), ("noise", 0.5)])
+@pytest.mark.parametrize(("name", "value"), [("train_fraction", 0.5), ("label_noise", 0.5)])
 def test_the_full_graph_is_not_thinned_out(kind, name, value):
     with refuses(name):
         kind(kg="full", **{name: value})

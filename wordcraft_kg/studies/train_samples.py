@@ -11,7 +11,7 @@ from wordcraft_kg.studies.results import StudyResults
 from wordcraft_kg.studies.study import SCORER, Values
 from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures, mean_of
 
-_EVERYTHING: Values = {"share": 1, "noise": 0}
+_EVERYTHING: Values = {"train_fraction": 1, "label_noise": 0}
 """Settings of a scorer trained on all recipes without noise."""
 
 
@@ -23,7 +23,7 @@ class Correlation(Record, array_like=True):
     high: float
 
 
-class DosePoint(Record):
+class TrainSamplePoint(Record):
     """Success and MRR of a variant at a grid point, see :class:`VariantFigures`."""
 
     label: str
@@ -35,7 +35,7 @@ class DosePoint(Record):
     reached: Count | None
 
 
-class Dose(Record):
+class TrainSample(Record):
     """Success against the MRR of the scorer, all else equal.
 
     Attributes:
@@ -43,20 +43,20 @@ class Dose(Record):
         in_sample: whether scores of train tasks are in-sample.
         points: by ascending MRR.
         pearson: correlation of MRR and success; None for fewer than three points.
-        steps_spearman: rank correlation of MRR and :attr:`DosePoint.reached`; never counts as the latest step.
+        steps_spearman: rank correlation of MRR and :attr:`TrainSamplePoint.reached`; never counts as the latest step.
         without: success of a reference without a scorer.
     """
 
     values: Values
     in_sample: bool
-    points: tuple[DosePoint, ...]
+    points: tuple[TrainSamplePoint, ...]
     pearson: Correlation | None
     spearman: Correlation | None
     steps_spearman: Correlation | None
     without: Share | None
 
 
-def doses_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[Dose]:
+def train_samples_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[TrainSample]:
     """Yield the dose-response of each way of scoring train tasks, at each point of the other settings."""
     groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
     for point in points:
@@ -65,10 +65,10 @@ def doses_of(results: StudyResults, points: Sequence[PointFigures], reference: s
                 key = msgspec.json.encode((_others(point), _is_in_sample(results, point, entry)), order="sorted")
                 groups.setdefault(key, []).append((point, entry))
     for members in groups.values():
-        rows = [_dose_point(point, entry) for point, entry in members]
+        rows = [_train_sample_point(point, entry) for point, entry in members]
         bare = [at.mean for point, _ in members for at in point.variants if at.variant == reference and at.mrr is None]
         mrr, success = [at.mrr for at in rows], [at.success for at in rows]
-        yield Dose(
+        yield TrainSample(
             values=_others(members[0][0]),
             in_sample=_is_in_sample(results, *members[0]),
             points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
@@ -79,7 +79,7 @@ def doses_of(results: StudyResults, points: Sequence[PointFigures], reference: s
         )
 
 
-def _latest_if_never(rows: Sequence[DosePoint]) -> list[int]:
+def _latest_if_never(rows: Sequence[TrainSamplePoint]) -> list[int]:
     latest = 1 + max(at.reached or 0 for at in rows)
     return [latest if at.reached is None else at.reached for at in rows]
 
@@ -93,10 +93,10 @@ def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigu
     return settings.get("in_sample") is True
 
 
-def _dose_point(point: PointFigures, entry: VariantFigures) -> DosePoint:
+def _train_sample_point(point: PointFigures, entry: VariantFigures) -> TrainSamplePoint:
     assert entry.mrr is not None
     assert entry.mrr_range is not None
-    return DosePoint(
+    return TrainSamplePoint(
         label=_label(point, entry.variant),
         variant=entry.variant,
         mrr=entry.mrr,

@@ -1,0 +1,141 @@
+"""Doses of knowledge: which recipes are taught, with which results, and what they must not tell."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from refusals import refuses
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.graphs.splits import Split
+from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample
+from wordcraft_kg.graphs.triples import COMPONENT_OF, is_in, recipe_triples
+
+KINDS = ("by-recipe", "by-goal", "by-slot")
+
+
+def split_of(kind: str = "by-recipe") -> Split:
+    return make_split(open_graph("kitchen").graph, SplitConfig(kind))
+
+
+def test_everything_as_it_is_is_the_train_part():
+    split = split_of()
+    train_sample = draw_train_sample(split, seed=7)
+    np.testing.assert_array_equal(train_sample.recipes, split.recipes("train"))
+    np.testing.assert_array_equal(train_sample.triples, split.partial)
+    assert not train_sample.is_wrong.any()
+    assert train_sample.hash == TrainSample.of(split.graph, split.is_in("train")).hash
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_smaller_share_is_part_of_a_larger_one(kind: str, seed: int):
+    split = split_of(kind)
+    shares = (0.1, 0.3, 0.5, 1.0)
+    train_samples = [draw_train_sample(split, train_fraction, seed=seed).is_trained_on for train_fraction in shares]
+    for train_fraction, train_sample, more in zip(
+        shares, train_samples, [*train_samples[1:], split.is_in("train")], strict=True
+    ):
+        assert train_sample.sum() == round(train_fraction * split.is_in("train").sum())
+        assert (more | ~train_sample).all()
+    assert (train_samples[0] != draw_train_sample(split, 0.1, seed=seed + 1).is_trained_on).any()
+
+
+def test_what_is_wrong_with_less_noise_is_wrong_with_more():
+    split = split_of()
+    train_samples = [draw_train_sample(split, 0.5, label_noise, seed=3) for label_noise in (0.1, 0.4, 1.0)]
+    for train_sample, more in pairwise(train_samples):
+        np.testing.assert_array_equal(train_sample.is_trained_on, more.is_trained_on)
+        assert (more.is_wrong | ~train_sample.is_wrong).all()
+    assert [int(train_sample.is_wrong.sum()) for train_sample in train_samples] == [13, 52, 130]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("label_noise", [0.2, 1.0])
+def test_a_wrong_recipe_keeps_its_pair_and_is_part_of_nothing_that_the_book_has(kind: str, label_noise: float):
+    split = split_of(kind)
+    train_sample = draw_train_sample(split, 0.8, label_noise, seed=1)
+    graph, wrong = split.graph, train_sample.among(train_sample.is_wrong)
+    assert len(wrong) == round(label_noise * train_sample.is_trained_on.sum())
+    np.testing.assert_array_equal(wrong[:, :2], graph.recipes[train_sample.is_wrong, :2])
+    assert not (wrong[:, :2] == wrong[:, 2:]).any()
+    triples = recipe_triples(wrong)
+    parts = triples[triples[:, 1] == COMPONENT_OF]
+    assert len(parts)
+    assert not is_in(parts, graph.triples, graph.num_entities).any()
+    assert len(np.unique(train_sample.recipes, axis=0)) == len(train_sample.recipes)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_wrong_results_come_from_taught_recipes_of_the_same_fold(kind: str):
+    split = split_of(kind)
+    folds = make_folds(split, 4)
+    train_sample = draw_train_sample(split, 0.7, 0.5, seed=2, of_recipe=folds.of_recipe)
+    for fold in range(4):
+        own = folds.of_recipe == fold
+        taught = set(split.graph.recipes[train_sample.is_trained_on & own, 2].tolist())
+        assert set(train_sample.results[train_sample.is_wrong & own].tolist()) <= taught
+    # Without folds they come from all of them.
+    anywhere = draw_train_sample(split, 0.7, 0.5, seed=2)
+    np.testing.assert_array_equal(anywhere.is_trained_on, train_sample.is_trained_on)
+    np.testing.assert_array_equal(anywhere.is_wrong, train_sample.is_wrong)
+    assert (anywhere.results != train_sample.results).any()
+
+
+def test_results_stay_about_as_frequent():
+    split = split_of()
+    train_sample = draw_train_sample(split, 1, 1.0)
+    before, after = (np.bincount(part[:, 2], minlength=80) for part in (split.recipes("train"), train_sample.recipes))
+    assert np.corrcoef(before, after)[0, 1] > 0.5
+    assert not set(train_sample.recipes[:, 2].tolist()) - set(split.recipes("train")[:, 2].tolist())
+
+
+@pytest.mark.parametrize(("train_fraction", "label_noise"), [(0.3, 0.0), (0.5, 0.4), (1.0, 1.0)])
+def test_folds_are_those_of_all_train_recipes_whatever_the_dose(train_fraction: float, label_noise: float):
+    split = split_of()
+    folds = make_folds(split, 5)
+    train_sample = draw_train_sample(split, train_fraction, label_noise, seed=4, of_recipe=folds.of_recipe)
+    with_train_sample = folds.with_train_sample(train_sample)
+    assert with_train_sample.hash == folds.hash
+    assert with_train_sample.is_subsample
+    assert not folds.is_subsample
+    np.testing.assert_array_equal(with_train_sample.of_recipe, folds.of_recipe)
+    for fold in range(5):
+        rows = [row for row in np.flatnonzero(train_sample.is_trained_on) if folds.of_recipe[row] != fold]
+        expected = [(*split.graph.recipes[row, :2].tolist(), int(train_sample.results[row])) for row in rows]
+        assert [tuple(row) for row in with_train_sample.recipes([fold]).tolist()] == expected
+        np.testing.assert_array_equal(with_train_sample.triples([fold]), recipe_triples(np.array(expected)))
+        # A fold and the model without it share nothing, and together they are the dose.
+        own = {tuple(row) for row in with_train_sample.recipes_of(fold).tolist()}
+        assert own | set(expected) == {tuple(row) for row in train_sample.recipes.tolist()}
+        assert not own & set(expected)
+
+
+def test_the_draw_is_known():
+    found = draw_train_sample(open_graph("kitchen").split, 0.5, 0.2).hash
+    assert found == "72814deb4a209acd106e701d5f964c98eb7136c8c2e2cdd55fae8ac618fe044b"
+
+
+def test_too_few_recipes_for_a_dose_are_refused():
+    split = split_of()
+    of_recipe = make_folds(split, 3).of_recipe
+    with refuses("train_fraction"):
+        draw_train_sample(split, 0.001)
+    with pytest.raises(ConfigError, match="some in two folds or more"):
+        draw_train_sample(split, 0.004, of_recipe=of_recipe)
+    with refuses("label_noise"):
+        draw_train_sample(split, 0.012, 0.1)
+    single = make_split(
+        RecipeGraph.from_recipes([(f"a{i}", f"b{i}", "soup") for i in range(9)], name="soups"),
+        SplitConfig("by-recipe-plain"),
+    )
+    with refuses("label_noise"):
+        draw_train_sample(single, label_noise=0.5)
+
+
+def test_a_dose_says_what_it_is():
+    assert describe_train_sample(1, 0) == ""
+    assert describe_train_sample(0.2, 0) == "20 % of the train recipes"
+    assert describe_train_sample(1, 0.5) == "100 % of the train recipes, 50 % of them with a wrong result"

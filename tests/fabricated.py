@@ -38,7 +38,7 @@ def fabricate(
                     graph=0,
                     success={"train": 0.5, "test": success},
                     by_plan={"train": 0.5, "test": success / 2},
-                    endings={},
+                    terminations={},
                     won=digits,
                     draws=draws,
                     curve=tuple(curve[seed]) if curve else ((1000, success / 2), (2000, success)),

@@ -12,7 +12,7 @@ from wordcraft_kg.agents import evaluation
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.outcomes import ENDINGS
+from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import ConfigError
@@ -26,7 +26,7 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
-RESULTS = ("success", "by_plan", "picks", "endings")
+RESULTS = ("success", "by_plan", "picks", "terminations")
 
 
 def policy_for(opened, num_slots, scorer=None, **settings):
@@ -74,7 +74,7 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
     assert result.success.shape == (len(evaluator.tasks), 3)
     assert result.success.all()
     assert result.by_plan.all()
-    assert not result.endings.any()
+    assert not result.terminations.any()
     assert result.figures().mean == 1.0
     assert set(result.picks.ravel().tolist()) == {2 * depth}
 
@@ -109,11 +109,11 @@ def play_singly(opened, config, player, draws, tasks):
                 results["picks"][row, draw] += 1
             results["success"][row, draw] = info["outcome"] == "goal"
             results["by_plan"][row, draw] = info["by_plan"]
-            results["endings"][row, draw] = ENDINGS.index(ending(env, info, pair, recipes))
+            results["terminations"][row, draw] = TERMINATION_REASONS.index(termination(env, info, pair, recipes))
     return results
 
 
-def ending(env, info, pair, recipes):
+def termination(env, info, pair, recipes):
     """Say in words how an episode ended, from its last pair; one pick of it may have been an empty slot."""
     if info["outcome"] == "goal":
         return "goal"
@@ -138,7 +138,7 @@ def test_a_batch_is_judged_as_single_episodes_are(opened, depth, attempts):
     expected = play_singly(opened, config, scripted, 2, evaluator.tasks)
     for name in RESULTS:
         np.testing.assert_array_equal(getattr(result, name).astype(int), expected[name], err_msg=name)
-    assert set(result.endings.ravel().tolist()) == set(range(len(ENDINGS)))
+    assert set(result.terminations.ravel().tolist()) == set(range(len(TERMINATION_REASONS)))
     assert len(set(result.picks.ravel().tolist())) > 1
     assert (result.success & ~result.by_plan).any()
 
@@ -163,7 +163,7 @@ def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind,
     monkeypatch.setattr(evaluation, "ROWS", 7)  # not a divisor of the number of tasks
     assert_equal(evaluator(PolicyPlayer(policy)), expected)
     assert len(evaluator.tasks) % 7 != 0
-    assert len(set(expected.endings.ravel().tolist())) > 2
+    assert len(set(expected.terminations.ravel().tolist())) > 2
 
 
 def test_of_equally_good_actions_the_first_is_taken(opened):
@@ -326,7 +326,7 @@ def test_a_sample_is_judged_by_its_own_tasks_parts(opened):
         first = (state.table == starts[:, :1]).argmax(1)
         return np.where(state.selection == state.nothing, first, state.engine.num_slots - 1)
 
-    assert evaluator(half_right).shares() == {name: float(name == "one_right_part") for name in ENDINGS}
+    assert evaluator(half_right).shares() == {name: float(name == "one_right_part") for name in TERMINATION_REASONS}
 
 
 def test_figures_are_means_over_tasks_and_draws(opened):
@@ -340,11 +340,11 @@ def test_figures_are_means_over_tasks_and_draws(opened):
     assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success)
     assert figures.ci_low < figures.mean < figures.ci_high
     shares = result.shares()
-    assert tuple(shares) == ENDINGS
+    assert tuple(shares) == TERMINATION_REASONS
     assert sum(shares.values()) == pytest.approx(1)
     assert shares["goal"] == pytest.approx(figures.mean)
-    counts = Counter(result.endings.ravel().tolist())
-    assert shares == {name: pytest.approx(counts[code] / (63 * 4)) for code, name in enumerate(ENDINGS)}
+    counts = Counter(result.terminations.ravel().tolist())
+    assert shares == {name: pytest.approx(counts[code] / (63 * 4)) for code, name in enumerate(TERMINATION_REASONS)}
 
 
 # --- who plays -------------------------------------------------------------------------------------------------------

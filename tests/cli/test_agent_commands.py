@@ -78,12 +78,12 @@ def test_explain_splits_every_logit_into_what_the_sources_contributed(printed, w
 def test_explained_episodes_end_as_the_evaluation_says(printed, world):
     agent = world / "plain/seed-0"
     rows = [json.loads(line) for line in (agent / "episodes.jsonl").read_text().splitlines()]
-    endings = {(row["goal"], tuple(row["start"])): row["endings"][0] for row in rows if row["part"] == "test"}
+    terminations = {(row["goal"], tuple(row["start"])): row["terminations"][0] for row in rows if row["part"] == "test"}
     episodes = printed("explain", agent, "--episodes", 5_000)["episodes"]
-    assert len(episodes) == len(endings)  # no more episodes than tasks
+    assert len(episodes) == len(terminations)  # no more episodes than tasks
     for episode in episodes:
-        ending = endings[episode["goal"], tuple(episode["start"])]
-        assert (episode["outcome"] == "goal") == (ending == "goal")
+        termination = terminations[episode["goal"], tuple(episode["start"])]
+        assert (episode["outcome"] == "goal") == (termination == "goal")
 
 
 def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):

@@ -141,8 +141,8 @@ def test_triples_are_still_asked_for_as_before(printed, recipes_folder, scorer):
     assert printed("score", recipes_folder, "", "componentOf", "bread")["head"] is None
 
 
-@pytest.mark.parametrize("ending", ["csv", "tsv"])
-def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes_folder, tmp_path, ending):
+@pytest.mark.parametrize("termination", ["csv", "tsv"])
+def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes_folder, tmp_path, termination):
     (a, b, result), (c, d, other) = in_part("train"), in_part("test")
     queries = tmp_path / "in.csv"
     queries.write_text(
@@ -160,9 +160,9 @@ def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes
         for name in ("ingredient_a", "ingredient_b", "result", "known", "memory"):
             assert row[name] == expected[name]
         assert row["score"] == pytest.approx(expected["score"], abs=1e-4)
-    out = tmp_path / f"out.{ending}"
+    out = tmp_path / f"out.{termination}"
     assert printed(*command, "--out", out)["out"] == str(out)
-    header, *lines = [line.split("," if ending == "csv" else "\t") for line in out.read_text().splitlines()]
+    header, *lines = [line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()]
     assert header == ["line", "ingredient_a", "ingredient_b", "result", "score", "rank", "known", "memory"]
     assert [line[1:4] for line in lines] == [[row[name] for name in header[1:4]] for row in found["rows"]]
     assert [line[7] for line in lines] == [str(row["memory"]).lower() for row in found["rows"]]

@@ -164,14 +164,14 @@ def test_a_file_of_queries_gives_what_single_ones_give(printed, trained, tmp_pat
             assert (row[slot], row["score"], row["known"]) == (one["entity"], one["score"], one["known"])
 
 
-@pytest.mark.parametrize("ending", ["csv", "tsv"])
-def test_the_scores_of_a_file_go_to_a_file(printed, refused, run, trained, tmp_path, ending):
+@pytest.mark.parametrize("termination", ["csv", "tsv"])
+def test_the_scores_of_a_file_go_to_a_file(printed, refused, run, trained, tmp_path, termination):
     (tmp_path / "pairs.csv").write_text(QUERIES)
-    out = tmp_path / "new" / f"scores.{ending}"
+    out = tmp_path / "new" / f"scores.{termination}"
     command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3", "--out", out)
     assert printed(*command)["out"] == str(out)
     rows = printed(*command[:6])["rows"]
-    header, *lines = [line.split("," if ending == "csv" else "\t") for line in out.read_text().splitlines()]
+    header, *lines = [line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()]
     assert header == ["line", "head", "relation", "tail", "score", "rank", "known", "probability"]
     assert [line[1:4] for line in lines] == [[row["head"], row["relation"], row["tail"]] for row in rows]
     assert [np.float32(line[4]) for line in lines] == [np.float32(row["score"]) for row in rows]

@@ -15,7 +15,7 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
-from wordcraft_kg.agents.outcomes import ENDINGS
+from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
 from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.agents.records import MetricsRow
 from wordcraft_kg.agents.training import train_agent
@@ -149,7 +149,7 @@ def test_confusions_name_what_was_needed_and_what_was_picked(agents, entry, worl
     graph, counts = world.graph, Counter()
     for agent in agents[:2]:
         found = Evaluator(world, draws=2)(PolicyPlayer(agent.policy))
-        for task, draw in np.argwhere(found.endings == ENDINGS.index("one_right_part")).tolist():
+        for task, draw in np.argwhere(found.terminations == TERMINATION_REASONS.index("one_right_part")).tolist():
             a, b = found.last[task, draw].tolist()
             (plan,) = world.tasks.plans[task]
             pair = graph.recipes[plan[-1], :2].tolist()

@@ -160,7 +160,7 @@ def test_a_run_whose_scorer_was_made_again_with_other_weights_is_begun_again(don
     values["inputs"]["scorer"] = "0" * 64
     (folder / "run.json").write_text(json.dumps(values))
     outcome = perform(task, tmp_path)
-    assert outcome.ending == "done", outcome.error
+    assert outcome.termination == "done", outcome.error
     assert "resumed" not in record(folder)
 
 
@@ -184,7 +184,7 @@ def test_a_scorer_whose_checkpoint_is_damaged_is_begun_again(done, tmp_path):
     (folder / "checkpoints").mkdir()
     (folder / "checkpoints" / "fold.json").write_text("{")
     outcome = perform(task, tmp_path)
-    assert outcome.ending == "done", outcome.error
+    assert outcome.termination == "done", outcome.error
 
 
 def test_a_training_that_another_process_still_works_on_is_left_alone(tmp_path):
@@ -195,7 +195,7 @@ def test_a_training_that_another_process_still_works_on_is_left_alone(tmp_path):
     (folder / "checkpoints").mkdir()
     with locked(folder):
         outcome = perform(task, tmp_path)
-    assert (outcome.ending, (folder / "checkpoints").is_dir()) == ("failed", True)
+    assert (outcome.termination, (folder / "checkpoints").is_dir()) == ("failed", True)
     assert "by another process" in outcome.error
 
 

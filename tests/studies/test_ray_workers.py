@@ -131,7 +131,7 @@ def test_nothing_is_lost_or_double_when_a_node_is_killed_in_the_middle(cluster, 
         cluster.worker_nodes.discard(second)
 
     outcomes = perform_all(root, cluster.address, tasks, kill)
-    assert {outcome.ending for outcome in outcomes.values()} == {"done"}
+    assert {outcome.termination for outcome in outcomes.values()} == {"done"}
     assert {f"runs/{path.name}" for path in root.glob("runs/*")} == {task.address for task in tasks} == outcomes.keys()
     begun = notes(root)
     (killed,) = {note["number"] for note in begun if note["node"] == second.node_id}
@@ -148,8 +148,8 @@ def test_failures_have_a_clear_line_and_only_crashes_are_begun_again(cluster, se
     found = perform_all(root, cluster.address, tasks.values())
     outcomes = {how: found[task.address] for how, task in tasks.items()}
     good = {"works", "on a GPU"}
-    assert {how for how, outcome in outcomes.items() if outcome.ending == "done"} == good, outcomes
-    assert {outcome.ending for how, outcome in outcomes.items() if how not in good} == {"failed"}
+    assert {how for how, outcome in outcomes.items() if outcome.termination == "done"} == good, outcomes
+    assert {outcome.termination for how, outcome in outcomes.items() if how not in good} == {"failed"}
     assert outcomes["fails"].error == "the oven is broken"
     assert outcomes["raises"].error == "ValueError: the recipe is wrong"
     assert "in play" in outcomes["raises"].detail
@@ -173,7 +173,7 @@ def test_what_is_stopped_writes_a_checkpoint_and_goes_on_from_it(cluster, root):
     assert (task.folder(root) / "checkpoint").exists()
     assert not (task.folder(root) / "figures.json").exists()
     task.settings["seconds"] = 0
-    assert perform_all(root, cluster.address, [task])[task.address].ending == "done"
+    assert perform_all(root, cluster.address, [task])[task.address].termination == "done"
     assert json.loads((task.folder(root) / "figures.json").read_text()) is True
 
 
@@ -207,7 +207,7 @@ def test_without_an_address_a_cluster_of_this_machine_comes_and_goes(root):
     pytest.importorskip("ray", reason="needs the extra ray")
     for number in range(2):
         (outcome,) = perform_all(root, None, [a_task(number)]).values()
-        assert outcome.ending == "done"
+        assert outcome.termination == "done"
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.outcomes import ENDINGS, Ending, Success
+from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, Success, TerminationReason
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.base.errors import ConfigError
@@ -73,7 +73,7 @@ class Evaluation:
         success: shape (N, D), bool: the episode reached the goal.
         by_plan: shape (N, D), bool: the last pair completed a plan.
         picks: shape (N, D), int64: episode length.
-        endings: shape (N, D), int8: index into :data:`ENDINGS`.
+        terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
         last: shape (N, D, 2), int64: the last pair, in picking order.
     """
 
@@ -81,7 +81,7 @@ class Evaluation:
     success: NDArray[np.bool_]
     by_plan: NDArray[np.bool_]
     picks: Ids
-    endings: NDArray[np.int8]
+    terminations: NDArray[np.int8]
     last: Ids
 
     def figures(self) -> Success:
@@ -91,9 +91,9 @@ class Evaluation:
         tasks, draws = self.success.shape
         return Success(mean, low, high, tasks, draws, by_plan, picks)
 
-    def shares(self) -> dict[Ending, Share]:
+    def shares(self) -> dict[TerminationReason, Share]:
         """Return episode shares by ending."""
-        return {name: float((self.endings == code).mean()) for code, name in enumerate(ENDINGS)}
+        return {name: float((self.terminations == code).mean()) for code, name in enumerate(TERMINATION_REASONS)}
 
 
 class Evaluator:
@@ -126,7 +126,7 @@ class Evaluator:
         """Play all tasks with all draws."""
         shape = (len(self.tasks), self.draws)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
-        picks, endings = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
+        picks, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
         last = np.zeros((*shape, 2), dtype=np.int64)
         engine, rows = self.engine, np.arange(len(self.tasks))
         for draw in steps("playing", range(self.draws)):
@@ -139,13 +139,13 @@ class Evaluator:
                 picks[running, draw] += 1
                 success[:, draw] |= step.outcome == GOAL
                 by_plan[:, draw] |= step.by_plan
-                ended = self._ending(held, picked)
-                endings[step.over, draw] = np.where(step.outcome == GOAL, 0, ended)[step.over]
+                ended = self._termination(held, picked)
+                terminations[step.over, draw] = np.where(step.outcome == GOAL, 0, ended)[step.over]
                 last[step.over, draw] = np.column_stack([held, picked])[step.over]
-        return Evaluation(self.tasks, success, by_plan, picks, endings, last)
+        return Evaluation(self.tasks, success, by_plan, picks, terminations, last)
 
-    def _ending(self, held: Ids, picked: Ids) -> NDArray[np.int64]:
-        """Return an index into :data:`ENDINGS` for each failed attempt."""
+    def _termination(self, held: Ids, picked: Ids) -> NDArray[np.int64]:
+        """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""
         is_twice = (held == picked) & (picked != self.engine.nothing)
         is_right = ((self._parts == held[:, None]) | (self._parts == picked[:, None])).any(1)
         makes = self.engine.pairs(held, picked) != self.engine.world.graph.num_pairs

@@ -4,8 +4,8 @@ from typing import Literal, get_args
 
 from wordcraft_kg.base.records import Count, Record, Share
 
-Ending = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
-ENDINGS: tuple[Ending, ...] = get_args(Ending)
+TerminationReason = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
+TERMINATION_REASONS: tuple[TerminationReason, ...] = get_args(TerminationReason)
 """How an episode ended; the first that holds.
 
 | ending | the last pair |

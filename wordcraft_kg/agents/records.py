@@ -4,7 +4,7 @@ from pathlib import Path
 
 import msgspec
 
-from wordcraft_kg.agents.outcomes import Ending, Success
+from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.base.artefacts import read_large_file
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share, parse_lines
@@ -30,7 +30,7 @@ class AgentSummary(Record, frozen=True, kw_only=True):
     curves_share: float
     parameters: int
     success: dict[TaskPart, Success]
-    outcomes: dict[TaskPart, dict[Ending, Share]]
+    outcomes: dict[TaskPart, dict[TerminationReason, Share]]
     distractors: int
 
 
@@ -85,7 +85,7 @@ class PlayedTask(Record):
     goal: str
     start: tuple[str, ...]
     success: Share
-    endings: tuple[Ending, ...]
+    terminations: tuple[TerminationReason, ...]
     picks: tuple[Count, ...]
 
 

@@ -8,7 +8,7 @@ import msgspec
 
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.evaluation import Evaluation
-from wordcraft_kg.agents.outcomes import ENDINGS
+from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
 from wordcraft_kg.agents.records import EPISODES_FILE, AgentSummary, PlayedTask
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.records import as_values
@@ -42,7 +42,7 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
                 goal=task.goal,
                 start=task.start,
                 success=float(result.success[i].mean()),
-                endings=tuple(ENDINGS[code] for code in result.endings[i].tolist()),
+                terminations=tuple(TERMINATION_REASONS[code] for code in result.terminations[i].tolist()),
                 picks=tuple(result.picks[i].tolist()),
             )
             yield json.dumps(msgspec.to_builtins(row), ensure_ascii=False) + "\n"

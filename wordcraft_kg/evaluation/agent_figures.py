@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation
-from wordcraft_kg.agents.outcomes import ENDINGS, Ending
+from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import (
     interquartile_mean,
@@ -114,19 +114,21 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
     return msgspec.structs.replace(success, p_better=probability_of_improvement(*seeds), p_better_ci=interval)
 
 
-def outcomes_of(results: Sequence[Evaluation]) -> dict[Ending, Share]:
+def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:
     """Return mean ending shares."""
     shares = [result.shares() for result in results]
-    return {ending: float(np.mean([share[ending] for share in shares])) for ending in ENDINGS}
+    return {
+        termination: float(np.mean([share[termination] for share in shares])) for termination in TERMINATION_REASONS
+    }
 
 
 def confusions_of(world: World, results: Sequence[Evaluation]) -> tuple[Confusion, ...]:
     """Count the wrong second ingredients of episodes that ended with one right ingredient."""
-    graph, code = world.graph, ENDINGS.index("one_right_part")
+    graph, code = world.graph, TERMINATION_REASONS.index("one_right_part")
     pairs = graph.recipes[:, :2].tolist()
     counts: Counter[tuple[int, int]] = Counter()
     for result in results:
-        for row, draw in np.argwhere(result.endings == code).tolist():
+        for row, draw in np.argwhere(result.terminations == code).tolist():
             plans = world.tasks.plans[int(result.tasks[row])]
             counts.update(_confused(result.last[row, draw].tolist(), [pairs[plan[-1]] for plan in plans]))
     # Ties by id: equal episodes give equal lists.

@@ -10,7 +10,7 @@ import msgspec
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
-from wordcraft_kg.agents.outcomes import Ending
+from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
@@ -94,7 +94,7 @@ class AgentEntry(Record):
     seconds: tuple[float | None, ...]
     steps_per_second: tuple[float | None, ...]
     success: dict[str, AgentSuccess]
-    outcomes: dict[str, dict[Ending, Share]]
+    outcomes: dict[str, dict[TerminationReason, Share]]
     confusions: tuple[Confusion, ...]
     slices: dict[Slice, tuple[SliceSuccess, ...]]
     curves: dict[str, tuple[CurvePoint, ...]]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluator, player_of
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
-from wordcraft_kg.agents.outcomes import Ending, Success
+from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_players
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -35,7 +35,7 @@ class AgentEvaluation(Record):
     part: TaskPart
     depth: int
     success: dict[str, Success]
-    outcomes: dict[str, dict[Ending, Share]]
+    outcomes: dict[str, dict[TerminationReason, Share]]
 
 
 class Explanation(Record):

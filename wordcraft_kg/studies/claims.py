@@ -188,7 +188,7 @@ def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
     if measure == "success":
         return run.rates
     if measure == "same_twice":
-        return [run.endings["same_twice"]]
+        return [run.terminations["same_twice"]]
     if measure == "early":
         return [min(run.curve, key=lambda point: abs(point[0] - _EARLY * run.steps))[1]]
     level = _REACHED * other.curve[-1][1]

@@ -141,7 +141,7 @@ def _results(
                 mrr=scorers[scorer].mrr if scorer is not None else None,
                 success=_rounded(figures.success),
                 by_plan=_rounded(figures.by_plan),
-                endings=_rounded(figures.endings),
+                terminations=_rounded(figures.terminations),
                 **{name: getattr(figures, name) for name in _KEPT},
             )
         )

@@ -136,7 +136,7 @@ class _Engine:
             for outcome in workers.wait(_TICK):
                 is_full = is_full or outcome.disk_full
                 del self.state.running[outcome.address]
-                if outcome.ending == "interrupted":
+                if outcome.termination == "interrupted":
                     raise KeyboardInterrupt
                 self._end(outcome)
         if is_full:
@@ -152,7 +152,7 @@ class _Engine:
 
     def _end(self, outcome: Outcome) -> None:
         task = self.plan.tasks[outcome.address]
-        if outcome.ending == "done":
+        if outcome.termination == "done":
             self._there.add(task.address)
             self.state.done += 1
             forget_failure(self.root, task.address)

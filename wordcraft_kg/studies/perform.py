@@ -156,7 +156,7 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
         graph=PlayedGraph.of(opened),
         success={name: found.mean for name, found in summary.success.items()},
         by_plan={name: found.by_plan for name, found in summary.success.items()},
-        endings={str(name): share for name, share in summary.outcomes[part].items()},
+        terminations={str(name): share for name, share in summary.outcomes[part].items()},
         won="".join(f"{round(task.success * draws)}" for task in read_episodes(folder) if task.part == part),
         draws=draws,
         curve=curve,

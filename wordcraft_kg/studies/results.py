@@ -28,7 +28,7 @@ class RunResult(Record, frozen=True):
         graph: index of the graph in :attr:`StudyResults.graphs`.
         success: greedy success rate, by part (train, test).
         by_plan: success rate by the last pair of a plan, by part.
-        endings: share of test episodes by ending, see :data:`~wordcraft_kg.agents.evaluation.ENDINGS`.
+        terminations: share of test episodes by ending, see :data:`~wordcraft_kg.agents.evaluation.TERMINATION_REASONS`.
         won: successes of each test task among ``draws`` draws of distractors, a digit for each task.
         curve: success on test tasks during training.
         mrr: leak-free MRR of the scorer on test triples; None without a scorer, or if the scorer has seen them.
@@ -44,7 +44,7 @@ class RunResult(Record, frozen=True):
     graph: int
     success: dict[str, Share]
     by_plan: dict[str, Share]
-    endings: dict[str, Share]
+    terminations: dict[str, Share]
     won: str
     draws: int
     curve: Curve
@@ -121,7 +121,7 @@ class RunFigures(Figures, frozen=True, kw_only=True):
     graph: PlayedGraph
     success: dict[str, Share]
     by_plan: dict[str, Share]
-    endings: dict[str, Share]
+    terminations: dict[str, Share]
     won: str
     draws: Count
     curve: Curve

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 
 Kind = Literal["graphs", "scorers", "runs"]
 """Kind of a task, and subfolder of the results folder."""
-Ending = Literal["done", "failed", "interrupted"]
+TerminationReason = Literal["done", "failed", "interrupted"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Outcome:
     """
 
     address: str
-    ending: Ending
+    termination: TerminationReason
     error: str = ""
     detail: str = ""
     disk_full: bool = False

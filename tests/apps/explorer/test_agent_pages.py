@@ -39,8 +39,8 @@ def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agent
                 found = view_of(agents, Episode(run="guided", part=part, task=row.number, draw=draw))
                 episode = found.episode
                 assert (episode.goal, episode.start, episode.plans) == (row.goal, row.start, row.plans)
-                assert (episode.endings[draw] == "goal") == (episode.first.episode.outcome == "goal")
-            assert episode.endings.count("goal") == row.won
+                assert (episode.terminations[draw] == "goal") == (episode.first.episode.outcome == "goal")
+            assert episode.terminations.count("goal") == row.won
 
 
 def test_where_there_are_no_results_the_page_says_why(agents: Explored):
@@ -93,7 +93,7 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
     assert "cannot be asked: tables of" in look(agents, Episode(task=5, draw=1, other=("plain", "mlp"))).text
     small = view_of(agents, Episode(task=5, distractors=2, other=("mlp",)))
     assert small.episode.agents[1].found.table == small.episode.table
-    assert small.episode.endings == ()  # it was evaluated with eight
+    assert small.episode.terminations == ()  # it was evaluated with eight
     with pytest.raises(ConfigError, match="this mlp was made for"):
         view_of(agents, Episode(run="mlp", distractors=8))
 

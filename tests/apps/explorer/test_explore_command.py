@@ -29,15 +29,15 @@ def serving(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
             server.kill()
 
 
-@pytest.mark.parametrize("ending", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(ending: int):
+@pytest.mark.parametrize("termination", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(termination: int):
     with serving("explore", "kitchen", "--no-browser") as (server, address):
         assert address.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(f"{address}/entity/bread") as answer:
             assert b"<h1>bread" in answer.read()
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"{address}/entity/brea")
-        server.send_signal(ending)
+        server.send_signal(termination)
         out, err = server.communicate(timeout=20)
         assert (server.returncode, out) == (0, "")
         assert "GET" not in err

@@ -38,21 +38,21 @@ def played_at_random(opened: OpenedGraph, depth: int) -> tuple[TaskSet, list[Pla
     success, lines = Evaluator(world, draws=4)(random_entity).success, []
     for number in (number for number in range(len(world.tasks)) if number % 3):
         task, won = world.tasks[number], success[number].tolist()
-        endings = tuple("goal" if one else "no_recipe" for one in won)
-        lines.append(PlayedTask("train", task.goal, task.start, float(np.mean(won)), endings, (2,) * 4))
+        terminations = tuple("goal" if one else "no_recipe" for one in won)
+        lines.append(PlayedTask("train", task.goal, task.start, float(np.mean(won)), terminations, (2,) * 4))
     return world.tasks, lines
 
 
 def test_all_tasks_are_listed_once_with_how_often_they_were_solved(played: tuple[TaskSet, list[PlayedTask]]):
     tasks, lines = played
     results = TaskResults.of(tasks, reversed(lines))
-    by_task = {(line.goal, line.start): line.endings for line in lines}
+    by_task = {(line.goal, line.start): line.terminations for line in lines}
     pages = view_task_table(tasks, results).paging.pages
     rows = [row for page in range(1, pages + 1) for row in view_task_table(tasks, results, page=page).rows]
     assert [row.number for row in rows] == list(range(len(tasks)))
     for row, task in zip(rows, tasks, strict=True):
-        endings = by_task.get((task.goal, task.start))
-        won = (None, None) if endings is None else (endings.count("goal"), 4)
+        terminations = by_task.get((task.goal, task.start))
+        won = (None, None) if terminations is None else (terminations.count("goal"), 4)
         assert row == ListedTask(row.number, task.goal, task.start, task.plans, *won)
     found = view_task_table(tasks, results)
     assert sum(found.counts.values()) == len(lines)

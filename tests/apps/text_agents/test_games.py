@@ -76,7 +76,7 @@ def test_an_invalid_message_costs_nothing_until_there_are_too_many(games: TaskGa
     assert (talk.is_over, talk.refused, talk.lost, talk.game.is_made) == (True, REFUSALS + 1, 1, False)
     with pytest.raises(EpisodeError):
         talk.hear("1 2")
-    assert record_of(talk, []).ending == "no_recipe"
+    assert record_of(talk, []).termination == "no_recipe"
 
 
 def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen: OpenedGraph):

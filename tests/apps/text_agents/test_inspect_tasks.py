@@ -155,7 +155,7 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play: P
     for score in invalid:
         assert (score.value, score.metadata["unfinished"]) == (0, True)
         assert (score.metadata["refused"], score.metadata["lost"]) == (3, 1)
-    assert (valid.metadata["unfinished"], valid.metadata["ending"]) == (False, "same_twice")
+    assert (valid.metadata["unfinished"], valid.metadata["termination"]) == (False, "same_twice")
     metrics = metrics_of(log)
     assert [metrics[key] for key in ("success", "unfinished", "refused", "lost")] == [0, 3, 9, 3]
     result = read_inspect_log(log.location)

@@ -246,7 +246,7 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
         host.begin(7).end()
     one, two = games_of(path)
     thing = one.table[0]
-    assert (one.task, one.draw, one.success, one.ending, one.refused) == (5, 2, False, "same_twice", 1)
+    assert (one.task, one.draw, one.success, one.termination, one.refused) == (5, 2, False, "same_twice", 1)
     refusal = "'unicorn': expected 1 to 5, one of the words, or the beginning of one."
     assert one.messages[1:4] == ("unicorn + 1", refusal, "1 + 1")
     assert one.messages[4].startswith(f"{thing} + {thing} -> ")
@@ -398,7 +398,7 @@ def test_the_command_serves_over_http_and_answered_games_are_kept_though_it_is_k
 
         connect(json.loads(process.stdout.readline())["address"], play)  # type: ignore[union-attr]
     (line,) = games_of(out)
-    assert (line.task, line.ending) == (3, "same_twice")
+    assert (line.task, line.termination) == (3, "same_twice")
 
 
 def test_bad_options_are_refused_before_anything_is_served(run: Any, tmp_path: Path):

@@ -48,12 +48,12 @@ class Game(ABC):
     @property
     def is_over(self) -> bool:
         """Whether no further attempt is possible."""
-        return self._is_ended or self._ending() is not None
+        return self._is_ended or self._termination() is not None
 
     @property
     def state(self) -> str:
         """The state as a prompt; the outcome once the game is over."""
-        return told("ended") if self._is_ended else self._ending() or self._ongoing()
+        return told("ended") if self._is_ended else self._termination() or self._ongoing()
 
     def combine(self, one: int, other: int) -> str:
         """Make an attempt and describe the result."""
@@ -77,7 +77,7 @@ class Game(ABC):
     def _entities(self) -> Iterable[int]: ...
 
     @abstractmethod
-    def _ending(self) -> str | None: ...
+    def _termination(self) -> str | None: ...
 
     @abstractmethod
     def _ongoing(self) -> str: ...
@@ -125,7 +125,7 @@ class TaskGame(Game):
     def _entities(self) -> Iterable[int]:
         return self._env.state.table
 
-    def _ending(self) -> str | None:
+    def _termination(self) -> str | None:
         if self._env.state.outcome == "in_progress":
             return None
         return told("goal_made" if self.is_made else "not_made", goal=self.goal)
@@ -200,7 +200,7 @@ class DiscoveryGame(Game):
     def _entities(self) -> list[int]:
         return [*self._env.discovery.known]
 
-    def _ending(self) -> str | None:
+    def _termination(self) -> str | None:
         if self._env.discovery.is_complete:
             return told("all_known")
         return None if self.attempts_left else told("no_attempt_left", known=len(self._entities()))

@@ -2,7 +2,7 @@
 
 from typing import Any, Literal
 
-from wordcraft_kg.agents.outcomes import Ending, Success
+from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, REFUSALS, KnowledgeKind
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
@@ -104,7 +104,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     success: bool
     by_plan: bool
     picks: Count
-    ending: Ending
+    termination: TerminationReason
     last: tuple[str, str] | None
     refused: Count
     lost: Count
@@ -145,7 +145,7 @@ class TextResult(Record, frozen=True, kw_only=True):
     settings: PlayedSettings
     games: Count
     success: Success | None
-    outcomes: dict[Ending, Share]
+    outcomes: dict[TerminationReason, Share]
     known: dict[int, float]
     refused: Count
     lost: Count

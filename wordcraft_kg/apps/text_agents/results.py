@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.agents.discovery import MARKS
-from wordcraft_kg.agents.outcomes import ENDINGS, Ending
+from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
 from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask, PlayedWorld, TextResult
@@ -55,13 +55,13 @@ def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> P
         success=game.is_made,
         by_plan=game.by_plan,
         picks=game.picks,
-        ending=_ending_of(game),
+        termination=_termination_of(game),
         last=game.last,
         **counts,
     )
 
 
-def _ending_of(game: TaskGame) -> Ending:
+def _termination_of(game: TaskGame) -> TerminationReason:
     if game.is_made:
         return "goal"
     if game.last is None:
@@ -94,7 +94,7 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
         np.array([one.success for one in games], dtype=bool).reshape(shape),
         np.array([one.by_plan for one in games], dtype=bool).reshape(shape),
         np.array([one.picks for one in games], dtype=np.int64).reshape(shape),
-        np.array([ENDINGS.index(one.ending) for one in games], dtype=np.int8).reshape(shape),
+        np.array([TERMINATION_REASONS.index(one.termination) for one in games], dtype=np.int8).reshape(shape),
         np.full((*shape, 2), -1),
     )
 

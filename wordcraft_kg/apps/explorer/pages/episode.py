@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from wordcraft_kg.agents.explanation import ExplainedTable
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.outcomes import Ending
+from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, has_runs
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
@@ -73,7 +73,7 @@ class EpisodeView(Record):
 
     Attributes:
         tasks: number of tasks for the depth and part.
-        endings: endings from the first agent's evaluation, by draw; empty without episodes for the task and number
+        terminations: endings from the first agent's evaluation, by draw; empty without episodes for the task and number
             of distractors.
         held: the entity that is held at first.
     """
@@ -84,7 +84,7 @@ class EpisodeView(Record):
     task: Count
     tasks: Count
     draw: Count
-    endings: tuple[Ending, ...]
+    terminations: tuple[TerminationReason, ...]
     start: tuple[str, ...]
     plans: tuple[tuple[Recipe, ...], ...]
     is_edited: bool
@@ -133,7 +133,7 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
         task=state.task,
         tasks=len(world.tasks),
         draw=state.draw,
-        endings=_endings(run, world, state.task),
+        terminations=_terminations(run, world, state.task),
         start=task.start,
         plans=task.plans,
         is_edited=state.is_edited,
@@ -143,7 +143,7 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
         agents=tuple(agents),
     )
     steps = sum(len(agent.found.episode.steps) for agent in agents if agent.found)
-    draws, most_slots = max(DRAWS, len(episode.endings)), max(MOST_ROWS // steps, 4)
+    draws, most_slots = max(DRAWS, len(episode.terminations)), max(MOST_ROWS // steps, 4)
     return ShownEpisode(tuple(explored.runs), draws, tasks.distractors, most_slots, episode)
 
 
@@ -166,13 +166,13 @@ def _label(graph: RecipeGraph, text: str) -> int:
     return graph.id_of(text if text in graph else text.strip())
 
 
-def _endings(run: FollowedRun, world: World, task: int) -> tuple[Ending, ...]:
+def _terminations(run: FollowedRun, world: World, task: int) -> tuple[TerminationReason, ...]:
     tasks = run.records().config.tasks
     if (tasks.depth, tasks.distractors) != (world.config.depth, world.config.num_distractors):
         return ()
     posed = world.tasks[task]
     played = run.episodes().get((world.config.part, posed.goal, posed.start))
-    return () if played is None else played.endings
+    return () if played is None else played.terminations
 
 
 def _is_live(explored: Explored, state: Episode) -> bool:

@@ -9,7 +9,7 @@ import msgspec
 from wordcraft_kg.agents.agent_folder import AgentRun
 from wordcraft_kg.agents.curves import JUDGED
 from wordcraft_kg.agents.following import FollowedRun
-from wordcraft_kg.agents.outcomes import Ending
+from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, has_runs
 from wordcraft_kg.apps.explorer.played import followed, is_done
@@ -107,7 +107,7 @@ class RunView(Record):
     distractors: Count = 0
     seconds: float | None = None
     steps_per_second: float | None = None
-    outcomes: dict[TaskPart, dict[Ending, Share]] = msgspec.field(default_factory=dict)
+    outcomes: dict[TaskPart, dict[TerminationReason, Share]] = msgspec.field(default_factory=dict)
     settings: dict[str, str] = msgspec.field(default_factory=dict)
     curves: dict[str, tuple[CurvePoint, ...]] = msgspec.field(default_factory=dict)
     lambdas: tuple[LambdaCurve, ...] = ()

@@ -109,7 +109,7 @@ class TaskResults:
             padding = [nothing] * (width - len(start))
             place = number.get(np.array([goal, *sorted(start), *padding], dtype=np.int64).tobytes())
             if place is not None:
-                results.won[place], results.draws[place] = played.endings.count("goal"), len(played.endings)
+                results.won[place], results.draws[place] = played.terminations.count("goal"), len(played.terminations)
         return results
 
     def where(self, won: Won) -> NDArray[np.bool_]:

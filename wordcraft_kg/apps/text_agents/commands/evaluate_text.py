@@ -104,14 +104,14 @@ def _figures(result: "TextResult") -> list[tuple[str, str]]:
         return [("known", f"{known} attempts"), ("over", counted(result.games, "game"))]
     tasks = f"{counted(success.tasks, f'{settings.part} task')} of depth {settings.depth}"
     distractors = counted(settings.distractors or 0, "distractor")
-    endings = (f"{ending.replace('_', ' ')} {share:.1%}" for ending, share in result.outcomes.items())
+    terminations = (f"{termination.replace('_', ' ')} {share:.1%}" for termination, share in result.outcomes.items())
     return [
         (
             "success",
             f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]   by plan {success.by_plan:.3f}",
         ),
         ("over", f"{tasks}, {distractors}, {counted(success.draws, 'draw')} each"),
-        ("endings", ", ".join(endings)),
+        ("terminations", ", ".join(terminations)),
     ]
 
 

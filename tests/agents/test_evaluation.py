@@ -26,7 +26,7 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
-RESULTS = ("success", "by_plan", "picks", "terminations")
+RESULTS = ("success", "by_plan", "actions", "terminations")
 
 
 def policy_for(opened, num_slots, scorer=None, **settings):
@@ -46,14 +46,14 @@ def scripted(state, rng):
 
 def other_ways(state):
     """The next pick of a pair on the table that makes the goal and ends no plan; -1 where there is none."""
-    picks, graph = np.full(state.num_envs, -1), state.world.graph
+    actions, graph = np.full(state.num_envs, -1), state.world.graph
     facts = list(zip(graph.recipes.tolist(), graph.pair_of_recipe.tolist(), strict=True))
-    for row, (goal, held, table) in enumerate(zip(state.goal, state.selection, state.table.tolist(), strict=True)):
+    for row, (goal, selection, table) in enumerate(zip(state.goal, state.selection, state.table.tolist(), strict=True)):
         finals = state.world.tasks.final_pairs[state.task[row]].tolist()
         for (one, other, result), pair in facts:
             if result == goal and {one, other} <= set(table) and pair not in finals:
-                picks[row] = table.index(other if held == one else one)
-    return picks
+                actions[row] = table.index(other if selection == one else one)
+    return actions
 
 
 def assert_equal(one, other):
@@ -76,7 +76,7 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
     assert result.by_plan.all()
     assert not result.terminations.any()
     assert result.figures().mean == 1.0
-    assert set(result.picks.ravel().tolist()) == {2 * depth}
+    assert set(result.actions.ravel().tolist()) == {2 * depth}
 
 
 # --- against single episodes -----------------------------------------------------------------------------------------
@@ -106,7 +106,7 @@ def play_singly(opened, config, player, draws, tasks):
                 seen, _, over, _, info = env.step(slot)
                 if info["illegal_action"] and not over:
                     pair = []
-                results["picks"][row, draw] += 1
+                results["actions"][row, draw] += 1
             results["success"][row, draw] = info["outcome"] == "goal"
             results["by_plan"][row, draw] = info["by_plan"]
             results["terminations"][row, draw] = TERMINATION_REASONS.index(termination(env, info, pair, recipes))
@@ -139,7 +139,7 @@ def test_a_batch_is_judged_as_single_episodes_are(opened, depth, attempts):
     for name in RESULTS:
         np.testing.assert_array_equal(getattr(result, name).astype(int), expected[name], err_msg=name)
     assert set(result.terminations.ravel().tolist()) == set(range(len(TERMINATION_REASONS)))
-    assert len(set(result.picks.ravel().tolist())) > 1
+    assert len(set(result.actions.ravel().tolist())) > 1
     assert (result.success & ~result.by_plan).any()
 
 
@@ -335,7 +335,7 @@ def test_figures_are_means_over_tasks_and_draws(opened):
     figures = result.figures()
     assert figures.mean == pytest.approx(result.success.sum() / (63 * 4))
     assert figures.by_plan == pytest.approx(result.by_plan.sum() / (63 * 4))
-    assert figures.picks == pytest.approx(result.picks.sum() / (63 * 4))
+    assert figures.actions == pytest.approx(result.actions.sum() / (63 * 4))
     assert (figures.tasks, figures.draws) == (63, 4)
     assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success)
     assert figures.ci_low < figures.mean < figures.ci_high

@@ -122,10 +122,10 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part
             found = explainer.task(task, draw)
             table = [entity for entity in posed.table[task].tolist() if entity != engine.nothing]
             assert found.table == opened.graph.labels(table)
-            assert len(found.episode.steps) == result.picks[task, draw]
+            assert len(found.episode.steps) == result.actions[task, draw]
             assert (found.episode.outcome == "goal") == result.success[task, draw]
             last = result.last[task, draw].tolist()
-            assert [step.picked for step in found.episode.steps[-2:]] == list(opened.graph.labels(last))
+            assert [step.action for step in found.episode.steps[-2:]] == list(opened.graph.labels(last))
             assert found.episode.start == world.tasks[task].start
             outcomes.add(found.episode.outcome)
     assert outcomes == {"goal", "out_of_attempts"} or kind not in ("recipes", "in sample")
@@ -164,13 +164,13 @@ def head(module, state):
     return product(second.weight, hidden, second.bias)
 
 
-def by_loops(policy, goal, held, table, values):
+def by_loops(policy, goal, selection, table, values):
     """Logits, value and λ of a state from the paper's formulas, given the values of the sources."""
     vectors = policy.vectors.vectors.double().tolist()
     nothing = [0.0] * policy.vectors.dim
     query = product(
         policy.attention.query.weight,
-        vectors[goal] + (nothing if held is None else vectors[held]),
+        vectors[goal] + (nothing if selection is None else vectors[selection]),
         policy.attention.query.bias,
     )
     keys = [product(policy.attention.key.weight, vectors[entity]) for entity in table]
@@ -201,25 +201,25 @@ def test_a_table_of_ones_own_is_explained_as_the_formula_says(opened, made, kind
     rng = np.random.default_rng(3)
     for _ in range(6):
         goal, *table = rng.permutation(graph.num_entities)[:8].tolist()
-        held = table[2] if is_held else None
-        found = explainer.table(goal, table, held)
+        selection = table[2] if is_held else None
+        found = explainer.table(goal, table, selection)
         step = found.episode.steps[0]
-        assert step.held == (graph.entities[held] if held is not None else None)
+        assert step.selection == (graph.entities[selection] if selection is not None else None)
         assert [slot.entity for slot in step.slots] == [graph.entities[entity] for entity in table]
         names = [name for name in step.slots[0].sources if name in policy.sources]
         values = {name: [slot.sources[name] for slot in step.slots] for name in names}
-        logits, value, lambdas = by_loops(policy, goal, held, table, values)
+        logits, value, lambdas = by_loops(policy, goal, selection, table, values)
         assert [slot.logit for slot in step.slots] == pytest.approx(logits, abs=1e-9)
         assert [slot.probability for slot in step.slots] == pytest.approx(softmax(logits), abs=1e-9)
         assert step.value == pytest.approx(value, abs=1e-9)
         assert list(step.lambdas.values()) == pytest.approx(lambdas, abs=1e-9)
-        assert step.picked == max(step.slots, key=lambda slot: slot.logit).entity
+        assert step.action == max(step.slots, key=lambda slot: slot.logit).entity
         for slot in step.slots:
             assert sum(slot.contributions.values()) == pytest.approx(slot.logit, abs=1e-9)
             for name, share in step.lambdas.items():
                 assert slot.contributions[name] == pytest.approx(share * slot.sources[name], abs=1e-12)
         if not is_held:  # the second pick follows from the first
-            assert found.episode.steps[1].held == step.picked
+            assert found.episode.steps[1].selection == step.action
         assert len(found.episode.steps) == 2 - is_held
 
 
@@ -229,30 +229,30 @@ def test_what_is_made_is_on_the_table_for_the_next_attempt():
     explainer = made_up(rows, ["a", "b", "e"], depth=2, max_attempts=3)
     # The policy picks something; the picks are followed by hand.
     for table in (["a", "b", "c", "e"], ["a", "b"], ["d", "a"], ["b", "e", "d", "goal"]):
-        there, held, is_made = list(table), None, False
+        there, selection, is_made = list(table), None, False
         for step in explainer.table("goal", table).episode.steps:
             assert not is_made
-            assert step.held == held
+            assert step.selection == selection
             assert [slot.entity for slot in step.slots] == there
-            made = [] if held is None else [c for a, b, c in rows if sorted((held, step.picked)) == [a, b]]
+            made = [] if selection is None else [c for a, b, c in rows if sorted((selection, step.action)) == [a, b]]
             assert step.made == tuple(entity for entity in made if entity not in there)
             is_made = "goal" in made
             there += step.made
-            held = step.picked if held is None else None
+            selection = step.action if selection is None else None
         assert (explainer.table("goal", table).episode.outcome == "goal") == is_made
 
 
 @pytest.mark.parametrize("ambiguity", ["all", "last"])
 def test_a_pair_makes_what_the_rules_of_the_world_say(ambiguity):
     found = made_up([["a", "a", "b"], ["a", "a", "c"]], ["a"], ambiguity=ambiguity).table("b", ["a"])
-    assert [step.picked for step in found.episode.steps] == ["a", "a"]
+    assert [step.action for step in found.episode.steps] == ["a", "a"]
     assert found.episode.steps[-1].made == (("b", "c") if ambiguity == "all" else ("c",))
     assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
 
 
 def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(made):
     world, policy = made("no scorer", max_attempts=40)
-    whole, cut = (Explainer(policy, world, most_picks=most) for most in (None, 5))
+    whole, cut = (Explainer(policy, world, most_actions=most) for most in (None, 5))
     long = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) == 80)
     assert cut.episode(long).steps == whole.episode(long).steps[:5]
     assert (cut.episode(long).outcome, whole.episode(long).outcome) == ("in_progress", "out_of_attempts")
@@ -467,7 +467,7 @@ def test_explaining_leaves_the_policy_as_it_is(made):
         ("table", [], {}),
         ("table", 65, {}),
         ("table", ["flour", "water", "flour"], {}),
-        ("held", ["flour", "water"], {"held": "fire"}),
+        ("selection", ["flour", "water"], {"selection": "fire"}),
         ("like", ["flour"], {"like": 63}),
     ],
 )

@@ -307,7 +307,7 @@ def test_with_lag_ratios_differ_from_one_and_are_logged(trainer, traced):
 def test_actions_follow_the_policy_and_no_empty_slot_is_ever_picked(trainer):
     impala = trainer(depth=2, unroll=3, batch_size=16, learning_rate=1e-30, policy={"embedding_size": 40})
     nothing = impala.envs.nothing
-    picked, expected, variance = np.zeros((3, impala.envs.engine.num_slots))
+    action, expected, variance = np.zeros((3, impala.envs.engine.num_slots))
     for _ in range(60):
         impala.update()
         seen = impala._unroll
@@ -318,12 +318,12 @@ def test_actions_follow_the_policy_and_no_empty_slot_is_ever_picked(trainer):
         assert (table.gather(1, actions[:, None]) != nothing).all()
         chosen = shares.gather(1, actions[:, None])[:, 0]
         torch.testing.assert_close(seen.log_probs.flatten(), chosen.log(), atol=1e-5, rtol=1e-5)
-        picked += np.bincount(actions, minlength=len(picked))
+        action += np.bincount(actions, minlength=len(action))
         expected += shares.sum(0).numpy()
         variance += (shares * (1 - shares)).sum(0).numpy()
     assert expected.sum() == pytest.approx(60 * 48)
     assert expected.min() < 10 < 300 < expected.max()
-    assert (np.abs(picked - expected) < 4 * np.sqrt(variance) + 1e-9).all()
+    assert (np.abs(action - expected) < 4 * np.sqrt(variance) + 1e-9).all()
 
 
 def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):

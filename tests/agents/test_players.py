@@ -83,12 +83,12 @@ def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_
     state = engine.pose(np.arange(50))
     table, goals = state.table, state.goal.tolist()
     player, rng = pair_player(lambda a, b, c: scores[a, b, c]), np.random.default_rng(0)
-    picks = []
+    actions = []
     for _ in range(2):
         slots = player(state, rng)
-        picks.append(table[np.arange(50), slots].tolist())
+        actions.append(table[np.arange(50), slots].tolist())
         state, _ = engine.step_once(state, slots)
-    for row, goal, one, other in zip(table.tolist(), goals, *picks, strict=True):
+    for row, goal, one, other in zip(table.tolist(), goals, *actions, strict=True):
         there = [entity for entity in row if entity != graph.num_entities]
         assert float(scores[one, other, goal]) == max(float(scores[a, b, goal]) for a in there for b in there)
 

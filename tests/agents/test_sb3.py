@@ -152,8 +152,8 @@ def test_an_empty_slot_has_probability_exactly_zero(algorithm):
         assert (probabilities[empty] == 0).all()
         torch.testing.assert_close(probabilities.sum(1), torch.ones(len(empty)))
         for _ in range(20):
-            picked = model.policy(tensors(seen))[0]
-            assert not empty.gather(1, picked[:, None]).any()
+            action = model.policy(tensors(seen))[0]
+            assert not empty.gather(1, action[:, None]).any()
 
 
 @pytest.mark.interop

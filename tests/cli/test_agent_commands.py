@@ -63,16 +63,16 @@ def test_explain_splits_every_logit_into_what_the_sources_contributed(printed, w
     episodes = printed("explain", world / "guided", "--episodes", 4)["episodes"]
     assert len(episodes) == 4
     steps = [step for episode in episodes for step in episode["steps"]]
-    assert {step["held"] is None for step in steps} == {True, False}
+    assert {step["selection"] is None for step in steps} == {True, False}
     for step in steps:
         assert step["lambdas"].keys() == {"alpha", "u", "v"}
         assert sum(slot["probability"] for slot in step["slots"]) == pytest.approx(1, abs=1e-9)
-        assert max(step["slots"], key=lambda slot: slot["logit"])["entity"] == step["picked"]
+        assert max(step["slots"], key=lambda slot: slot["logit"])["entity"] == step["action"]
         for slot in step["slots"]:
             assert sum(slot["contributions"].values()) == pytest.approx(slot["logit"], abs=1e-6)
             for name, value in slot["sources"].items():
                 assert slot["contributions"][name] == pytest.approx(value * step["lambdas"][name], abs=1e-9)
-            assert step["held"] is not None or slot["sources"]["u"] == 0
+            assert step["selection"] is not None or slot["sources"]["u"] == 0
 
 
 def test_explained_episodes_end_as_the_evaluation_says(printed, world):

@@ -191,7 +191,7 @@ def test_explain_and_the_report_name_the_recipes_that_support_a_pair(printed, ru
     for episode in printed("explain", agent, "--part", "train", "--episodes", "4")["episodes"]:
         plans = {recipe for plan in episode["plans"] for recipe in plan}
         for step in episode["steps"]:
-            labels = {step["held"]} if step["held"] else {slot["entity"] for slot in step["slots"]}
+            labels = {step["selection"]} if step["selection"] else {slot["entity"] for slot in step["slots"]}
             for evidence in (slot["evidence"] for slot in step["slots"] if slot["evidence"]):
                 evidences += 1
                 assert evidence["source"] == "w"

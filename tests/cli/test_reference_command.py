@@ -164,7 +164,7 @@ def kitchen_world():
 
 
 def success(mean):
-    return Success(mean=mean, ci_low=0.2, ci_high=0.6, tasks=63, draws=1, by_plan=0.3, picks=2.0)
+    return Success(mean=mean, ci_low=0.2, ci_high=0.6, tasks=63, draws=1, by_plan=0.3, actions=2.0)
 
 
 def result(folder, settings, success=None, known=None):

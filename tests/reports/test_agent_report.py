@@ -158,7 +158,7 @@ def test_confusions_name_what_was_needed_and_what_was_picked(agents, entry, worl
             counts[graph.entities[wanted], graph.entities[wrong]] += 1
     assert entry.confusions
     for row in entry.confusions:
-        assert counts[row.wanted, row.picked] == row.episodes
+        assert counts[row.wanted, row.action] == row.episodes
     assert [row.episodes for row in entry.confusions] == sorted(counts.values(), reverse=True)[: len(entry.confusions)]
 
 

@@ -72,7 +72,7 @@ class Evaluation:
         tasks: shape (N,), int64: task indices.
         success: shape (N, D), bool: the episode reached the goal.
         by_plan: shape (N, D), bool: the last pair completed a plan.
-        picks: shape (N, D), int64: episode length.
+        actions: shape (N, D), int64: episode length.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
         last: shape (N, D, 2), int64: the last pair, in picking order.
     """
@@ -80,16 +80,16 @@ class Evaluation:
     tasks: Ids
     success: NDArray[np.bool_]
     by_plan: NDArray[np.bool_]
-    picks: Ids
+    actions: Ids
     terminations: NDArray[np.int8]
     last: Ids
 
     def figures(self) -> Success:
         """Return mean success with an interval over tasks, and the sample sizes."""
-        mean, by_plan, picks = (float(values.mean()) for values in (self.success, self.by_plan, self.picks))
+        mean, by_plan, actions = (float(values.mean()) for values in (self.success, self.by_plan, self.actions))
         low, high = task_bootstrap(self.success)
         tasks, draws = self.success.shape
-        return Success(mean, low, high, tasks, draws, by_plan, picks)
+        return Success(mean, low, high, tasks, draws, by_plan, actions)
 
     def shares(self) -> dict[TerminationReason, Share]:
         """Return episode shares by ending."""
@@ -126,7 +126,7 @@ class Evaluator:
         """Play all tasks with all draws."""
         shape = (len(self.tasks), self.draws)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
-        picks, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
+        actions, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
         last = np.zeros((*shape, 2), dtype=np.int64)
         engine, rows = self.engine, np.arange(len(self.tasks))
         for draw in steps("playing", range(self.draws)):
@@ -134,21 +134,21 @@ class Evaluator:
             rng = np.random.default_rng([EVALUATION_SEED, draw])
             while (running := state.attempts_left > 0).any():
                 slots = player(state, rng)
-                held, picked = state.selection, state.table[rows, slots]
+                selection, action = state.selection, state.table[rows, slots]
                 state, step = engine.step_once(state, slots)
-                picks[running, draw] += 1
+                actions[running, draw] += 1
                 success[:, draw] |= step.outcome == GOAL
                 by_plan[:, draw] |= step.by_plan
-                ended = self._termination(held, picked)
+                ended = self._termination(selection, action)
                 terminations[step.over, draw] = np.where(step.outcome == GOAL, 0, ended)[step.over]
-                last[step.over, draw] = np.column_stack([held, picked])[step.over]
-        return Evaluation(self.tasks, success, by_plan, picks, terminations, last)
+                last[step.over, draw] = np.column_stack([selection, action])[step.over]
+        return Evaluation(self.tasks, success, by_plan, actions, terminations, last)
 
-    def _termination(self, held: Ids, picked: Ids) -> NDArray[np.int64]:
+    def _termination(self, selection: Ids, action: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""
-        is_twice = (held == picked) & (picked != self.engine.nothing)
-        is_right = ((self._parts == held[:, None]) | (self._parts == picked[:, None])).any(1)
-        makes = self.engine.pairs(held, picked) != self.engine.world.graph.num_pairs
+        is_twice = (selection == action) & (action != self.engine.nothing)
+        is_right = ((self._parts == selection[:, None]) | (self._parts == action[:, None])).any(1)
+        makes = self.engine.pairs(selection, action) != self.engine.world.graph.num_pairs
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
 
 

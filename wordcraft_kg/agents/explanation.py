@@ -73,10 +73,10 @@ class ExplainedSlot(Record):
 class ExplainedStep(Record):
     """A pick: entity in hand, state value, λ by source (empty without mixing), and all slots of the table."""
 
-    held: str | None
+    selection: str | None
     value: float
     lambdas: dict[str, float]
-    picked: str
+    action: str
     made: tuple[str, ...]
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
@@ -146,7 +146,7 @@ class _Query(NamedTuple):
     plans: tuple[Rows, ...]
     goal: int
     table: list[int]
-    held: int | None = None
+    selection: int | None = None
 
 
 class Explainer:
@@ -158,7 +158,7 @@ class Explainer:
     Example:
         >>> agent = open_agent("runs/kitchen")
         >>> explainer = Explainer(agent.policy, World(agent.opened, agent.config.tasks.environment("test")))
-        >>> explainer.table("bread", ["flour", "water", "fire"]).episode.steps[0].picked in ("flour", "water", "fire")
+        >>> explainer.table("bread", ["flour", "water", "fire"]).episode.steps[0].action in ("flour", "water", "fire")
         True
     """
 
@@ -169,7 +169,7 @@ class Explainer:
         *,
         kg: TrainedOn = "partial",
         trained_on: NDArray[np.bool_] | None = None,
-        most_picks: int | None = None,
+        most_actions: int | None = None,
     ):
         """Copy a policy.
 
@@ -178,13 +178,13 @@ class Explainer:
             world: graph, tasks and settings.
             kg: the scorer's knowledge graph.
             trained_on: the scorer's correct training recipes, shape (num_recipes,). Default: all, unless a source knows.
-            most_picks: maximum number of picks; None plays to the end.
+            most_actions: maximum number of picks; None plays to the end.
 
         Raises:
             LeakError: if a task would be scored by a model trained on its recipes.
         """
         self.world = world
-        self._kg, self._trained_on, self._most_picks = kg, trained_on, most_picks
+        self._kg, self._trained_on, self._most_actions = kg, trained_on, most_actions
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
@@ -211,7 +211,7 @@ class Explainer:
         return self._explained(self._of_task(task, self.drawn(task, draw)))
 
     def table(
-        self, goal: Entity, table: Sequence[Entity], held: Entity | None = None, *, like: int | None = None
+        self, goal: Entity, table: Sequence[Entity], selection: Entity | None = None, *, like: int | None = None
     ) -> ExplainedTable:
         """Explain the picks at any table.
 
@@ -221,13 +221,13 @@ class Explainer:
         Args:
             goal: entity to make, as label or id.
             table: different entities.
-            held: first pick of the first attempt, if made.
+            selection: first pick of the first attempt, if made.
             like: index of the original task: while the goal and starting ingredients agree, the model of this task
                 answers.
 
         Raises:
             UnknownEntityError: with the nearest labels.
-            ConfigError: if the table is empty, too large or has duplicates, ``held`` is absent from the table, or task
+            ConfigError: if the table is empty, too large or has duplicates, ``selection`` is absent from the table, or task
                 ``like`` does not exist.
         """
         graph, tasks = self.world.graph, self.world.tasks
@@ -237,14 +237,16 @@ class Explainer:
         if len(set(ids)) < len(ids):
             twice = next(entity for i, entity in enumerate(ids) if entity in ids[:i])
             raise ConfigError(f"`table` holds '{graph.entities[twice]}' twice: expected different entities.")
-        hand = None if held is None else graph.id_of(held)
+        hand = None if selection is None else graph.id_of(selection)
         if hand is not None and hand not in ids:
-            raise ConfigError(f"`held` '{graph.entities[hand]}' is not on the table: put it there, or hold nothing.")
+            raise ConfigError(
+                f"`selection` '{graph.entities[hand]}' is not on the table: put it there, or hold nothing."
+            )
         if like is not None:
             whole("like", like, 0, len(tasks) - 1)
             if tasks.goals[like] == target and {*tasks.starts[like].tolist()} <= {*ids, self.world.nothing}:
-                return self._explained(self._of_task(like, ids)._replace(held=hand))
-        return self._explained(self._of_table(target, ids)._replace(held=hand))
+                return self._explained(self._of_task(like, ids)._replace(selection=hand))
+        return self._explained(self._of_table(target, ids)._replace(selection=hand))
 
     def drawn(self, task: int, draw: int = 0) -> list[int]:
         """Return the entity ids on an evaluation table; see :meth:`episode`."""
@@ -329,25 +331,27 @@ class Explainer:
         world, graph, nothing = self.world, self.world.graph, self.world.nothing
         parts = {label for plan in query.plans for label in graph.labels(graph.recipes[plan[-1], :2])}
         room = max(world.num_slots, len(query.table) + world.max_results * world.config.attempts)
-        table, held, attempts, is_made = list(query.table), query.held, world.config.attempts, False
+        table, selection, attempts, is_made = list(query.table), query.selection, world.config.attempts, False
         task = None if query.task is None else torch.tensor([query.task])
         steps: list[ExplainedStep] = []
-        while attempts and not is_made and len(steps) != self._most_picks:
+        while attempts and not is_made and len(steps) != self._most_actions:
             padded = torch.tensor([[*table, *[nothing] * (room - len(table))]])
-            state = States(torch.tensor([query.goal]), torch.tensor([nothing if held is None else held]), padded, task)
-            picked, output = self._decide(query.policy, state)
+            state = States(
+                torch.tensor([query.goal]), torch.tensor([nothing if selection is None else selection]), padded, task
+            )
+            action, output = self._decide(query.policy, state)
             slots = _slots(self._names, output, graph.labels(table), parts, _evidence(query.policy, state, graph))
-            entity, made = table[picked], []
-            if held is not None:
-                results = world.outcomes.get((min(held, entity), max(held, entity)), ())
+            entity, made = table[action], []
+            if selection is not None:
+                results = world.outcomes.get((min(selection, entity), max(selection, entity)), ())
                 made = [result for result in results if result not in table]
                 table += made
                 is_made, attempts = query.goal in results, attempts - 1
-            hand = None if held is None else graph.entities[held]
+            hand = None if selection is None else graph.entities[selection]
             lambdas = {} if output.lambdas is None else dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
             value, label = float(output.value[0]), graph.entities[entity]
             steps.append(ExplainedStep(hand, value, lambdas, label, graph.labels(made), slots))
-            held = entity if held is None else None
+            selection = entity if selection is None else None
         recipes = [graph.recipe_labels(graph.recipes[list(plan)]) for plan in query.plans]
         plans = tuple(tuple(f"{one} + {other} -> {result}" for one, other, result in plan) for plan in recipes)
         outcome = OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS]
@@ -358,9 +362,9 @@ class Explainer:
         """Return the picked slot and the output in double precision."""
         goal, selection, table, task = state
         opinions = policy.opinions(goal, selection, table, task)
-        picked = int(self._policy(goal, selection, table, self._weights, task, opinions).logits.argmax(1))
+        action = int(self._policy(goal, selection, table, self._weights, task, opinions).logits.argmax(1))
         exact = None if opinions is None else opinions.double()
-        return picked, self._exact(goal, selection, table, self._exact_weights, task, exact)
+        return action, self._exact(goal, selection, table, self._exact_weights, task, exact)
 
 
 def _own(policy: Policy) -> Policy:

@@ -22,7 +22,7 @@ from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
 """Worlds for which an explainer is kept."""
-MOST_PICKS = 20
+MOST_ACTIONS = 20
 """Picks of an episode that are explained to who follows a run; there may be 2,000."""
 T = TypeVar("T")
 
@@ -67,7 +67,7 @@ class FollowedRun:
             return agent
 
     def explainer(self, world: World) -> Explainer:
-        """Return an explainer of the first :data:`MOST_PICKS` picks in a world of the graph.
+        """Return an explainer of the first :data:`MOST_ACTIONS` picks in a world of the graph.
 
         Raises:
             ArtefactError: as in :meth:`agent`.
@@ -78,7 +78,7 @@ class FollowedRun:
             if world.config not in self._explainers:
                 kg, trained_on = agent.run.kg or "partial", self._trained_on(agent)
                 self._explainers[world.config] = Explainer(
-                    agent.policy, world, kg=kg, trained_on=trained_on, most_picks=MOST_PICKS
+                    agent.policy, world, kg=kg, trained_on=trained_on, most_actions=MOST_ACTIONS
                 )
                 if len(self._explainers) > EXPLAINERS:
                     self._explainers.popitem(last=False)

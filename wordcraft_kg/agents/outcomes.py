@@ -26,7 +26,7 @@ class Success(Record):
         ci_low, ci_high: 95 % interval over tasks.
         tasks, draws: sample size, as tasks and draws of distractors for each task.
         by_plan: success rate by the last pair of a plan.
-        picks: mean episode length.
+        actions: mean episode length.
     """
 
     mean: Share
@@ -35,4 +35,4 @@ class Success(Record):
     tasks: Count
     draws: Count
     by_plan: Share
-    picks: float
+    actions: float

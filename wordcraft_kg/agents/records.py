@@ -78,7 +78,7 @@ class PlayedTask(Record):
     Attributes:
         start: starting ingredients; together with the goal, they identify the task.
         success: success rate.
-        picks: episode lengths.
+        actions: episode lengths.
     """
 
     part: TaskPart
@@ -86,7 +86,7 @@ class PlayedTask(Record):
     start: tuple[str, ...]
     success: Share
     terminations: tuple[TerminationReason, ...]
-    picks: tuple[Count, ...]
+    actions: tuple[Count, ...]
 
 
 def read_episodes(folder: Path) -> list[PlayedTask]:

@@ -43,7 +43,7 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
                 start=task.start,
                 success=float(result.success[i].mean()),
                 terminations=tuple(TERMINATION_REASONS[code] for code in result.terminations[i].tolist()),
-                picks=tuple(result.picks[i].tolist()),
+                actions=tuple(result.actions[i].tolist()),
             )
             yield json.dumps(msgspec.to_builtins(row), ensure_ascii=False) + "\n"
 

@@ -58,7 +58,7 @@ class AgentSuccess(Record):
     task_ci: Interval
     seeds: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
     by_plan: Share
-    picks: Annotated[float, msgspec.Meta(ge=0)]
+    actions: Annotated[float, msgspec.Meta(ge=0)]
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)] | None = None
     difference_ci: Interval | None = None
     p_better: Share | None = None
@@ -75,10 +75,10 @@ class SliceSuccess(Record):
 
 
 class Confusion(Record):
-    """Number of episodes that ended with one right ingredient and ``picked`` instead of ``wanted``."""
+    """Number of episodes that ended with one right ingredient and ``action`` instead of ``wanted``."""
 
     wanted: str
-    picked: str
+    action: str
     episodes: Count
 
 
@@ -101,7 +101,7 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
         task_ci=task_bootstrap(_successes(results)),
         seeds=tuple(means),
         by_plan=float(np.mean([result.by_plan.mean() for result in results])),
-        picks=float(np.mean([result.picks.mean() for result in results])),
+        actions=float(np.mean([result.actions.mean() for result in results])),
     )
     if reference is None:
         return success
@@ -133,7 +133,7 @@ def confusions_of(world: World, results: Sequence[Evaluation]) -> tuple[Confusio
             counts.update(_confused(result.last[row, draw].tolist(), [pairs[plan[-1]] for plan in plans]))
     # Ties by id: equal episodes give equal lists.
     most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_CONFUSIONS]
-    return tuple(Confusion(graph.entities[wanted], graph.entities[picked], times) for (wanted, picked), times in most)
+    return tuple(Confusion(graph.entities[wanted], graph.entities[action], times) for (wanted, action), times in most)
 
 
 def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
@@ -141,8 +141,8 @@ def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
     for a, b in plans:
         for right, wanted in ((a, b), (b, a)):
             if right in last:
-                picked = last[1 - last.index(right)]
-                return [(wanted, picked)] if picked != wanted else []
+                action = last[1 - last.index(right)]
+                return [(wanted, action)] if action != wanted else []
     return []
 
 

@@ -58,9 +58,9 @@ def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, .
 def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
     """Return mean λ over seeds by source and pick, in about :data:`_CURVE_POINTS` points."""
     curves = []
-    picks: tuple[Literal["first", "second"], ...] = ("first", "second")
+    actions: tuple[Literal["first", "second"], ...] = ("first", "second")
     for source in (ALPHA.name, *source_names()):
-        for pick in picks:
+        for pick in actions:
             rows = _shared_rows(members, f"lambda_{source}_{pick}")
             points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // _CURVE_POINTS)]]
             if points:

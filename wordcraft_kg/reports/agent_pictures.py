@@ -107,4 +107,4 @@ PICKS: dict[str, Any] = {
     "slot_rows": slot_rows,
     "told": told,
 }
-"""Values of the template ``picks.html.j2``."""
+"""Values of the template ``actions.html.j2``."""

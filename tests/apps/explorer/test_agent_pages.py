@@ -101,7 +101,7 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
 def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
     episode = PAGES["episode"]
     state = Episode(part="train", task=9, draw=1, other=("plain",))
-    shown, sent = view_of(agents, state).episode, look(agents, state).form("held")
+    shown, sent = view_of(agents, state).episode, look(agents, state).form("selection")
     edited = view_of(agents, episode.read("", sent)).episode
     assert (edited.is_edited, edited.table) == (True, shown.table)
     for again, agent in zip(edited.agents, shown.agents, strict=True):
@@ -111,10 +111,10 @@ def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
     assert lines == [*shown.table, "", "", ""]
     added = next(label for label in agents.opened.graph.entities if label not in (*shown.table, shown.goal))
     changed = [("table", line) for line in ("", *lines[1:-2], f"  {added} ", "")]
-    rest = [(name, value) for name, value in sent if name not in ("table", "held")]
-    state = episode.read("", [*rest, *changed, ("held", shown.table[1])])
+    rest = [(name, value) for name, value in sent if name not in ("table", "selection")]
+    state = episode.read("", [*rest, *changed, ("selection", shown.table[1])])
     edited = view_of(agents, state).episode
-    assert (edited.table, edited.held) == ((*shown.table[1:], added), shown.table[1])
+    assert (edited.table, edited.selection) == ((*shown.table[1:], added), shown.table[1])
     assert len(edited.first.episode.steps) == 1
     text = look(agents, state).text
     assert "at a table of your own" in text
@@ -178,11 +178,11 @@ def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents: Ex
     for row in rows:
         state = Episode(task=row.number)
         page, table = look(explored, state), view_of(explored, state).episode.table
-        sent = page.form("held")
+        sent = page.form("selection")
         again = episode.read("", sent)
         assert view_of(explored, again).episode.table == table
-        held = [(name, table[0] if name == "held" else value) for name, value in sent]
-        assert view_of(explored, episode.read("", held)).episode.held == table[0]
+        selection = [(name, table[0] if name == "selection" else value) for name, value in sent]
+        assert view_of(explored, episode.read("", selection)).episode.selection == table[0]
         assert state_of(episode.address(again)) == ("episode", again)
         goal = view_of(explored, state_of(PAGES["tasks"].address(Tasks(goal=row.goal)))[1])
         assert [one.goal for one in goal.table.rows] == [row.goal]
@@ -215,7 +215,7 @@ def test_recipes_of_one_ingredient_are_tasks_like_others(tmp_path: Path):
     assert [(row.goal, row.start) for row in rows] == [("b", ("a",)), ("c", ("b",)), ("d", ("c",)), ("e", ("d",))]
     state = Episode(goal="c", table=("b",))
     episode = view_of(explored, state).episode.first.episode
-    assert ([step.picked for step in episode.steps], episode.outcome) == (["b", "b"], "goal")
+    assert ([step.action for step in episode.steps], episode.outcome) == (["b", "b"], "goal")
     assert "b + b → c" in look(explored, state).text
 
 

@@ -93,7 +93,7 @@ def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol: Human
             *_, info = env.step(slots[1])
             answer = protocol.answer(task, slots, 1.23456)
             assert (answer.part, answer.number, answer.goal, answer.table) == (part, number, task.goal, task.table)
-            assert answer.picks == tuple(task.table[slot] for slot in slots)
+            assert answer.actions == tuple(task.table[slot] for slot in slots)
             assert answer.success == (info["outcome"] == "goal")
             assert set(answer.made) >= set(env.world.graph.labels(env.state.table[10:]))
             assert answer.seconds == 1.23
@@ -138,7 +138,7 @@ def test_the_header_says_what_makes_sessions_comparable_and_nothing_about_people
         "settings": settings | weights,
         "seed": 0,
     }
-    assert list(first) == ["part", "number", "goal", "table", "picks", "made", "success", "seconds"]
+    assert list(first) == ["part", "number", "goal", "table", "actions", "made", "success", "seconds"]
 
 
 def test_a_session_in_pieces_is_the_session_in_one(protocol: HumanProtocol, tmp_path: Path):
@@ -210,8 +210,8 @@ DAMAGES: dict[str, Callable[[dict[str, Any]], Any]] = {
     "another part": lambda row: row | {"part": "test"},
     "another number": lambda row: row | {"number": 3},
     "a number that is none": lambda row: row | {"number": True},
-    "a pick that was not there": lambda row: row | {"picks": ["gold", "gold"]},
-    "one pick": lambda row: row | {"picks": row["picks"][:1]},
+    "a pick that was not there": lambda row: row | {"actions": ["gold", "gold"]},
+    "one pick": lambda row: row | {"actions": row["actions"][:1]},
     "a table of numbers": lambda row: row | {"table": [*row["table"], 1]},
     "a success that was none": lambda row: row | {"success": not row["success"]},
     "negative seconds": lambda row: row | {"seconds": -1.0},

@@ -309,7 +309,7 @@ def test_the_lines_are_the_tasks_and_what_was_picked(typed: Run, path: Path):
     for row in rows:
         expected = as_values(protocol.answer(protocol.task(row["part"], row["number"]), (0, 1), 0.0))
         assert row | {"seconds": 0.0} == expected
-        assert row["picks"] == row["table"][:2]
+        assert row["actions"] == row["table"][:2]
     values = json.loads(outcome.out)
     assert (values["answered"], values["finished"], values["out"]) == (80, True, str(path))
 

@@ -188,7 +188,7 @@ def test_the_first_answer_to_a_task_stays(study: Study, folder: Path, answers: A
     assert answers.shown(person, task.part, task.number) is None
     assert not answers.add(person, second)
     assert answers.answers_of(person) == [first]
-    assert [line.picks for line in lines_of(folder)] == [first.picks]
+    assert [line.actions for line in lines_of(folder)] == [first.actions]
 
 
 def test_the_first_showing_of_a_task_is_kept_and_each_is_counted(study: Study, folder: Path, answers: AnswersDatabase):
@@ -207,7 +207,7 @@ def test_no_time_of_day_stays_with_an_answer(study: Study, folder: Path, answers
     with sqlite3.connect(folder / ANSWERS_FILE) as connection:
         assert connection.execute("SELECT COUNT(*) FROM showings").fetchone() == (0,)
         (names,) = zip(*connection.execute("SELECT name FROM pragma_table_info('answers')"), strict=True)
-    assert names == (*("session", "part", "number", "goal", "slots", "picks", "made", "success", "seconds", "loads"),)
+    assert names == (*("session", "part", "number", "goal", "slots", "actions", "made", "success", "seconds", "loads"),)
 
 
 def test_what_is_read_is_what_was_given_while_it_is_served_and_afterwards(

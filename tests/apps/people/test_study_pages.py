@@ -265,7 +265,7 @@ def test_the_same_thing_may_be_picked_twice(browser: Browser, code: str):
     browser.get(f"/s/{code}/task")
     browser.answer(code, 3, 3)
     (line,) = browser.lines()
-    assert line.picks == (line.table[2], line.table[2])
+    assert line.actions == (line.table[2], line.table[2])
 
 
 def test_a_table_is_not_seen_before_its_time_begins(browser: Browser, code: str):
@@ -298,7 +298,7 @@ def test_a_double_click_and_a_form_sent_again_are_one_answer(browser: Browser, c
     for second in (2, 5):
         page = browser.answer(code, 1, second, place=0)
         assert browser.place == f"/s/{code}/feedback/1"
-        assert f"{first[0].picks[0]} + {first[0].picks[1]} makes" in unescape(page)
+        assert f"{first[0].actions[0]} + {first[0].actions[1]} makes" in unescape(page)
     assert browser.lines() == first
 
 

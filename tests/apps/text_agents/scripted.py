@@ -42,6 +42,6 @@ def picks_of(player: Player, world: World, draws: int) -> dict[tuple[int, int], 
 
 
 def assert_same(found: Evaluation, expected: Evaluation) -> None:
-    for name in ("tasks", "success", "by_plan", "picks", "terminations"):
+    for name in ("tasks", "success", "by_plan", "actions", "terminations"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     assert found.figures() == expected.figures()

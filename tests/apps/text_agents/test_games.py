@@ -46,8 +46,8 @@ def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_
     expected = Evaluator(world, draws=2)(player)
 
     def speaker(task: int, draw: int) -> Callable[[str], str]:
-        picks = iter(slots[task, draw])
-        return lambda _: f"{next(picks) + 1} + {next(picks) + 1}"
+        actions = iter(slots[task, draw])
+        return lambda _: f"{next(actions) + 1} + {next(actions) + 1}"
 
     assert_same(evaluation_of(play_all(TaskGames(world), 2, speaker)), expected)
     assert 0 < expected.success.mean() < 1 or name == "oracle"

@@ -40,7 +40,7 @@ from wordcraft_kg.studies.result_readers import rows_beside
 
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
-KEYS = ("by_plan", "picks", "ci_low", "ci_high")
+KEYS = ("by_plan", "actions", "ci_low", "ci_high")
 Answer = Callable[[Sequence[ChatMessage]], str]
 Play = Callable[..., EvalLog]
 
@@ -81,13 +81,13 @@ def turn(messages: Sequence[ChatMessage]) -> int:
     return sum(message.role == "assistant" for message in messages)
 
 
-def scripted(task: Task, picks: dict[tuple[int, int], list[int]]) -> Answer:
+def scripted(task: Task, actions: dict[tuple[int, int], list[int]]) -> Answer:
     """Return a model that picks the slots of a scripted player; it recognises a game by the first state."""
     keys = {sample.input[1].text: (sample.metadata["task"], sample.metadata["draw"]) for sample in task.dataset}
     assert len(keys) == len(task.dataset)
 
     def answer(messages: Sequence[ChatMessage]) -> str:
-        one, other = picks[keys[messages[1].text]][2 * turn(messages) :][:2]
+        one, other = actions[keys[messages[1].text]][2 * turn(messages) :][:2]
         return f"I wonder.\n{one + 1} + {other + 1}"
 
     return answer
@@ -240,13 +240,13 @@ def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: P
     write_eval_log(log, str(stopped))
     half.write_bytes(stopped.read_bytes()[:-300])
     log.status = "success"
-    log.samples[0].scores["goal_made"].metadata["picks"] = "many"
+    log.samples[0].scores["goal_made"].metadata["actions"] = "many"
     log.eval.metadata["wordcraft_kg"]["games"] = 5
     write_eval_log(log, str(spoilt))
     for path, fragment in (
         (stopped, r"not done: it was stopped, and 5 of 6 games .* inspect eval-retry"),
         (half, "or it is damaged"),
-        (spoilt, r"spoilt.json is damaged.*picks"),
+        (spoilt, r"spoilt.json is damaged.*actions"),
     ):
         with pytest.raises(ArtefactError, match=fragment):
             read_inspect_log(path)

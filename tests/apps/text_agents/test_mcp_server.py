@@ -251,7 +251,7 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
     assert one.messages[1:4] == ("unicorn + 1", refusal, "1 + 1")
     assert one.messages[4].startswith(f"{thing} + {thing} -> ")
     assert one.messages[4].endswith(f"No attempt is left; {one.goal} was not made.")
-    assert (two.task, two.picks, two.messages[1:]) == (7, 0, ("end", "The game was ended."))
+    assert (two.task, two.actions, two.messages[1:]) == (7, 0, ("end", "The game was ended."))
 
 
 def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -273,7 +273,7 @@ def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path:
         before = path.read_bytes()
         play_by_tools(host, play)
     (line,) = games_of(path)
-    assert (line.task, line.picks) == (0, 2)
+    assert (line.task, line.actions) == (0, 2)
 
 
 def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path: Path):

@@ -167,7 +167,7 @@ class AnswersDatabase:
     def add(self, person: Participant, answer: Answer) -> bool:
         """Store the answer to a shown task; return False without a change for other tasks."""
         key = (person.number, answer.part, answer.number)
-        lists = (json.dumps(value, ensure_ascii=False) for value in (answer.table, answer.picks, answer.made))
+        lists = (json.dumps(value, ensure_ascii=False) for value in (answer.table, answer.actions, answer.made))
         with self._writing() as connection:
             row = connection.execute(f"SELECT loads FROM showings WHERE {_KEY}", key).fetchone()
             if row is None:

@@ -79,10 +79,10 @@ def greedy_slots(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> Id
     number = as_tensor(np.array([task.index for task in tasks])) if has_train_recipes(world) else None
     held = torch.full_like(goal, world.nothing)
     weights, device = policy.weights(), next(policy.parameters()).device
-    picks = []
+    actions = []
     for _ in range(2):
         states = States(goal, held, as_tensor(table), number)
         batches = (states.rows(start, start + ROWS, device) for start in range(0, len(tasks), ROWS))
-        picks.append(torch.cat([policy(*batch[:3], weights, batch.task).logits.argmax(1).cpu() for batch in batches]))
-        held = states.table.gather(1, picks[-1][:, None])[:, 0]
-    return torch.stack(picks, dim=1).numpy()
+        actions.append(torch.cat([policy(*batch[:3], weights, batch.task).logits.argmax(1).cpu() for batch in batches]))
+        held = states.table.gather(1, actions[-1][:, None])[:, 0]
+    return torch.stack(actions, dim=1).numpy()

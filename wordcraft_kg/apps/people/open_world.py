@@ -34,7 +34,7 @@ class _GameHeader(Record):
 class _GameMove(Record):
     """A further line: an attempt."""
 
-    picks: tuple[str, str]
+    actions: tuple[str, str]
 
 
 def play_open_world(
@@ -92,9 +92,9 @@ class _Game:
 
     def go_back_to(self, moves: Sequence[_GameMove], path: Path) -> None:
         for line, move in enumerate(moves, start=2):
-            if self.is_over or not set(move.picks) <= set(self.known):
-                raise ArtefactError(f"{path}, line {line} is damaged: {' + '.join(move.picks)} was impossible then.")
-            self.combine(*move.picks)
+            if self.is_over or not set(move.actions) <= set(self.known):
+                raise ArtefactError(f"{path}, line {line} is damaged: {' + '.join(move.actions)} was impossible then.")
+            self.combine(*move.actions)
         if self.is_over:
             self.terminal.say(f"{path} is finished; nothing was changed.")
         elif moves:

@@ -65,7 +65,7 @@ class Answer(Record):
     number: int
     goal: str
     table: tuple[str, ...]
-    picks: tuple[str, str]
+    actions: tuple[str, str]
     made: tuple[str, ...]
     success: bool
     seconds: float
@@ -74,7 +74,7 @@ class Answer(Record):
     def is_sound(self) -> bool:
         """Whether the fields agree."""
         is_right = self.success == (self.goal in self.made)
-        return set(self.picks) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
+        return set(self.actions) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
 
 
 @dataclass(frozen=True)
@@ -138,6 +138,8 @@ class HumanProtocol:
 
     def answer(self, task: PosedTask, slots: tuple[int, int], seconds: float) -> Answer:
         """Return the answer for two slots of a task and a time in seconds, rounded to hundredths."""
-        picks = (task.table[slots[0]], task.table[slots[1]])
-        made = results_of(self._envs[task.part], *picks)
-        return Answer(task.part, task.number, task.goal, task.table, picks, made, task.goal in made, round(seconds, 2))
+        actions = (task.table[slots[0]], task.table[slots[1]])
+        made = results_of(self._envs[task.part], *actions)
+        return Answer(
+            task.part, task.number, task.goal, task.table, actions, made, task.goal in made, round(seconds, 2)
+        )

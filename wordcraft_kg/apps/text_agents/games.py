@@ -97,7 +97,7 @@ class TaskGame(Game):
         start: initial labels on the table.
         is_made: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
-        picks: picks so far, counted as in agent evaluation.
+        actions: picks so far, counted as in agent evaluation.
         last: the last combined pair; None initially and after a lost attempt.
     """
 
@@ -113,7 +113,7 @@ class TaskGame(Game):
         self.goal = self.graph.entities[env.state.goal]
         self.start = self.labels
         self.is_made = self.by_plan = False
-        self.picks = 0
+        self.actions = 0
         self.last: tuple[str, str] | None = None
         self._tried: set[tuple[str, ...]] = set()
 
@@ -138,7 +138,7 @@ class TaskGame(Game):
         pair = table[one], table[other]
         self._env.step(one)
         *_, info = self._env.step(other)
-        self.picks += 2
+        self.actions += 2
         self.last = pair
         self.is_made, self.by_plan = info["outcome"] == "goal", info["by_plan"]
         key = tuple(sorted(pair))
@@ -148,7 +148,7 @@ class TaskGame(Game):
 
     def _lose(self) -> None:
         self._env.step(len(self._env.state.table))  # picks an empty slot
-        self.picks += 1
+        self.actions += 1
         self.last = None
 
 

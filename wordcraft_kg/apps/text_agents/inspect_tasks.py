@@ -193,7 +193,7 @@ def crafting_figures() -> Metric:
             "ci_low": success.ci_low if success else None,
             "ci_high": success.ci_high if success else None,
             "by_plan": mean("by_plan"),
-            "picks": mean("picks"),
+            "actions": mean("actions"),
             **_counts(scores),
         }
 

@@ -89,7 +89,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
         draw: index of the distractor draw.
         table: initial labels on the table.
         by_plan: whether a plan's last pair made the goal.
-        picks: picks until the end.
+        actions: picks until the end.
         last: the last combined pair; None after a lost attempt.
         refused: invalid messages.
         lost: attempts lost by invalid messages.
@@ -103,7 +103,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     table: tuple[str, ...]
     success: bool
     by_plan: bool
-    picks: Count
+    actions: Count
     termination: TerminationReason
     last: tuple[str, str] | None
     refused: Count

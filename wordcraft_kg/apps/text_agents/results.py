@@ -54,7 +54,7 @@ def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> P
         table=game.start,
         success=game.is_made,
         by_plan=game.by_plan,
-        picks=game.picks,
+        actions=game.actions,
         termination=_termination_of(game),
         last=game.last,
         **counts,
@@ -93,7 +93,7 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
         tasks,
         np.array([one.success for one in games], dtype=bool).reshape(shape),
         np.array([one.by_plan for one in games], dtype=bool).reshape(shape),
-        np.array([one.picks for one in games], dtype=np.int64).reshape(shape),
+        np.array([one.actions for one in games], dtype=np.int64).reshape(shape),
         np.array([TERMINATION_REASONS.index(one.termination) for one in games], dtype=np.int8).reshape(shape),
         np.full((*shape, 2), -1),
     )

@@ -127,6 +127,6 @@ def test_a_training_is_followed_and_agents_are_compared(
         page.get_by_role("checkbox", name="live").click()
         page.wait_for_url("**other=live*")
         rows = page.locator("table").first.locator("tbody tr")
-        names, picks = (rows.locator(cell).all_inner_texts() for cell in ("th", "td:first-of-type"))
+        names, actions = (rows.locator(cell).all_inner_texts() for cell in ("th", "td:first-of-type"))
         assert names == ["guided", "live"]
-        assert picks[0] == picks[1]  # it is a copy
+        assert actions[0] == actions[1]  # it is a copy

@@ -80,7 +80,7 @@ def test_a_session_by_mouse(page: Any, study: Served):
             page.get_by_role("link", name="Begin the test" if place else "Next task").click()
             page.wait_for_url("**/task")
     assert page.get_by_role("heading", level=1).inner_text() == "Thank you for taking part"
-    assert all(line.picks == (line.table[place], line.table[5]) for place, line in enumerate(study.lines()))
+    assert all(line.actions == (line.table[place], line.table[5]) for place, line in enumerate(study.lines()))
 
 
 def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
@@ -107,7 +107,7 @@ def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
         if place < 2:
             page.keyboard.press("Enter")
             page.wait_for_url("**/task")
-    slots = [tuple(line.table.index(label) for label in line.picks) for line in study.lines()]
+    slots = [tuple(line.table.index(label) for label in line.actions) for line in study.lines()]
     assert slots == [(0, 1), (9, 8), (4, 4), (2, 0)]
 
 
@@ -122,7 +122,7 @@ def test_a_session_without_javascript(open_page: OpenPage, study: Served):
         if place < 2:
             page.locator("a.next").click()
     assert page.url.endswith("/end")
-    assert [line.picks for line in study.lines()] == [(line.table[i],) * 2 for i, line in enumerate(study.lines())]
+    assert [line.actions for line in study.lines()] == [(line.table[i],) * 2 for i, line in enumerate(study.lines())]
 
 
 def test_a_double_click_is_one_pick(page: Any, study: Served):
@@ -244,4 +244,4 @@ def test_several_people_at_once_in_browsers_of_their_own(chromium: Any, study: S
     for context in contexts:
         context.close()
     assert [(line.session, line.number) for line in study.lines()] == [(s, n) for s in (1, 2, 3) for n in (1, 2)]
-    assert all(line.picks == (line.table[line.session - 1], line.table[4]) for line in study.lines())
+    assert all(line.actions == (line.table[line.session - 1], line.table[4]) for line in study.lines())

@@ -45,7 +45,7 @@ class Episode(State):
     distractors: int = -1
     goal: str = ""
     table: tuple[str, ...] = ()
-    held: str = ""
+    selection: str = ""
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -55,7 +55,7 @@ class Episode(State):
     @property
     def is_edited(self) -> bool:
         """Whether goal, table or hand are edited."""
-        return bool(self.goal or self.labels or self.held)
+        return bool(self.goal or self.labels or self.selection)
 
 
 class AgentAtTable(Record):
@@ -75,7 +75,7 @@ class EpisodeView(Record):
         tasks: number of tasks for the depth and part.
         terminations: endings from the first agent's evaluation, by draw; empty without episodes for the task and number
             of distractors.
-        held: the entity that is held at first.
+        selection: the entity that is held at first.
     """
 
     part: TaskPart
@@ -90,15 +90,15 @@ class EpisodeView(Record):
     is_edited: bool
     goal: str
     table: tuple[str, ...]
-    held: str | None
+    selection: str | None
     agents: tuple[AgentAtTable, ...]
 
     @property
     def first(self) -> ExplainedTable:
         """The first agent's picks."""
-        picks = self.agents[0].found
-        assert picks is not None, "a problem of the first agent is an error"
-        return picks
+        actions = self.agents[0].found
+        assert actions is not None, "a problem of the first agent is an error"
+        return actions
 
 
 class ShownEpisode(Record):
@@ -139,7 +139,7 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
         is_edited=state.is_edited,
         goal=first_picks.episode.goal,
         table=first_picks.table,
-        held=first_picks.episode.steps[0].held,
+        selection=first_picks.episode.steps[0].selection,
         agents=tuple(agents),
     )
     steps = sum(len(agent.found.episode.steps) for agent in agents if agent.found)
@@ -147,9 +147,9 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
     return ShownEpisode(tuple(explored.runs), draws, tasks.distractors, most_slots, episode)
 
 
-def _agent(name: str, run: FollowedRun, picks: ExplainedTable) -> AgentAtTable:
+def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable:
     agent = run.agent()
-    return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, picks)
+    return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, actions)
 
 
 def _picks(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
@@ -158,8 +158,8 @@ def _picks(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
         return explainer.task(state.task, state.draw)
     goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
     table = [_label(graph, label) for label in state.labels] or explainer.drawn(state.task, state.draw)
-    held = _label(graph, state.held) if state.held else None
-    return explainer.table(goal, table, held, like=state.task)
+    selection = _label(graph, state.selection) if state.selection else None
+    return explainer.table(goal, table, selection, like=state.task)
 
 
 def _label(graph: RecipeGraph, text: str) -> int:

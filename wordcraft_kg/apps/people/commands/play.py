@@ -153,8 +153,8 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
         (one, other), _ = _pick(terminal, table, int(observation["attempts_left"]))
         env.step(one)
         observation, _, _, _, info = env.step(other)
-        outcome, picks = info["outcome"], (table[one], table[other])
-        terminal.say(combined(picks, results_of(env, *picks)))
+        outcome, actions = info["outcome"], (table[one], table[other])
+        terminal.say(combined(actions, results_of(env, *actions)))
     goal, plans = env.task.goal, env.task.plans
     made = outcome == "goal"
     terminal.say(
@@ -188,7 +188,7 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
             answer = protocol.answer(task, *_pick(terminal, task.table, 1))
             session = append_answer(out, session, answer)
             if part == "train":
-                line = f"{'right' if answer.success else 'wrong'}: {combined(answer.picks, answer.made)}"
+                line = f"{'right' if answer.success else 'wrong'}: {combined(answer.actions, answer.made)}"
                 terminal.say(line, f"answer: {_recipes(task.plans[:1])}")
     return session
 

@@ -142,7 +142,7 @@ def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow
                 play=PLAYS[0][0],
                 interval=OVER_SEEDS,
                 tasks=len(runs[0].won),
-                draws=runs[0].draws,
+                distractor_seeds=runs[0].distractor_seeds,
                 seeds=len({run.seed for run in runs}),
                 settings={key: str(value) for key, value in settings.items()}
                 | {"steps": f"{runs[0].steps:,}", TRAINED_WITH: "as many distractors as here"},

@@ -53,11 +53,11 @@ def synthetic(size: int, seed: int) -> RecipeGraph:
 
 
 def drawn(book: str) -> Callable[[int, int], RecipeGraph]:
-    def draw(size: int, seed: int) -> RecipeGraph:
+    def distractor_seed(size: int, seed: int) -> RecipeGraph:
         rows = RecipeGraph.from_book(open_book(book)).recipe_labels()
         return _graph([tuple(rows[i]) for i in np.random.default_rng(seed).permutation(len(rows))[:size]])
 
-    return draw
+    return distractor_seed
 
 
 def reached_first(size: int, seed: int) -> RecipeGraph:

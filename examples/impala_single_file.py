@@ -122,8 +122,8 @@ def learn(
 def evaluate(policy: AttentionPolicy, world: World) -> float:
     """Return how often the most probable slots make the goal, over all tasks of a part and draws of distractors."""
     engine, made = BatchEngine(world, len(world.tasks)), []
-    for draw in range(TEST_DRAWS):
-        state = engine.pose(np.arange(len(world.tasks)), draw)
+    for distractor_seed in range(TEST_DRAWS):
+        state = engine.pose(np.arange(len(world.tasks)), distractor_seed)
         for _ in range(2):  # two picks are an attempt, and tasks of depth 1 have one
             state, step = engine.step_once(state, policy(*observe(state))[0].argmax(dim=1).numpy())
         made.append((step.outcome == GOAL).mean())

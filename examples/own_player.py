@@ -29,4 +29,4 @@ def alike_player(split: Split) -> Player:
 PLAYERS["alike names"] = alike_player
 
 if __name__ == "__main__":
-    main(["evaluate-agent", "kitchen", "--distractors", "2,8", "--draws", "2"])
+    main(["evaluate-agent", "kitchen", "--distractors", "2,8", "--distractor-seeds", "2"])

@@ -12,7 +12,7 @@ GUIDED = ["55500", "55550", "55055", "05555", "55555"]
 def fabricate(
     won: dict[str, list[str]] | list[tuple[Values, dict[str, list[str]]]],
     *,
-    draws: int = 5,
+    distractor_seeds: int = 5,
     mrr: dict[str, float] | None = None,
     curves: dict[str, list[list[tuple[int, float]]]] | None = None,
     settings: dict[str, Values] | None = None,
@@ -27,7 +27,7 @@ def fabricate(
     for number, (values, cells) in enumerate(points):
         for variant, members in cells.items():
             for seed, digits in enumerate(members):
-                success = sum(map(int, digits)) / (draws * len(digits))
+                success = sum(map(int, digits)) / (distractor_seeds * len(digits))
                 found = (mrr or {}).get(f"{variant}@{number}", (mrr or {}).get(variant))
                 curve = (curves or {}).get(variant)
                 run = RunResult(
@@ -40,7 +40,7 @@ def fabricate(
                     by_plan={"train": 0.5, "test": success / 2},
                     terminations={},
                     won=digits,
-                    draws=draws,
+                    distractor_seeds=distractor_seeds,
                     curve=tuple(curve[seed]) if curve else ((1000, success / 2), (2000, success)),
                     mrr=None if found is None else found + seed / 100,
                     steps=2000,

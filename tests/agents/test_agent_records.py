@@ -33,8 +33,8 @@ def test_a_line_of_episodes_says_how_each_draw_of_a_task_ended(done):
         assert len(tasks) == success.tasks
         assert sum(task.success for task in tasks) / len(tasks) == pytest.approx(success.mean)
         for task in tasks:
-            assert task.success == task.terminations.count("goal") / success.draws
-            assert len(task.actions) == success.draws
+            assert task.success == task.terminations.count("goal") / success.distractor_seeds
+            assert len(task.actions) == success.distractor_seeds
     lines = (done / "episodes.jsonl").read_text().splitlines()
     assert [json.loads(line) for line in lines] == [json.loads(encode(task)) for task in found]
     assert list(json.loads(lines[0])) == ["part", "goal", "start", "success", "terminations", "actions"]

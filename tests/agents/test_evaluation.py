@@ -69,7 +69,7 @@ def assert_equal(one, other):
 def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part, depth, attempts):
     """In the released code the rate can exceed 1; here a task counts once a draw, however long its episodes."""
     config = WordCraftConfig(part=part, depth=depth, num_distractors=4, max_attempts=attempts)
-    evaluator = Evaluator(World(opened, config), draws=3, limit=100)
+    evaluator = Evaluator(World(opened, config), distractor_seeds=3, limit=100)
     result = evaluator(recipe_oracle)
     assert result.success.shape == (len(evaluator.tasks), 3)
     assert result.success.all()
@@ -82,16 +82,16 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
 # --- against single episodes -----------------------------------------------------------------------------------------
 
 
-def play_singly(opened, config, player, draws, tasks):
+def play_singly(opened, config, player, distractor_seeds, tasks):
     """Play each task and draw alone in the readable environment, on the tables of a batch of the same seed."""
     engine = BatchEngine(World(opened, config), len(tasks))
     settings = {name: getattr(config, name) for name in ("part", "depth", "num_distractors", "max_attempts", "reward")}
     env = WordCraftEnv(opened, **settings)
     one = BatchEngine(World(opened, config), 1)  # shows the player what the environment shows
     recipes = opened.graph.recipes.tolist()
-    results = {name: np.zeros((len(tasks), draws), dtype=int) for name in RESULTS}
-    for draw in range(draws):
-        posed = engine.pose(tasks, draw, seed=EVALUATION_SEED)
+    results = {name: np.zeros((len(tasks), distractor_seeds), dtype=int) for name in RESULTS}
+    for distractor_seed in range(distractor_seeds):
+        posed = engine.pose(tasks, distractor_seed, seed=EVALUATION_SEED)
         for row, task in enumerate(tasks.tolist()):
             table = [entity for entity in posed.table[row].tolist() if entity < engine.nothing]
             seen, _ = env.reset(options={"task": task, "table": table})
@@ -106,10 +106,12 @@ def play_singly(opened, config, player, draws, tasks):
                 seen, _, over, _, info = env.step(slot)
                 if info["illegal_action"] and not over:
                     pair = []
-                results["actions"][row, draw] += 1
-            results["success"][row, draw] = info["outcome"] == "goal"
-            results["by_plan"][row, draw] = info["by_plan"]
-            results["terminations"][row, draw] = TERMINATION_REASONS.index(termination(env, info, pair, recipes))
+                results["actions"][row, distractor_seed] += 1
+            results["success"][row, distractor_seed] = info["outcome"] == "goal"
+            results["by_plan"][row, distractor_seed] = info["by_plan"]
+            results["terminations"][row, distractor_seed] = TERMINATION_REASONS.index(
+                termination(env, info, pair, recipes)
+            )
     return results
 
 
@@ -133,7 +135,7 @@ def termination(env, info, pair, recipes):
 def test_a_batch_is_judged_as_single_episodes_are(opened, depth, attempts):
     rules = {"max_attempts": attempts, "reward": "official" if depth == 2 else "sparse"}
     config = WordCraftConfig(part="test", depth=depth, num_distractors=8, **rules)
-    evaluator = Evaluator(World(opened, config), draws=2, limit=70)
+    evaluator = Evaluator(World(opened, config), distractor_seeds=2, limit=70)
     result = evaluator(scripted)
     expected = play_singly(opened, config, scripted, 2, evaluator.tasks)
     for name in RESULTS:
@@ -146,7 +148,7 @@ def test_a_batch_is_judged_as_single_episodes_are(opened, depth, attempts):
 @pytest.mark.parametrize(("kind", "guided"), [("attention", False), ("attention", True), ("mlp", False)])
 def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind, guided):
     config = WordCraftConfig(part="test", depth=2, num_distractors=3)
-    evaluator = Evaluator(World(opened, config), draws=2, limit=60)
+    evaluator = Evaluator(World(opened, config), distractor_seeds=2, limit=60)
     scorer = FrequencyScorer(opened.graph, opened.split.partial) if guided else None
     policy = policy_for(opened, evaluator.engine.num_slots, scorer, policy=kind)
 
@@ -186,8 +188,10 @@ def test_a_policy_plays_on_torch_environments_too(opened):
 
 
 def test_chance_makes_the_goal_as_often_as_the_tables_say(opened):
-    draws = 10
-    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=2)), draws=draws)
+    distractor_seeds = 10
+    evaluator = Evaluator(
+        World(opened, WordCraftConfig(part="test", num_distractors=2)), distractor_seeds=distractor_seeds
+    )
     tables = []
 
     def look(state, rng):
@@ -216,7 +220,7 @@ def test_chance_makes_the_goal_as_often_as_the_tables_say(opened):
 
 def test_every_player_meets_the_same_tables_every_time(opened):
     config = WordCraftConfig(part="test", num_distractors=4, max_attempts=2)
-    evaluator = Evaluator(World(opened, config), draws=3)
+    evaluator = Evaluator(World(opened, config), distractor_seeds=3)
     seen = []
 
     def watched(player):
@@ -229,11 +233,11 @@ def test_every_player_meets_the_same_tables_every_time(opened):
 
     players = [recipe_oracle, random_entity, scripted, random_entity]
     results = [evaluator(watched(player)) for player in players]
-    results.append(Evaluator(World(opened, config), draws=3)(watched(random_entity)))
+    results.append(Evaluator(World(opened, config), distractor_seeds=3)(watched(random_entity)))
     assert len(seen) == 3 * len(results)
-    for draw in range(3):
-        for tables in seen[draw::3]:
-            np.testing.assert_array_equal(tables, seen[draw])
+    for distractor_seed in range(3):
+        for tables in seen[distractor_seed::3]:
+            np.testing.assert_array_equal(tables, seen[distractor_seed])
     assert (seen[0] != seen[1]).any()
     assert (seen[0] != seen[2]).any()
     np.testing.assert_array_equal(seen[0][:, 0], evaluator.tasks)
@@ -244,7 +248,9 @@ def test_every_player_meets_the_same_tables_every_time(opened):
 def test_success_does_not_depend_on_the_shaping_of_rewards(opened):
     """The released code counts a positive return as success; here the goal alone counts."""
     world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=3))
-    sparse, official = (Evaluator(world.variant(reward=reward), draws=1, limit=60) for reward in ("sparse", "official"))
+    sparse, official = (
+        Evaluator(world.variant(reward=reward), distractor_seeds=1, limit=60) for reward in ("sparse", "official")
+    )
     assert_equal(sparse(scripted), official(scripted))
     assert 0 < sparse(scripted).success.mean() < 1
 
@@ -252,7 +258,7 @@ def test_success_does_not_depend_on_the_shaping_of_rewards(opened):
 def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opened):
     np.random.seed(3)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(3)
-    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=2)), draws=2)
+    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=2)), distractor_seeds=2)
     policy = policy_for(opened, evaluator.engine.num_slots)
     before, graphs = (copy.deepcopy(policy.state_dict()), policy.training), []
     policy.register_forward_pre_hook(lambda *_: graphs.append(torch.is_grad_enabled()))
@@ -276,7 +282,7 @@ def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_distur
         settings = ImpalaConfig(steps=10**4, batch_size=8, unroll=3, policy_lag=1, learning_rate=0.02)
         impala = Impala(policy, engine.reset(1), settings)
         world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
-        evaluator = Evaluator(world, draws=1, limit=50)
+        evaluator = Evaluator(world, distractor_seeds=1, limit=50)
         player, used = PolicyPlayer(policy), []
         for _ in range(4):
             for _ in range(3):
@@ -303,9 +309,9 @@ def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_distur
 @pytest.mark.parametrize("limit", [1, 7, 50, 62, 63, 64, 1_000, None])
 def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     config = WordCraftConfig(part="test")
-    amount = len(Evaluator(World(opened, config), draws=1).tasks)
+    amount = len(Evaluator(World(opened, config), distractor_seeds=1).tasks)
     assert amount == 63
-    tasks = Evaluator(World(opened, config), draws=1, limit=limit).tasks
+    tasks = Evaluator(World(opened, config), distractor_seeds=1, limit=limit).tasks
     assert tasks[0] == 0
     steps = set(np.diff(tasks).tolist())
     assert len(steps) <= 1
@@ -318,7 +324,7 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
 
 
 def test_a_sample_is_judged_by_its_own_tasks_parts(opened):
-    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), draws=1, limit=20)
+    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), distractor_seeds=1, limit=20)
     assert evaluator.tasks[1] > 1
 
     def half_right(state, rng):  # a part of the goal first, then an empty slot
@@ -330,13 +336,15 @@ def test_a_sample_is_judged_by_its_own_tasks_parts(opened):
 
 
 def test_figures_are_means_over_tasks_and_draws(opened):
-    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2)), draws=4)
+    evaluator = Evaluator(
+        World(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2)), distractor_seeds=4
+    )
     result = evaluator(scripted)
     figures = result.figures()
     assert figures.mean == pytest.approx(result.success.sum() / (63 * 4))
     assert figures.by_plan == pytest.approx(result.by_plan.sum() / (63 * 4))
     assert figures.actions == pytest.approx(result.actions.sum() / (63 * 4))
-    assert (figures.tasks, figures.draws) == (63, 4)
+    assert (figures.tasks, figures.distractor_seeds) == (63, 4)
     assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success)
     assert figures.ci_low < figures.mean < figures.ci_high
     shares = result.shares()
@@ -351,7 +359,7 @@ def test_figures_are_means_over_tasks_and_draws(opened):
 
 
 def test_players_go_by_name(opened):
-    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), draws=1)
+    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), distractor_seeds=1)
     policy = policy_for(opened, evaluator.engine.num_slots)
     for kind, player in (("trained", PolicyPlayer(policy)), ("random", random_entity), ("oracle", recipe_oracle)):
         assert_equal(evaluator(player_of(policy, kind)), evaluator(player))
@@ -385,7 +393,7 @@ def test_of_very_many_tasks_a_sample_is_played_and_said_to_be_one(opened, monkey
     monkeypatch.setattr(evaluation, "MOST_TASKS", 20)
     world = World(opened, WordCraftConfig(num_distractors=2))
     amount = len(world.tasks)
-    evaluator = Evaluator(world, draws=1, limit=20)
+    evaluator = Evaluator(world, distractor_seeds=1, limit=20)
     assert 10 <= len(evaluator.tasks) <= 20 < amount
     assert len(set(np.diff(evaluator.tasks).tolist())) == 1
     assert f"{amount:,} train tasks are too many to play: {len(evaluator.tasks)} of them stand for all" in caplog.text

@@ -113,18 +113,18 @@ def made_up(rows, base, **settings):
 def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part, depth, attempts):
     world, policy = made(kind, part, depth=depth, max_attempts=attempts)
     engine = BatchEngine(world, len(world.tasks))
-    result = Evaluator(world, draws=2)(PolicyPlayer(policy))
+    result = Evaluator(world, distractor_seeds=2)(PolicyPlayer(policy))
     explainer = Explainer(policy, world)
     outcomes = set()
-    for draw in range(2):
-        posed = engine.pose(np.arange(len(world.tasks)), draw, seed=EVALUATION_SEED)
+    for distractor_seed in range(2):
+        posed = engine.pose(np.arange(len(world.tasks)), distractor_seed, seed=EVALUATION_SEED)
         for task in range(0, len(world.tasks), 9):
-            found = explainer.task(task, draw)
+            found = explainer.task(task, distractor_seed)
             table = [entity for entity in posed.table[task].tolist() if entity != engine.nothing]
             assert found.table == opened.graph.labels(table)
-            assert len(found.episode.steps) == result.actions[task, draw]
-            assert (found.episode.outcome == "goal") == result.success[task, draw]
-            last = result.last[task, draw].tolist()
+            assert len(found.episode.steps) == result.actions[task, distractor_seed]
+            assert (found.episode.outcome == "goal") == result.success[task, distractor_seed]
+            last = result.last[task, distractor_seed].tolist()
             assert [step.action for step in found.episode.steps[-2:]] == list(opened.graph.labels(last))
             assert found.episode.start == world.tasks[task].start
             outcomes.add(found.episode.outcome)
@@ -134,7 +134,7 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part
 def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, explaining, monkeypatch):
     monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
     world, explainer = explaining("no scorer")
-    evaluator = Evaluator(world, draws=1, limit=20)
+    evaluator = Evaluator(world, distractor_seeds=1, limit=20)
     posed = evaluator.engine.pose(evaluator.tasks, seed=EVALUATION_SEED)
     assert evaluator.tasks[1] > 1
     for row, task in enumerate(evaluator.tasks.tolist()):
@@ -413,8 +413,8 @@ def test_threads_that_ask_at_once_get_what_they_would_get_alone(made):
     questions = [(number % 2, number // 2 * 3, number % 5) for number in range(40)]
 
     def ask(question):
-        which, task, draw = question
-        found = explainers[which].task(task, draw)
+        which, task, distractor_seed = question
+        found = explainers[which].task(task, distractor_seed)
         return found, explainers[which].table(found.episode.goal, found.table)
 
     alone = list(map(ask, questions))
@@ -485,9 +485,9 @@ def test_unknown_labels_and_tasks_are_refused(opened, explaining):
     ):
         with pytest.raises(UnknownEntityError, match=problem):
             explainer.table(goal, table)
-    for setting, task, draw in (("task", 63, 0), ("draw", 0, -1)):
+    for setting, task, distractor_seed in (("task", 63, 0), ("distractor_seed", 0, -1)):
         with refuses(setting):
-            explainer.task(task, draw)
+            explainer.task(task, distractor_seed)
     mlp = explaining("mlp")[1]
     assert len(mlp.table("bread", ["flour", "water"]).episode.steps) == 2
     with pytest.raises(ConfigError, match="this mlp was made for"):

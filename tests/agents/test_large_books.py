@@ -14,7 +14,7 @@ ALL_PAIRS = ENTITIES**2 * 4 / 2**20
 COMMANDS = (
     ("describe",),
     ("discover", "--attempts", "5", "--runs", "1"),
-    ("evaluate-agent", "--distractors", "1", "--draws", "1"),
+    ("evaluate-agent", "--distractors", "1", "--distractor-seeds", "1"),
     ("tasks", "--depth", "2", "--distractors", "4"),
 )
 MEASURE = """

@@ -39,14 +39,14 @@ def success(table, player, distractors=1):
 @pytest.mark.parametrize("reward", ["sparse", "official"])
 def test_a_perfect_player_scores_exactly_one_whatever_the_depth_and_the_shaping(opened, depth, reward):
     config = WordCraftConfig(part="test", depth=depth, num_tasks=40, reward=reward)
-    table = play_all(World(opened, config), {"recipe oracle": recipe_oracle}, (0, 4), draws=2)
+    table = play_all(World(opened, config), {"recipe oracle": recipe_oracle}, (0, 4), distractor_seeds=2)
     assert [row.success for row in table] == [1.0, 1.0]
     assert [row.by_plan for row in table] == [1.0, 1.0]
 
 
 def test_the_oracle_falls_short_where_the_last_result_wins(opened):
     config = WordCraftConfig(part="all", ambiguity="last")
-    table = play_all(World(opened, config), {"recipe oracle": recipe_oracle}, (1,), draws=1)
+    table = play_all(World(opened, config), {"recipe oracle": recipe_oracle}, (1,), distractor_seeds=1)
     results = np.diff(opened.graph.pair_starts)
     assert success(table, "recipe oracle") == pytest.approx(len(results) / results.sum(), abs=0.01)
     assert success(table, "recipe oracle") < 1
@@ -54,7 +54,7 @@ def test_the_oracle_falls_short_where_the_last_result_wins(opened):
 
 def test_chance_is_what_it_should_be(opened):
     players = {"random": random_entity, "random, distinct": random_distinct}
-    table = play_all(World(opened, WordCraftConfig(part="all")), players, (1,), draws=40, seed=1)
+    table = play_all(World(opened, WordCraftConfig(part="all")), players, (1,), distractor_seeds=40, seed=1)
     # Three entities on the table of a task of two ingredients, two of one: pairs in any order.
     starts = BatchEngine(World(opened, WordCraftConfig(part="all")), 1).world.tasks.starts
     selfs = float(np.mean(starts[:, 1] == opened.graph.num_entities))
@@ -65,7 +65,7 @@ def test_chance_is_what_it_should_be(opened):
 
 def test_more_knowledge_wins_more(opened):
     players = knowledge_players(opened.split)
-    table = play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8), draws=10)
+    table = play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8), distractor_seeds=10)
     for distractors in (1, 8):
         order = ["full KG, v", "full KG, u+v", "full KG, u+v, no self edges", "recipe oracle"]
         rates = [success(table, player, distractors) for player in order]
@@ -96,7 +96,7 @@ def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_
 def test_a_pair_of_two_entities_comes_before_one_of_the_same_score_with_itself(opened):
     indifferent = pair_player(lambda a, b, c: torch.zeros(torch.broadcast_shapes(a.shape, b.shape, c.shape)))
     players = {"indifferent": indifferent, "random, distinct": random_distinct}
-    table = play_all(World(opened, WordCraftConfig(part="all")), players, (1,), draws=40)
+    table = play_all(World(opened, WordCraftConfig(part="all")), players, (1,), distractor_seeds=40)
     assert success(table, "indifferent") == pytest.approx(success(table, "random, distinct"), abs=0.02)
 
 
@@ -106,7 +106,7 @@ def test_votes_make_more_goals_than_chance_and_no_more_where_no_slot_of_the_goal
     for split in (opened.split, by_slot):
         players = {name: knowledge_players(split)[name] for name in ("partial KG, votes", "random, distinct")}
         world = World(OpenedGraph(opened.graph, split, "kitchen"), WordCraftConfig(part="test"))
-        table = play_all(world, players, (1,), draws=20)
+        table = play_all(world, players, (1,), distractor_seeds=20)
         found.append([success(table, name) for name in players])
     (by_recipe, chance), (without, same) = found
     assert by_recipe > chance + 0.2
@@ -122,7 +122,7 @@ def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
 
     config = WordCraftConfig(part="test")
     for seed in (0, 0, 1):
-        play_all(World(opened, config), {"one": look, "other": look}, (3,), draws=1, seed=seed)
+        play_all(World(opened, config), {"one": look, "other": look}, (3,), distractor_seeds=1, seed=seed)
     one, other, again, _, third, _ = seen[::2]
     np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(one, again)
@@ -134,7 +134,9 @@ def test_a_scorers_players_take_its_scores_on_a_common_scale(opened):
     scorer = FrequencyScorer(graph, opened.split.partial)
     louder = TableScorer(torch.stack([100 * scorer.table(0), scorer.table(1)]), graph.entities, graph.hash)
     plain, scaled = (scorer_players(graph, kind, graph.triples)["u+v, self edges kept"] for kind in (scorer, louder))
-    table = play_all(World(opened, WordCraftConfig(part="test")), {"plain": plain, "louder": scaled}, (4,), draws=3)
+    table = play_all(
+        World(opened, WordCraftConfig(part="test")), {"plain": plain, "louder": scaled}, (4,), distractor_seeds=3
+    )
     assert success(table, "plain", 4) == success(table, "louder", 4)
 
 
@@ -142,7 +144,9 @@ def test_a_scorer_of_facts_plays_like_the_facts(opened):
     graph = opened.graph
     facts = knowledge_player([fact_sources(graph, graph.triples)["v"]])
     scored = scorer_players(graph, SymbolicScorer(graph, graph.triples), graph.triples)["v"]
-    table = play_all(World(opened, WordCraftConfig(part="test")), {"facts": facts, "scorer": scored}, (4,), draws=20)
+    table = play_all(
+        World(opened, WordCraftConfig(part="test")), {"facts": facts, "scorer": scored}, (4,), distractor_seeds=20
+    )
     assert success(table, "facts", 4) == pytest.approx(success(table, "scorer", 4), abs=1e-9)
 
 
@@ -151,13 +155,16 @@ def test_a_scorer_of_recipes_plays_the_pair_whose_recipe_scores_highest(opened, 
     players = scorer_players(opened.graph, scorer, opened.split.partial)
     test = World(opened, WordCraftConfig(part="test"))
     table = play_all(
-        test, {"by pairs": pair_player(whole_of(scorer).score_recipes), "w": players["w, best pair"]}, (1, 8), draws=3
+        test,
+        {"by pairs": pair_player(whole_of(scorer).score_recipes), "w": players["w, best pair"]},
+        (1, 8),
+        distractor_seeds=3,
     )
     for distractors in (1, 8):
         assert success(table, "w", distractors) == pytest.approx(success(table, "by pairs", distractors), abs=0.02)
     assert success(table, "w", 8) > 0.5
     with pytest.raises(LeakError):
-        play_all(World(opened, WordCraftConfig(part="train")), {"w": players["w, best pair"]}, (1,), draws=1)
+        play_all(World(opened, WordCraftConfig(part="train")), {"w": players["w, best pair"]}, (1,), distractor_seeds=1)
     links = SymbolicScorer(opened.graph, opened.split.partial)
     assert "w, best pair" not in scorer_players(opened.graph, links, opened.split.partial)
 
@@ -179,8 +186,8 @@ def test_intervals_are_those_over_tasks_because_the_draws_of_a_task_resemble_eac
         return np.where(state.task % 2, recipe_oracle(state, rng), 0)
 
     world = World(opened, WordCraftConfig(part="test"))
-    (row,) = play_all(world, {"picky": picky}, (1,), draws=5)
-    evaluation = Evaluator(world.variant(num_distractors=1), draws=5)(picky)
+    (row,) = play_all(world, {"picky": picky}, (1,), distractor_seeds=5)
+    evaluation = Evaluator(world.variant(num_distractors=1), distractor_seeds=5)(picky)
     assert row.success == evaluation.success.mean()
     assert (row.low, row.high) == pytest.approx(task_bootstrap(evaluation.success))
     of_episodes = wilson_interval(evaluation.success.sum(), row.episodes)
@@ -191,7 +198,7 @@ def test_progress_counts_the_rows(opened):
     calls = []
     world = World(opened, WordCraftConfig(part="test"))
     players = {"random": random_entity, "recipe oracle": recipe_oracle}
-    play_all(world, players, (1, 2), draws=1, progress=lambda *call: calls.append(call))
+    play_all(world, players, (1, 2), distractor_seeds=1, progress=lambda *call: calls.append(call))
     assert [(done, total) for done, total, _ in calls] == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert calls[-1][2] == {"success": 1.0}
 

@@ -260,7 +260,7 @@ def test_without_the_library_the_error_names_the_extra(package, monkeypatch):
 @pytest.mark.slow
 def test_training_lifts_success_far_above_chance(algorithm):
     settings = {"n_steps": 512, "batch_size": 128, "n_epochs": 8, "learning_rate": 1e-3, "gamma": 0.9}
-    success = Evaluator(World("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), draws=3)
+    success = Evaluator(World("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), distractor_seeds=3)
     for is_guided, steps, before, after in ((False, 8192, 0.15, 0.6), (True, 1024, 0.93, 0.96)):
         model = make_model(algorithm, make_network(is_guided=is_guided, key_size=64, value_size=64), **settings)
         player = PolicyPlayer(model.policy.network)

@@ -34,12 +34,12 @@ def test_train_agent_prints_what_the_documentation_promises(printed, world, tmp_
 
 
 def test_evaluate_agent_prints_what_the_documentation_promises(printed, world):
-    values = printed("evaluate-agent", world / "guided", "--distractors", "1,3", "--draws", 2)
+    values = printed("evaluate-agent", world / "guided", "--distractors", "1,3", "--distractor-seeds", 2)
     assert (values["part"], values["checkpoint"]) == ("test", "final")
     assert values["success"].keys() == {"1", "3"}
     for figures in values["success"].values():
         assert figures["ci_low"] <= figures["mean"] <= figures["ci_high"]
-        assert (figures["draws"], figures["tasks"] > 0) == (2, True)
+        assert (figures["distractor_seeds"], figures["tasks"] > 0) == (2, True)
     assert all(sum(shares.values()) == pytest.approx(1) for shares in values["outcomes"].values())
 
 
@@ -96,14 +96,14 @@ def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):
 
 
 def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(printed, refused, world, tmp_path):
-    command = ("compare", world / "plain", world / "guided", "--out", tmp_path / "report", "--draws", 2)
+    command = ("compare", world / "plain", world / "guided", "--out", tmp_path / "report", "--distractor-seeds", 2)
     agents = printed(*command)["agents"]
     assert agents.keys() == {"plain", "guided"}
     assert agents["plain"]["runs"] == ["plain-seed-0", "plain-seed-1"]
     assert agents["plain"]["seeds"] == [0, 1]
     assert (tmp_path / "report/index.html").is_file()
     refused(*command, kind="OutputExistsError")
-    alone = printed("compare", world / "plain/seed-1", "--draws", 1, "--out", tmp_path / "alone")
+    alone = printed("compare", world / "plain/seed-1", "--distractor-seeds", 1, "--out", tmp_path / "alone")
     assert alone["agents"].keys() == {"plain-seed-1"}
 
 
@@ -164,7 +164,7 @@ def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(pr
     refused(*command, says="expected at most 5.")
     assert not (tmp_path / "run").exists()
     assert run(*command, "--distractors", 5).code == 0
-    options = ("--draws", 1, "--episodes", 0, "--out", tmp_path / "report")
+    options = ("--distractor-seeds", 1, "--episodes", 0, "--out", tmp_path / "report")
     assert printed("compare", tmp_path / "run", *options)["agents"]["run"]["success"].keys() == {"1", "5"}
 
 
@@ -174,7 +174,18 @@ def test_agents_with_another_task_weighting_are_compared_only_where_it_does_not_
 ):
     small = ("--steps", 64, *MOMENT[2:], "--depth", depth, "--distractors", 1)
     runs = [train(*small, "--task-weighting", name, name=name) for name in ("task", "goal")]
-    options = ("--draws", 1, "--episodes", 0, "--distractors", 1, "--part", "train", "--out", tmp_path / "report")
+    options = (
+        "--distractor-seeds",
+        1,
+        "--episodes",
+        0,
+        "--distractors",
+        1,
+        "--part",
+        "train",
+        "--out",
+        tmp_path / "report",
+    )
     outcome = run("compare", *runs, *options)
     if depth == 2:  # all tasks are enumerated
         assert outcome.code == 0, outcome.err
@@ -223,7 +234,7 @@ def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, option
 
 
 def test_baselines_prints_a_table_of_players_and_distractors(run):
-    outcome = run("evaluate-agent", "kitchen", "--distractors", "1,4", "--draws", "2")
+    outcome = run("evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "2")
     assert outcome.code == 0
     lines = outcome.out.splitlines()
     assert "1 distractor" in lines[0]
@@ -236,11 +247,11 @@ def test_baselines_prints_a_table_of_players_and_distractors(run):
 
 
 def test_baselines_prints_one_json_object(printed):
-    result = printed("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1")
-    assert (result["part"], result["depth"], result["draws"]) == ("test", 2, 1)
+    result = printed("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--distractor-seeds", "1")
+    assert (result["part"], result["depth"], result["distractor_seeds"]) == ("test", 2, 1)
     assert {row["episodes"] for row in result["rows"]} == {result["tasks"]}
     assert result["intervals"] == "95 %, bootstrap over tasks"
     assert {row["distractors"] for row in result["rows"]} == {2}
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
-    again = printed("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--draws", "1")
+    again = printed("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--distractor-seeds", "1")
     assert result == again

@@ -36,7 +36,10 @@ def test_links_commands_take_it(printed, name, run, models, tmp_path):
     assert "someone else, and saved as a model folder" in page
     compared = printed("compare", models / "mine", models / "theirs")
     assert compared["models"][1]["difference"] < 0  # an epoch teaches DistMult nothing
-    assert run("evaluate-agent", "kitchen", "--scorer", models / name, "--draws", 1, "--distractors", 1).code == 0
+    assert (
+        run("evaluate-agent", "kitchen", "--scorer", models / name, "--distractor-seeds", 1, "--distractors", 1).code
+        == 0
+    )
 
 
 def test_an_agent_can_be_guided_by_it_explained_and_compared(run, models, tmp_path):

@@ -164,7 +164,7 @@ def kitchen_world():
 
 
 def success(mean):
-    return Success(mean=mean, ci_low=0.2, ci_high=0.6, tasks=63, draws=1, by_plan=0.3, actions=2.0)
+    return Success(mean=mean, ci_low=0.2, ci_high=0.6, tasks=63, distractor_seeds=1, by_plan=0.3, actions=2.0)
 
 
 def result(folder, settings, success=None, known=None):
@@ -183,7 +183,7 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(
     one = result(tmp_path / "one", PlayedSettings.of_tasks(kitchen_world.variant(num_distractors=1)), success(0.5))
     (row,) = own(printed(*TWO, "--beside", four, "--beside", one))
     assert figures(row) == {"4": 0.3, "1": 0.5}
-    assert (row["player"], row["tasks"], row["draws"]) == ("parrot", 63, 1)
+    assert (row["player"], row["tasks"], row["distractor_seeds"]) == ("parrot", 63, 1)
     assert "2 attempts lost by messages" in run(*TWO, "--beside", four).out
     refused(*TWO[:3], "2", "--beside", four, says="has 4 distractors, which are no column of the table")
     refused(*TWO, "--depth", "2", "--beside", four, says="give --part test --depth 1, or leave it out")
@@ -251,7 +251,7 @@ def test_results_that_the_table_cannot_show_are_refused(refused, pack, tmp_path,
 
 
 def test_a_report_of_agents_shows_the_pack_apart_and_has_the_same_figures(run, world, monkeypatch, tmp_path, pack):
-    command = ("compare", world / "plain", "--distractors", "1,4", "--draws", 1, "--episodes", 0)
+    command = ("compare", world / "plain", "--distractors", "1,4", "--distractor-seeds", 1, "--episodes", 0)
     options = "--part test --depth 1 --distractors 1,4"
     with_pack = run(*command, "--out", tmp_path / "with")
     assert f"for comparison: wordcraft-kg reference {world / 'graph'} {options}" in with_pack.out

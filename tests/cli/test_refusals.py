@@ -15,9 +15,9 @@ BAD_VALUES = {
     "tasks kitchen": ["--depth=0", "--depth=50", "--distractors=-1", "--distractors=500", "--limit=-1", "--seed=-1"],
     "evaluate-agent kitchen": [
         *(f"--distractors={bad}" for bad in ("x", "", -1, 80)),
-        *("--seed=-1", "--depth=0", "--draws=0"),
+        *("--seed=-1", "--depth=0", "--distractor-seeds=0"),
     ],
-    "evaluate-agent {world}/plain/seed-0": ["--draws=0", "--distractors=many", "--depth=2"],
+    "evaluate-agent {world}/plain/seed-0": ["--distractor-seeds=0", "--distractors=many", "--depth=2"],
     "evaluate-agent {world}/graph": ["--agent=oracle"],
     "explain {world}/plain/seed-0": ["--episodes=0"],
     "discover kitchen": [
@@ -36,7 +36,7 @@ BAD_VALUES = {
     "train-links kitchen": ["--model=rotat", "--model=complex", "--model=ComplEx"],
     "tune-links kitchen": ["--valid-ratio=0", "--valid-ratio=nan", "--trials=0", "--timeout=0", "--model=rotat"],
     "score {trained}/one ? componentOf bread": ["--top=0", "--top=-1"],
-    "compare {trained}/one {trained}/two": ["--resamples=0", "--resamples=-5", "--draws=3"],
+    "compare {trained}/one {trained}/two": ["--resamples=0", "--resamples=-5", "--distractor-seeds=3"],
     "compare {world}/plain": ["--resamples=3"],
     "reference kitchen": ["--distractors=x", "--distractors=79", "--depth=0", "--base=water"],
     "reproduce knowledge": ["--seeds=0", "--by=scorer"],

@@ -21,9 +21,9 @@ GRAPH = (
     ("check-book", "{}"),
     ("build-graph", "{}", "--out", "out"),
     ("tasks", "{}", "--limit", "2", "--json"),
-    ("evaluate-agent", "{}", "--draws", "1", "--distractors", "1"),
+    ("evaluate-agent", "{}", "--distractor-seeds", "1", "--distractors", "1"),
     ("discover", "{}", "--runs", "1", "--attempts", "3", "--out", "out.html"),
-    ("evaluate-agent", "in/agent", "--graph", "{}", "--draws", "1"),
+    ("evaluate-agent", "in/agent", "--graph", "{}", "--distractor-seeds", "1"),
     ("evaluate-links", "in/model", "--graph", "{}", "--out", "out"),
 )
 LINKS = ("train-complex", "in/graph", "--dim", "4", "--epochs", "3", "--checkpoint-every", "1", "--out", "{}")
@@ -38,17 +38,17 @@ MODEL = (
     ("evaluate-links", "{}", "--out", "out"),
     ("compare", "{}", "in/model", "--resamples", "2"),
     LINKS,
-    ("evaluate-agent", "in/graph", "--draws", "1", "--distractors", "1", "--scorer", "{}"),
+    ("evaluate-agent", "in/graph", "--distractor-seeds", "1", "--distractors", "1", "--scorer", "{}"),
     ("discover", "in/graph", "--runs", "1", "--attempts", "3", "--scorer", "{}", "--players", "empowerment-scorer"),
     ("train-agent", "in/graph", "--scorer", "{}", "--steps", "64", "--batch-size", "16", "--out", "out"),
     ("train-complex", "in/graph", "--config", "{}/config.toml", "--epochs", "1", "--dim", "4", "--out", "out"),
 )
 AGENT = (
-    ("evaluate-agent", "{}", "--draws", "1"),
-    ("evaluate-agent", "{}", "--draws", "1", "--agent", "kg-only", "--json"),
+    ("evaluate-agent", "{}", "--distractor-seeds", "1"),
+    ("evaluate-agent", "{}", "--distractor-seeds", "1", "--agent", "kg-only", "--json"),
     ("explain", "{}", "--episodes", "1"),
-    ("compare", "{}", "--draws", "1", "--distractors", "1", "--episodes", "1", "--out", "out"),
-    ("compare", "{}", "in/agent", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "out"),
+    ("compare", "{}", "--distractor-seeds", "1", "--distractors", "1", "--episodes", "1", "--out", "out"),
+    ("compare", "{}", "in/agent", "--distractor-seeds", "1", "--distractors", "1", "--episodes", "0", "--out", "out"),
     TRAINED,
 )
 SERVED = ("--port", "0", "--no-browser")

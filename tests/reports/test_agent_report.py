@@ -56,7 +56,7 @@ def agents(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def report(agents):
-    return make_agent_report(group_agents(agents), draws=2)
+    return make_agent_report(group_agents(agents), distractor_seeds=2)
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_a_run_given_twice_is_an_error(agents):
 
 def test_the_numbers_are_those_of_the_evaluation(agents, entry):
     for amount in (1, 2, 8):
-        evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test", amount)), draws=2)
+        evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test", amount)), distractor_seeds=2)
         found = [evaluator(PolicyPlayer(agent.policy)) for agent in agents[:2]]
         figures = entry.success[str(amount)]
         assert figures.seeds == tuple(result.success.mean() for result in found)
@@ -140,7 +140,7 @@ def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report,
 def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents):
     rows = [MetricsRow(step=step, seconds=1, figures={"loss": step, "test_success": 0.5}) for step in (100, 200, 210)]
     agent = replace(agents[0], metrics=rows)
-    training = make_agent_report({"one": [agent]}, draws=1, episodes=0).view.agents[0].training
+    training = make_agent_report({"one": [agent]}, distractor_seeds=1, episodes=0).view.agents[0].training
     assert training["loss"][0].points == ((100, 100), (200, 200))
     assert [step for step, _ in training["test_success"][0].points] == [100, 200, 210]
 
@@ -148,9 +148,11 @@ def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents):
 def test_confusions_name_what_was_needed_and_what_was_picked(agents, entry, world):
     graph, counts = world.graph, Counter()
     for agent in agents[:2]:
-        found = Evaluator(world, draws=2)(PolicyPlayer(agent.policy))
-        for task, draw in np.argwhere(found.terminations == TERMINATION_REASONS.index("one_right_part")).tolist():
-            a, b = found.last[task, draw].tolist()
+        found = Evaluator(world, distractor_seeds=2)(PolicyPlayer(agent.policy))
+        for task, distractor_seed in np.argwhere(
+            found.terminations == TERMINATION_REASONS.index("one_right_part")
+        ).tolist():
+            a, b = found.last[task, distractor_seed].tolist()
             (plan,) = world.tasks.plans[task]
             pair = graph.recipes[plan[-1], :2].tolist()
             right, wrong = (a, b) if a in pair else (b, a)
@@ -163,7 +165,7 @@ def test_confusions_name_what_was_needed_and_what_was_picked(agents, entry, worl
 
 
 def test_the_last_pair_of_an_episode_that_made_the_goal_makes_it(world):
-    found = Evaluator(world, draws=2)(recipe_oracle)
+    found = Evaluator(world, distractor_seeds=2)(recipe_oracle)
     for task in range(len(world.tasks)):
         pair = world.graph.labels(found.last[task, 0].tolist())
         assert world.tasks.goals[task] in world.graph.results(*pair)
@@ -188,7 +190,7 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
     verdict = "above" if mlp.difference_ci[0] > 0 else "below" if mlp.difference_ci[1] < 0 else "level with"
     assert re.search(f"mlp is {verdict} +plain: +paired difference", first_line(report))
     assert "difference between agents may be due to the seeds" in first_line(report)
-    alone = first_line(make_agent_report({"one": [agents[0]]}, draws=1, episodes=0))
+    alone = first_line(make_agent_report({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
     assert "difference" not in alone
     assert "One seed: another seed may give another figure." in alone
 
@@ -206,14 +208,14 @@ def test_bars_of_contributions_fill_the_width_at_the_largest_sum():
 def test_it_follows_its_schema_and_is_the_same_each_time(agents, report):
     jsonschema.Draft202012Validator.check_schema(report_schema())
     jsonschema.validate(as_values(report.view), report_schema())
-    again = make_agent_report(group_agents(agents), draws=2)
+    again = make_agent_report(group_agents(agents), distractor_seeds=2)
     assert again.view == report.view
     assert render(again) == render(report)
 
 
 def test_the_page_is_whole_needs_no_network_and_escapes_names(agents):
     odd = replace(agents[0], name="<b>odd & name</b>")
-    page = render(make_agent_report({odd.name: [odd]}, draws=1, episodes=1))
+    page = render(make_agent_report({odd.name: [odd]}, distractor_seeds=1, episodes=1))
     assert (Page(page).faults, Page(page).open) == ([], [])
     assert len(re.findall("<script", page)) == 1
     assert "://" not in page.replace("http://www.w3.org", "")
@@ -246,7 +248,7 @@ def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_sa
         config = AgentConfig("kitchen", str(model), TASKS, PolicyConfig(in_sample=in_sample), TRAINER)
         train_agent(config, tmp_path / name)
         agents.append(open_agent(tmp_path / name))
-    report = make_agent_report(group_agents(agents), part="train", draws=1)
+    report = make_agent_report(group_agents(agents), part="train", distractor_seeds=1)
     world = World(agents[0].opened, TASKS.environment("train"))
     scorer, size = load_scorer(model), world.graph.num_entities
     models = models_of_tasks(scorer.of_recipe, world.tasks)

@@ -236,8 +236,8 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, 
     other = 1 / rank_triples(FrequencyScorer(graph, split.partial), test, graph.triples)["rank"].to_numpy()
     clusters = np.tile(clusters_of(graph, split.is_in("test"), test), 2)
     groups = [(own - other)[clusters == name] for name in np.unique(clusters)]
-    draws = np.random.default_rng(5).integers(len(groups), size=(2000, len(groups)))
-    means = [np.concatenate([groups[i] for i in draw]).mean() for draw in draws]
+    distractor_seeds = np.random.default_rng(5).integers(len(groups), size=(2000, len(groups)))
+    means = [np.concatenate([groups[i] for i in distractor_seed]).mean() for distractor_seed in distractor_seeds]
     ci = next(row["ci"] for row in comparisons if row["baseline"] == "frequency")
     assert ci == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.006)
 

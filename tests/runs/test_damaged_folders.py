@@ -24,8 +24,8 @@ LINKS = ("train-complex", "{home}/graph", "--dim", "4", "--epochs", "3", "--chec
 EVERY = ("--log-every", "64", "--eval-every", "160", "--checkpoint-every", "64")
 TRAINER = ("--steps", "320", "--batch-size", "16", *EVERY)
 AGENT = ("train-agent", "{home}/graph", "--scorer", "{home}/model", *TRAINER, "--out", "{folder}")
-EVALUATE = ("evaluate-agent", "{folder}", "--draws", "1")
-JUDGE = ("compare", "{folder}", "--draws", "1", "--distractors", "1", "--episodes", "0", "--out", "{out}")
+EVALUATE = ("evaluate-agent", "{folder}", "--distractor-seeds", "1")
+JUDGE = ("compare", "{folder}", "--distractor-seeds", "1", "--distractors", "1", "--episodes", "0", "--out", "{out}")
 READERS: dict[tuple[str, str], tuple[tuple[str, ...], ...]] = {
     ("model", "run.json"): (COMPARE, LINKS),
     ("model", "config.toml"): (COMPARE,),

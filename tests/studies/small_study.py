@@ -36,7 +36,13 @@ def small_plan(more: str = "", name: str = "small", text: str = TEXT) -> Plan:
     return make_plan(parse_study(text + more, "a test"), name)
 
 
-HALF = {"success": {"test": 0.5}, "by_plan": {"test": 0.5}, "terminations": {"goal": 0.5}, "won": "5", "draws": 10}
+HALF = {
+    "success": {"test": 0.5},
+    "by_plan": {"test": 0.5},
+    "terminations": {"goal": 0.5},
+    "won": "5",
+    "distractor_seeds": 10,
+}
 RUN_FIGURES = RunFigures(
     **HALF,
     seconds=1.0,

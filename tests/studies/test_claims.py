@@ -19,8 +19,8 @@ CLAIM = Claim(text="Left is better.", left="left", right="right")
 
 def a_run(variant, success, *, distractors=8, seed=0, curve=(), same_twice=0.0, tasks=TASKS):
     """Return a run whose success on each task is drawn with a mean of its own."""
-    draws = np.random.default_rng([seed, distractors, len(variant)]).random((tasks, DRAWS))
-    won = (draws < success).sum(1)
+    distractor_seeds = np.random.default_rng([seed, distractors, len(variant)]).random((tasks, DRAWS))
+    won = (distractor_seeds < success).sum(1)
     return RunResult(
         variant=variant,
         values={"distractors": distractors},
@@ -31,7 +31,7 @@ def a_run(variant, success, *, distractors=8, seed=0, curve=(), same_twice=0.0, 
         by_plan={"train": success, "test": success},
         terminations={"goal": success, "same_twice": same_twice},
         won="".join(map(str, won)),
-        draws=DRAWS,
+        distractor_seeds=DRAWS,
         curve=curve or ((0, 0.0), (100, success / 2), (1000, success)),
         mrr=None,
         steps=1000,

@@ -78,7 +78,9 @@ def test_a_study_gives_figures_of_every_cell(done):
     for run in results.runs:
         assert (run.mrr is None) == (run.variant == "none")
         assert len(run.won) == 63, "one digit for each test task"
-        assert sum(map(int, run.won)) / run.draws / len(run.won) == pytest.approx(run.success["test"], abs=1e-6)
+        assert sum(map(int, run.won)) / run.distractor_seeds / len(run.won) == pytest.approx(
+            run.success["test"], abs=1e-6
+        )
         assert run.curve[-1] == (run.steps, pytest.approx(run.success["test"], abs=1e-5))
     assert len({run.run for run in results.runs}) == 8
     assert results.hours > 0

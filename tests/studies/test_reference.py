@@ -80,7 +80,7 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
     row = row_of(DEPTH_1, "random, distinct")
     expected = figures_of({2: (measured.success, measured.low, measured.high)})
     assert row.figures["2"] == expected["2"]
-    assert measured.episodes == row.tasks * row.draws
+    assert measured.episodes == row.tasks * row.distractor_seeds
 
 
 def test_open_ended_play_has_exactly_the_figures_of_the_pack(everyday):

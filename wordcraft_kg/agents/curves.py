@@ -74,7 +74,7 @@ def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator
     result = {}
     for part in JUDGED:
         with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks
-            draws = 1 if curve and part == "train" else DRAWS
+            distractor_seeds = 1 if curve and part == "train" else DRAWS
             limit = CURVE_TASKS if curve else MOST_TASKS
-            result[part] = Evaluator(world.variant(part=part), draws=draws, limit=limit)
+            result[part] = Evaluator(world.variant(part=part), distractor_seeds=distractor_seeds, limit=limit)
     return result

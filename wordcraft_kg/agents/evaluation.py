@@ -88,8 +88,8 @@ class Evaluation:
         """Return mean success with an interval over tasks, and the sample sizes."""
         mean, by_plan, actions = (float(values.mean()) for values in (self.success, self.by_plan, self.actions))
         low, high = task_bootstrap(self.success)
-        tasks, draws = self.success.shape
-        return Success(mean, low, high, tasks, draws, by_plan, actions)
+        tasks, distractor_seeds = self.success.shape
+        return Success(mean, low, high, tasks, distractor_seeds, by_plan, actions)
 
     def shares(self) -> dict[TerminationReason, Share]:
         """Return episode shares by ending."""
@@ -99,12 +99,12 @@ class Evaluation:
 class Evaluator:
     """Plays all tasks of a split, or an evenly spaced sample, on fixed tables."""
 
-    def __init__(self, world: World, *, draws: int = 5, limit: int | None = MOST_TASKS):
+    def __init__(self, world: World, *, distractor_seeds: int = 5, limit: int | None = MOST_TASKS):
         """Create an environment for each task.
 
         Args:
             world: graph, tasks and settings.
-            draws: draws of distractors for each task.
+            distractor_seeds: draws of distractors for each task.
             limit: maximum number of tasks; None plays all.
         """
         amount = len(world.tasks)
@@ -117,31 +117,36 @@ class Evaluator:
                 world.config.part,
                 f"{len(self.tasks):,}",
             )
-        self.draws = whole("draws", draws, 1, MAX_SIZE)
-        check_memory("draws", draws, f"the episodes of {len(self.tasks):,} tasks", draws * len(self.tasks) * 11)
+        self.distractor_seeds = whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
+        check_memory(
+            "distractor_seeds",
+            distractor_seeds,
+            f"the episodes of {len(self.tasks):,} tasks",
+            distractor_seeds * len(self.tasks) * 11,
+        )
         self.engine = BatchEngine(world, len(self.tasks))
         self._parts = _right_parts(world)[self.tasks]
 
     def __call__(self, player: Player) -> Evaluation:
         """Play all tasks with all draws."""
-        shape = (len(self.tasks), self.draws)
+        shape = (len(self.tasks), self.distractor_seeds)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
         actions, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
         last = np.zeros((*shape, 2), dtype=np.int64)
         engine, rows = self.engine, np.arange(len(self.tasks))
-        for draw in steps("playing", range(self.draws)):
-            state = engine.pose(self.tasks, draw, seed=EVALUATION_SEED)
-            rng = np.random.default_rng([EVALUATION_SEED, draw])
+        for distractor_seed in steps("playing", range(self.distractor_seeds)):
+            state = engine.pose(self.tasks, distractor_seed, seed=EVALUATION_SEED)
+            rng = np.random.default_rng([EVALUATION_SEED, distractor_seed])
             while (running := state.attempts_left > 0).any():
                 slots = player(state, rng)
                 selection, action = state.selection, state.table[rows, slots]
                 state, step = engine.step_once(state, slots)
-                actions[running, draw] += 1
-                success[:, draw] |= step.outcome == GOAL
-                by_plan[:, draw] |= step.by_plan
+                actions[running, distractor_seed] += 1
+                success[:, distractor_seed] |= step.outcome == GOAL
+                by_plan[:, distractor_seed] |= step.by_plan
                 ended = self._termination(selection, action)
-                terminations[step.over, draw] = np.where(step.outcome == GOAL, 0, ended)[step.over]
-                last[step.over, draw] = np.column_stack([selection, action])[step.over]
+                terminations[step.over, distractor_seed] = np.where(step.outcome == GOAL, 0, ended)[step.over]
+                last[step.over, distractor_seed] = np.column_stack([selection, action])[step.over]
         return Evaluation(self.tasks, success, by_plan, actions, terminations, last)
 
     def _termination(self, selection: Ids, action: Ids) -> NDArray[np.int64]:
@@ -152,13 +157,15 @@ class Evaluator:
         return np.select([is_twice, is_right, makes], [1, 2, 3], 4)
 
 
-def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 5, **settings: Any) -> Evaluation:
+def evaluate(
+    player: Policy | Player, graph: GraphLike | World, *, distractor_seeds: int = 5, **settings: Any
+) -> Evaluation:
     """Evaluate a policy or scripted player on all tasks of a split (an evenly spaced sample if there are very many).
 
     Args:
         player: policy of the graph, or function ``(state, rng) -> slots``.
         graph: graph folder, book file or name, graph, opened graph, or world (which has its own settings).
-        draws: draws of distractors for each task, equal for all players.
+        distractor_seeds: draws of distractors for each task, equal for all players.
         settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
 
     Raises:
@@ -166,12 +173,14 @@ def evaluate(player: Policy | Player, graph: GraphLike | World, *, draws: int = 
         TaskError: if no task fits.
 
     Example:
-        >>> result = evaluate(load_policy("runs/kitchen"), "kitchen", num_distractors=2, draws=1)
+        >>> result = evaluate(load_policy("runs/kitchen"), "kitchen", num_distractors=2, distractor_seeds=1)
         >>> result.success.shape, 0 <= result.figures().mean <= 1
         ((63, 1), True)
     """
     world = World.of(graph, settings if isinstance(graph, World) else {"part": "test", **settings})
-    return Evaluator(world, draws=draws)(PolicyPlayer(player) if isinstance(player, Policy) else player)
+    return Evaluator(world, distractor_seeds=distractor_seeds)(
+        PolicyPlayer(player) if isinstance(player, Policy) else player
+    )
 
 
 def _right_parts(world: World) -> Ids:

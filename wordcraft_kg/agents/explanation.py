@@ -194,21 +194,21 @@ class Explainer:
             self._weights, self._exact_weights = self._policy.weights(), self._exact.weights()
         self._tables = EvaluationTables(world)
 
-    def episode(self, task: int, draw: int = 0) -> ExplainedEpisode:
+    def episode(self, task: int, distractor_seed: int = 0) -> ExplainedEpisode:
         """Explain an episode on an evaluation table.
 
         Args:
             task: task index.
-            draw: index for the draw of distractors.
+            distractor_seed: index for the draw of distractors.
 
         Raises:
             ConfigError: if the task does not exist, or the policy cannot play with so many slots.
         """
-        return self._played(self._of_task(task, self.drawn(task, draw)))
+        return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
 
-    def task(self, task: int, draw: int = 0) -> ExplainedTable:
+    def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
         """Explain an episode and name the answering model; see :meth:`episode`."""
-        return self._explained(self._of_task(task, self.drawn(task, draw)))
+        return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def table(
         self, goal: Entity, table: Sequence[Entity], selection: Entity | None = None, *, like: int | None = None
@@ -248,9 +248,9 @@ class Explainer:
                 return self._explained(self._of_task(like, ids)._replace(selection=hand))
         return self._explained(self._of_table(target, ids)._replace(selection=hand))
 
-    def drawn(self, task: int, draw: int = 0) -> list[int]:
+    def drawn(self, task: int, distractor_seed: int = 0) -> list[int]:
         """Return the entity ids on an evaluation table; see :meth:`episode`."""
-        return self._tables.table(task, draw)
+        return self._tables.table(task, distractor_seed)
 
     def _of_task(self, task: int, table: list[int]) -> _Query:
         tasks = self.world.tasks
@@ -394,10 +394,10 @@ def explain_episodes(
         UnknownEntityError: if the goal does not exist.
         TaskError: if the split has no task with the goal.
     """
-    tasks, draws = _choose_tasks(world, goal, episodes)
+    tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
     explainer = Explainer(policy, world)
-    chosen = list(zip(tasks.tolist(), draws.tolist(), strict=True))
-    return tuple(explainer.episode(task, draw) for task, draw in steps("explaining", chosen))
+    chosen = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
+    return tuple(explainer.episode(task, distractor_seed) for task, distractor_seed in steps("explaining", chosen))
 
 
 def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, Ids]:

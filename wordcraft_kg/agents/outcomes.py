@@ -33,6 +33,6 @@ class Success(Record):
     ci_low: Share
     ci_high: Share
     tasks: Count
-    draws: Count
+    distractor_seeds: Count
     by_plan: Share
     actions: float

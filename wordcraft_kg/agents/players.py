@@ -217,7 +217,7 @@ def play_all(
     players: dict[str, Player],
     distractors: Iterable[int] = (1, 2, 8),
     *,
-    draws: int = 5,
+    distractor_seeds: int = 5,
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
@@ -227,7 +227,7 @@ def play_all(
         world: graph, tasks and settings except the number of distractors.
         players: players by name.
         distractors: numbers of distractors.
-        draws: draws of distractors for each task, equal for all players.
+        distractor_seeds: draws of distractors for each task, equal for all players.
         seed: seed for distractors and players.
         progress: receives finished rows, total rows, and the last success rate.
 
@@ -241,14 +241,14 @@ def play_all(
         tasks = np.arange(len(world.tasks))
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks))
         for name, player in steps(f"playing with {amount} distractor{'s' * (amount != 1)}", players.items()):
-            success, by_plan = (np.zeros((len(tasks), draws), dtype=bool) for _ in range(2))
+            success, by_plan = (np.zeros((len(tasks), distractor_seeds), dtype=bool) for _ in range(2))
             rng = np.random.default_rng([seed, amount])
-            for draw in range(draws):
-                state = engine.pose(tasks, draw, seed=seed)
+            for distractor_seed in range(distractor_seeds):
+                state = engine.pose(tasks, distractor_seed, seed=seed)
                 while (state.attempts_left > 0).any():
                     state, step = engine.step_once(state, player(state, rng))
-                    success[:, draw] |= step.outcome == GOAL
-                    by_plan[:, draw] |= step.by_plan
+                    success[:, distractor_seed] |= step.outcome == GOAL
+                    by_plan[:, distractor_seed] |= step.by_plan
             rates, interval = (float(success.mean()), float(by_plan.mean())), task_bootstrap(success)
             rows.append(PlayerSuccess(name, amount, success.size, rates[0], *interval, rates[1]))
             if progress:

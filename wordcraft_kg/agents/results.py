@@ -81,7 +81,7 @@ def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary
     )
     rows = "\n".join(
         f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
-        f"{result.tasks:,} tasks with {result.draws} draws of distractors each"
+        f"{result.tasks:,} tasks with {result.distractor_seeds} draws of distractors each"
         for part, result in summary.success.items()
     )
     return f"""{front_matter("reinforcement-learning", "knowledge-graph")}

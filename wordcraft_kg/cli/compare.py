@@ -33,13 +33,13 @@ class AgentOptions:
 
     Attributes:
         distractors: comma-separated numbers of distractors. Default: 1, 8 and those trained with.
-        draws: draws of distractors for each task.
+        distractor_seeds: draws of distractors for each task.
         episodes: number of episodes to explain for each agent.
     """
 
     part: Part = "test"
     distractors: Words = None
-    draws: int = 5
+    distractor_seeds: int = 5
     episodes: int = 2
 
 
@@ -102,7 +102,7 @@ def _compare_agents(
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
-    whole("draws", options.draws, 1, MAX_SIZE)
+    whole("distractor_seeds", options.distractor_seeds, 1, MAX_SIZE)
     whole("episodes", options.episodes, 0, MAX_SIZE)
     amounts = whole_numbers("distractors", options.distractors) if options.distractors else None
     groups = group_agents([open_agent(folder, graph) for folder in runs])
@@ -110,7 +110,11 @@ def _compare_agents(
     folder = out or Path("reports") / "-and-".join(groups)
     check_output(folder, force=force)
     report = make_agent_report(
-        groups, part=options.part, distractors=amounts, draws=options.draws, episodes=options.episodes
+        groups,
+        part=options.part,
+        distractors=amounts,
+        distractor_seeds=options.distractor_seeds,
+        episodes=options.episodes,
     )
     write_report(report, folder, force=force)
     page = folder / "index.html"

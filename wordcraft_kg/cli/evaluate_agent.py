@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.evaluation.players import Baselines
 
 EXAMPLES = (
-    "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --draws 5",
+    "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --distractor-seeds 5",
     "wordcraft-kg evaluate-agent runs/partial --agent kg-only",
     "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday",
 )
@@ -55,7 +55,7 @@ def evaluate_agent(
     *,
     part: Part = "test",
     distractors: Words = None,
-    draws: int = 5,
+    distractor_seeds: int = 5,
     trained: Annotated[RunOptions, Parameter(name="*", group="Run of an agent")] = RunOptions(),
     scripted: Annotated[ScriptedOptions, Parameter(name="*", group="Scripted players")] = ScriptedOptions(),
     output: Output = Output(),
@@ -68,9 +68,9 @@ def evaluate_agent(
         run: run folder, evaluated at its last checkpoint if it is unfinished; or a graph folder, book's file, or known
             book's name, on which scripted players play.
         distractors: comma-separated numbers of distractors. Default: as in training, and 1,2,8 for scripted players.
-        draws: draws of distractors for each task; all players see the same.
+        distractor_seeds: draws of distractors for each task; all players see the same.
     """
-    whole("draws", draws, 1, MAX_SIZE)
+    whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
     if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
         refuse_given(scripted, f"scripted players on a graph, and '{run}' is none")
         from wordcraft_kg.agents.agent_folder import open_agent
@@ -78,18 +78,23 @@ def evaluate_agent(
 
         opened = open_agent(Path(run), trained.graph)
         amounts = whole_numbers("distractors", distractors or [str(opened.config.tasks.distractors)])
-        view = view_evaluation(Path(run), opened, trained.agent, part, amounts, draws)
+        view = view_evaluation(Path(run), opened, trained.agent, part, amounts, distractor_seeds)
         output.result(view, lines_of(view))
     else:
         refuse_given(trained, f"the run of an agent, and '{run}' is none")
         amounts = whole_numbers("distractors", distractors or ["1,2,8"])
         config = WordCraftConfig(part=part, depth=scripted.depth, num_distractors=amounts[0])
-        baselines = _play(run, config, amounts, draws, scripted, output)
+        baselines = _play(run, config, amounts, distractor_seeds, scripted, output)
         output.result(baselines, _table(baselines, amounts))
 
 
 def _play(
-    graph: str, config: WordCraftConfig, amounts: list[int], draws: int, options: ScriptedOptions, output: Output
+    graph: str,
+    config: WordCraftConfig,
+    amounts: list[int],
+    distractor_seeds: int,
+    options: ScriptedOptions,
+    output: Output,
 ) -> "Baselines":
     from wordcraft_kg.evaluation.players import view_baselines
     from wordcraft_kg.graphs.folder import open_graph
@@ -101,13 +106,15 @@ def _play(
 
         model = options.scorer.name, open_model(options.scorer, graph)
     progress = output.progress("baselines", unit="row")
-    return view_baselines(opened, graph, config, amounts, model, draws=draws, seed=options.seed, progress=progress)
+    return view_baselines(
+        opened, graph, config, amounts, model, distractor_seeds=distractor_seeds, seed=options.seed, progress=progress
+    )
 
 
 def _table(view: "Baselines", amounts: list[int]) -> list[str]:
     cells = {(row.player, row.distractors): f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]" for row in view.rows}
     rows = [("success", *(counted(amount, "distractor") for amount in amounts))]
     rows += [(name, *(cells[name, amount] for amount in amounts)) for name in dict.fromkeys(name for name, _ in cells)]
-    draws = counted(view.draws, "draw")
-    tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {draws} of distractors"
+    distractor_seeds = counted(view.distractor_seeds, "distractor seed")
+    tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds} of distractors"
     return [*aligned(rows, numbers=True), f"{tasks}; intervals: {view.intervals}"]

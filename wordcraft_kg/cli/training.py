@@ -250,7 +250,7 @@ def _agent_rows(trained: "TrainedAgent") -> Rows:
             (
                 f"{name} tasks",
                 f"success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}] greedy, "
-                f"{found.tasks:,} tasks with {found.draws} draws of {summary.distractors} distractors",
+                f"{found.tasks:,} tasks with {found.distractor_seeds} draws of {summary.distractors} distractors",
             )
             for name, found in summary.success.items()
         ),

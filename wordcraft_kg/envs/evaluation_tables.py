@@ -23,7 +23,7 @@ class EvaluationTables:
 
     Example:
         >>> tables = EvaluationTables(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
-        >>> len(tables.table(0)), tables.table(0) == tables.table(0, draw=1)
+        >>> len(tables.table(0)), tables.table(0) == tables.table(0, distractor_seed=1)
         (4, False)
     """
 
@@ -32,16 +32,16 @@ class EvaluationTables:
         self.world = world
         self._draws = Draws(world, arrays_of("cpu"))
 
-    def table(self, task: int, draw: int = 0) -> list[int]:
-        """Return the ids on a task's table, slot by slot, for one ``draw`` of distractors.
+    def table(self, task: int, distractor_seed: int = 0) -> list[int]:
+        """Return the ids on a task's table, slot by slot, for one ``distractor_seed`` of distractors.
 
         Raises:
             ConfigError: for an unknown task or draw.
         """
         amount, draws = len(self.world.tasks), self._draws
         whole("task", task, 0, amount - 1)
-        whole("draw", draw, 0, MAX_SIZE)
+        whole("distractor_seed", distractor_seed, 0, MAX_SIZE)
         place, rest = divmod(task, distance_of(amount, MOST_TASKS))
         environment = task if rest else place  # a task outside the sample has separate tables
-        keys = draws.keys(draws.env_keys(EVALUATION_SEED, environment, 1), np.array([draw]))
+        keys = draws.keys(draws.env_keys(EVALUATION_SEED, environment, 1), np.array([distractor_seed]))
         return [entity for entity in draws.tables(keys, np.array([task]))[0].tolist() if entity != self.world.nothing]

@@ -128,9 +128,9 @@ def confusions_of(world: World, results: Sequence[Evaluation]) -> tuple[Confusio
     pairs = graph.recipes[:, :2].tolist()
     counts: Counter[tuple[int, int]] = Counter()
     for result in results:
-        for row, draw in np.argwhere(result.terminations == code).tolist():
+        for row, distractor_seed in np.argwhere(result.terminations == code).tolist():
             plans = world.tasks.plans[int(result.tasks[row])]
-            counts.update(_confused(result.last[row, draw].tolist(), [pairs[plan[-1]] for plan in plans]))
+            counts.update(_confused(result.last[row, distractor_seed].tolist(), [pairs[plan[-1]] for plan in plans]))
     # Ties by id: equal episodes give equal lists.
     most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_CONFUSIONS]
     return tuple(Confusion(graph.entities[wanted], graph.entities[action], times) for (wanted, action), times in most)

@@ -123,7 +123,7 @@ class AgentsView(Record):
 
     Attributes:
         headline: distractor count of the headline.
-        draws: distractor draws per task.
+        distractor_seeds: distractor draws per task.
         sampled_from: number of all tasks if a sample was played, else None.
         agents: the first agent is the comparison reference.
         references: reference pack rows for this graph, split and tasks.
@@ -136,7 +136,7 @@ class AgentsView(Record):
     depth: Annotated[int, msgspec.Meta(ge=1)]
     distractors: tuple[Count, ...]
     headline: Count
-    draws: Annotated[int, msgspec.Meta(ge=1)]
+    distractor_seeds: Annotated[int, msgspec.Meta(ge=1)]
     tasks: Annotated[int, msgspec.Meta(ge=1)]
     sampled_from: Count | None
     agents: Annotated[tuple[AgentEntry, ...], msgspec.Meta(min_length=1)]
@@ -200,7 +200,7 @@ def view_agents(
     *,
     part: TaskPart = "test",
     distractors: Sequence[int] | None = None,
-    draws: int = 5,
+    distractor_seeds: int = 5,
     episodes: int = 2,
 ) -> AgentsView:
     """Evaluate agents greedily on all tasks of a part, on the same tables.
@@ -209,7 +209,7 @@ def view_agents(
         groups: runs by agent, see :func:`group_agents`; the first agent is the comparison reference.
         part: task part.
         distractors: distractor counts. Default: 1, 8 and the numbers of training.
-        draws: distractor draws per task.
+        distractor_seeds: distractor draws per task.
         episodes: explained episodes of each agent.
 
     Raises:
@@ -220,7 +220,9 @@ def view_agents(
     first = everyone[0]
     world, played = _conditions(everyone, part, distractors)
     headline = world.config.num_distractors
-    evaluators = {amount: Evaluator(world.variant(num_distractors=amount), draws=draws) for amount in played}
+    evaluators = {
+        amount: Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds) for amount in played
+    }
     plays = [(name, amount) for name, members in groups.items() for amount in played if can_play(members[0], amount)]
     results: dict[str, _Results] = {name: {} for name in groups}
     for name, amount in steps("evaluating agents", plays):
@@ -235,7 +237,7 @@ def view_agents(
         depth=first.config.tasks.depth,
         distractors=tuple(played),
         headline=headline,
-        draws=draws,
+        distractor_seeds=distractor_seeds,
         tasks=tasks,
         sampled_from=len(world.tasks) if tasks < len(world.tasks) else None,
         agents=tuple(

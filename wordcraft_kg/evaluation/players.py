@@ -48,13 +48,14 @@ class Explanation(Record):
 
 
 def view_evaluation(
-    run: Path, trained: OpenedAgent, agent: str, part: TaskPart, distractors: Sequence[int], draws: int
+    run: Path, trained: OpenedAgent, agent: str, part: TaskPart, distractors: Sequence[int], distractor_seeds: int
 ) -> AgentEvaluation:
     """Evaluate the player called ``agent``, see :func:`~wordcraft_kg.agents.evaluation.player_of`, on a run's tasks."""
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
     world = World(trained.opened, tasks.environment(part, distractors[0]))
     found = {
-        str(amount): Evaluator(world.variant(num_distractors=amount), draws=draws)(player) for amount in distractors
+        str(amount): Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)(player)
+        for amount in distractors
     }
     scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None
     return AgentEvaluation(
@@ -82,7 +83,7 @@ class Baselines(Record):
     """Success of scripted players, a row for each distractor count and player.
 
     Attributes:
-        tasks: task count; each task is played ``draws`` times for each distractor count.
+        tasks: task count; each task is played ``distractor_seeds`` times for each distractor count.
         intervals: interval kind.
     """
 
@@ -90,7 +91,7 @@ class Baselines(Record):
     part: TaskPart
     depth: int
     tasks: Count
-    draws: Count
+    distractor_seeds: Count
     seed: int
     intervals: str
     rows: tuple[PlayerSuccess, ...]
@@ -103,7 +104,7 @@ def view_baselines(
     distractors: Sequence[int],
     model: "tuple[str, Model] | None" = None,
     *,
-    draws: int = 5,
+    distractor_seeds: int = 5,
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> Baselines:
@@ -115,7 +116,7 @@ def view_baselines(
         config: part and depth of the tasks.
         distractors: distractor counts.
         model: name and link predictor.
-        draws: distractor draws per task.
+        distractor_seeds: distractor draws per task.
         seed: seed of the draws and of ties.
         progress: see :func:`~wordcraft_kg.agents.players.play_all`.
     """
@@ -127,13 +128,13 @@ def view_baselines(
         named = scorer_players(opened.graph, trained.scorer, trained.observed, tasks)
         oracle = players.pop("recipe oracle")
         players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
-    rows = play_all(world, players, distractors, draws=draws, seed=seed, progress=progress)
+    rows = play_all(world, players, distractors, distractor_seeds=distractor_seeds, seed=seed, progress=progress)
     return Baselines(
         graph=graph,
         part=config.part,
         depth=config.depth,
         tasks=len(world.tasks),
-        draws=draws,
+        distractor_seeds=distractor_seeds,
         seed=seed,
         intervals="95 %, bootstrap over tasks",
         rows=rows,

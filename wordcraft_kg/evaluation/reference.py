@@ -77,7 +77,7 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
         source: command, publication, or folder or file of the user.
         play: None in the literature.
         interval: interval kind; empty without intervals.
-        draws: distractor draws per task.
+        distractor_seeds: distractor draws per task.
         seeds: training count.
         runs: run count of open-ended play.
         settings: player settings by name.
@@ -95,7 +95,7 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     play: TaskPlay | OpenPlay | None = None
     interval: str = ""
     tasks: Count | None = None
-    draws: Count | None = None
+    distractor_seeds: Count | None = None
     seeds: Count | None = None
     runs: Count | None = None
     people: Count | None = None

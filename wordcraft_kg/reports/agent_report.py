@@ -35,11 +35,11 @@ def make_agent_report(
     *,
     part: TaskPart = "test",
     distractors: Sequence[int] | None = None,
-    draws: int = 5,
+    distractor_seeds: int = 5,
     episodes: int = 2,
 ) -> Report[AgentsView]:
     """Evaluate agents on all tasks of a part, see :func:`~wordcraft_kg.evaluation.agents.view_agents`."""
-    view = view_agents(groups, part=part, distractors=distractors, draws=draws, episodes=episodes)
+    view = view_agents(groups, part=part, distractors=distractors, distractor_seeds=distractor_seeds, episodes=episodes)
     return Report(
         view,
         "agent_report.html.j2",

@@ -20,7 +20,7 @@ from wordcraft_kg.studies.results import (
 from wordcraft_kg.studies.store import PlannedStudy, failure_of, read_plan, studies_of
 from wordcraft_kg.studies.study import NO_SETTINGS, SCORER, Cell, Study, Value, Values
 
-_KEPT = ("won", "draws", "curve", "steps", "seconds", "steps_per_second")
+_KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_second")
 """Figures that a run and its result share."""
 _NONE = "none"
 """Value of an absent setting, such as the scorer of an agent without a scorer."""

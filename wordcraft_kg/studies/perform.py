@@ -149,7 +149,7 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
     lines = read_metrics(files.bytes("metrics.jsonl"), folder / "metrics.jsonl")
     name = f"{part}_success"
     curve = tuple((row.step, round(row.figures[name], 5)) for row in lines if name in row.figures)
-    draws = summary.success[part].draws
+    distractor_seeds = summary.success[part].distractor_seeds
     return RunFigures(
         seconds=summary.seconds,
         versions=files.run.versions,
@@ -157,8 +157,8 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
         success={name: found.mean for name, found in summary.success.items()},
         by_plan={name: found.by_plan for name, found in summary.success.items()},
         terminations={str(name): share for name, share in summary.outcomes[part].items()},
-        won="".join(f"{round(task.success * draws)}" for task in read_episodes(folder) if task.part == part),
-        draws=draws,
+        won="".join(f"{round(task.success * distractor_seeds)}" for task in read_episodes(folder) if task.part == part),
+        distractor_seeds=distractor_seeds,
         curve=curve,
         steps=summary.steps,
         steps_per_second=summary.steps_per_second,

@@ -116,7 +116,7 @@ def _task_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> I
     config = WordCraftConfig(
         part=play.part, depth=play.depth, max_attempts=play.attempts, num_distractors=max(columns, default=0)
     )
-    view = view_baselines(opened, opened.graph.name, config, columns, draws=DRAWS, seed=_SEED)
+    view = view_baselines(opened, opened.graph.name, config, columns, distractor_seeds=DRAWS, seed=_SEED)
     options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
     of = {(row.player, row.distractors): (row.success, row.low, row.high) for row in view.rows}
     for player in dict.fromkeys(row.player for row in view.rows):
@@ -130,7 +130,7 @@ def _task_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> I
             play=play,
             interval=view.intervals,
             tasks=view.tasks,
-            draws=view.draws,
+            distractor_seeds=view.distractor_seeds,
             notes=SEEN if player.startswith("full KG") else "",
         )
 

@@ -147,7 +147,7 @@ def agent_rows(
     world = World(opened, next(iter(groups.values()))[0].config.tasks.environment(play.part, columns[0]))
     found: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
     for column in columns:
-        evaluator = Evaluator(world.variant(num_distractors=column), draws=DRAWS)
+        evaluator = Evaluator(world.variant(num_distractors=column), distractor_seeds=DRAWS)
         for name, members in steps("evaluating agents", groups.items()):
             if can_play(members[0], column):
                 rates = [evaluator(PolicyPlayer(agent.policy)).success.mean(axis=1) for agent in members]
@@ -184,7 +184,7 @@ def _agent_row(
         play=play,
         interval=OVER_SEEDS if len(members) > 1 else OVER_TASKS,
         tasks=tasks,
-        draws=DRAWS,
+        distractor_seeds=DRAWS,
         seeds=len(members),
         settings=settings | trained,
         notes=f"its scorer {SEEN}" if members[0].run.kg == "full" else "",

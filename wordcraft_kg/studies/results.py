@@ -29,7 +29,7 @@ class RunResult(Record, frozen=True):
         success: greedy success rate, by part (train, test).
         by_plan: success rate by the last pair of a plan, by part.
         terminations: share of test episodes by ending, see :data:`~wordcraft_kg.agents.evaluation.TERMINATION_REASONS`.
-        won: successes of each test task among ``draws`` draws of distractors, a digit for each task.
+        won: successes of each test task among ``distractor_seeds`` draws of distractors, a digit for each task.
         curve: success on test tasks during training.
         mrr: leak-free MRR of the scorer on test triples; None without a scorer, or if the scorer has seen them.
         steps: environment steps.
@@ -46,7 +46,7 @@ class RunResult(Record, frozen=True):
     by_plan: dict[str, Share]
     terminations: dict[str, Share]
     won: str
-    draws: int
+    distractor_seeds: int
     curve: Curve
     mrr: Share | None
     steps: Count
@@ -56,7 +56,7 @@ class RunResult(Record, frozen=True):
     @property
     def rates(self) -> NDArray[np.float64]:
         """Success rate of each test task, shape (K,)."""
-        return np.array([int(digit) for digit in self.won]) / self.draws
+        return np.array([int(digit) for digit in self.won]) / self.distractor_seeds
 
 
 class Missing(Record, frozen=True):
@@ -123,7 +123,7 @@ class RunFigures(Figures, frozen=True, kw_only=True):
     by_plan: dict[str, Share]
     terminations: dict[str, Share]
     won: str
-    draws: Count
+    distractor_seeds: Count
     curve: Curve
     steps: Count
     steps_per_second: Count

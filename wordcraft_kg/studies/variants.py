@@ -106,14 +106,14 @@ class PointFigures(Record):
         values: grid values by setting, with ``title`` in words.
         graphs: graphs of the runs, usually one.
         tasks: test task count.
-        draws: distractor draws per task.
+        distractor_seeds: distractor draws per task.
     """
 
     values: Values
     title: str
     graphs: tuple[PlayedGraph, ...]
     tasks: Count
-    draws: Count
+    distractor_seeds: Count
     variants: tuple[VariantFigures, ...]
 
 
@@ -181,7 +181,7 @@ def _comparison(results: StudyResults, members: list[RunResult], base: list[RunR
 
 def _played(results: StudyResults, run: RunResult) -> tuple[str, str, int, int]:
     graph = results.graphs[run.graph]
-    return graph.hash, graph.split, len(run.won), run.draws
+    return graph.hash, graph.split, len(run.won), run.distractor_seeds
 
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:

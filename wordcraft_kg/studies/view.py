@@ -131,10 +131,10 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
                 f"{_named(other)}), so their figures cannot be averaged. Make what differs a part of the grid, such as "
                 "`book`, `split` or `split_seed`, or run them again on one graph."
             )
-        if (len(run.won), run.draws) != (len(first.won), first.draws):
+        if (len(run.won), run.distractor_seeds) != (len(first.won), first.distractor_seeds):
             raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were judged on {len(first.won):,} tasks of {first.draws} "
-                f"draws and on {len(run.won):,} of {run.draws}, so their figures cannot be averaged. Run one again."
+                f"{cell}: seeds {first.seed} and {run.seed} were judged on {len(first.won):,} tasks of {first.distractor_seeds} "
+                f"draws and on {len(run.won):,} of {run.distractor_seeds}, so their figures cannot be averaged. Run one again."
             )
     seeds = [run.seed for run in members]
     if len(set(seeds)) < len(seeds):
@@ -158,7 +158,7 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     graphs = {members[0].graph: results.graphs[members[0].graph] for members in runs.values()}
     first = next(iter(runs.values()))[0]
     title = title_of(values) or ", ".join(f"{graph.name}, {graph.kind}" for graph in graphs.values())
-    return PointFigures(values, title, tuple(graphs.values()), len(first.won), first.draws, tuple(variants))
+    return PointFigures(values, title, tuple(graphs.values()), len(first.won), first.distractor_seeds, tuple(variants))
 
 
 def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:

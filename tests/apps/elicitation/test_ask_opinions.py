@@ -71,7 +71,7 @@ def test_opinions_from_a_perfect_table_make_perfect_players(view_of, opened):
     players = {"pairs": pair_player(scorer.score_recipes), "w": knowledge_player(make_sources(["w"], scorer))}
     for part in ("train", "test"):
         world = World(opened, WordCraftConfig(part=part))
-        assert {row.success for row in play_all(world, players, (1, 8), draws=2)} == {1.0}
+        assert {row.success for row in play_all(world, players, (1, 8), distractor_seeds=2)} == {1.0}
 
 
 def test_the_same_command_again_sends_nothing_and_writes_the_same(view_of, stand_in):
@@ -154,9 +154,9 @@ def test_an_agent_is_trained_on_opinions_saved_evaluated_and_explained(view_of, 
     assert "was taught no recipe" in card
     assert "knowledge graph mixed" not in card
     assert len(agent.policy.sources["w"].keys) == 1 + len(load_scorer("models/opinions").opinions)
-    succeed("evaluate-agent", "agent", "--draws", "1")
+    succeed("evaluate-agent", "agent", "--distractor-seeds", "1")
     succeed("explain", "agent", "--goal", "bread", "--episodes", "1")
-    succeed("evaluate-agent", "kitchen", *opinions, "--distractors", "1", "--draws", "1")
+    succeed("evaluate-agent", "kitchen", *opinions, "--distractors", "1", "--distractor-seeds", "1")
     succeed("score", "models/opinions", "_", "combinesWith", "flour")
     succeed("score", "models/opinions", "flour + water")
 

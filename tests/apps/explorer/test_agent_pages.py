@@ -35,11 +35,13 @@ def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agent
     for part in ("train", "test"):
         shown = view_of(agents, Tasks(part=part, run="guided"))
         for row in shown.table.rows[::7]:
-            for draw in range(row.draws):
-                found = view_of(agents, Episode(run="guided", part=part, task=row.number, draw=draw))
+            for distractor_seed in range(row.distractor_seeds):
+                found = view_of(
+                    agents, Episode(run="guided", part=part, task=row.number, distractor_seed=distractor_seed)
+                )
                 episode = found.episode
                 assert (episode.goal, episode.start, episode.plans) == (row.goal, row.start, row.plans)
-                assert (episode.terminations[draw] == "goal") == (episode.first.episode.outcome == "goal")
+                assert (episode.terminations[distractor_seed] == "goal") == (episode.first.episode.outcome == "goal")
             assert episode.terminations.count("goal") == row.won
 
 
@@ -72,7 +74,7 @@ def test_an_episode_is_what_the_agent_explains(agents: Explored, run: str):
     agent = open_agent(agents.runs[run], agents.opened)
     world = World(agents.opened, agent.config.tasks.environment("train"))
     explainer = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
-    state = Episode(run=run, part="train", task=11, draw=2)
+    state = Episode(run=run, part="train", task=11, distractor_seed=2)
     first = view_of(agents, state).episode.first
     assert first == explainer.task(11, 2)
     labels = agents.opened.graph.labels(explainer.drawn(4)[:3])
@@ -84,13 +86,13 @@ def test_an_episode_is_what_the_agent_explains(agents: Explored, run: str):
 
 
 def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
-    shown = view_of(agents, Episode(task=5, draw=1, other=("plain", "mlp", "")))
+    shown = view_of(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp", "")))
     guided, plain, mlp = shown.episode.agents
     assert guided.found.table == plain.found.table == shown.episode.table
     assert plain.found.model == "no_scorer"
     assert (mlp.found, "this mlp was made for" in mlp.problem) == (None, True)
     assert guided.folds == 3
-    assert "cannot be asked: tables of" in look(agents, Episode(task=5, draw=1, other=("plain", "mlp"))).text
+    assert "cannot be asked: tables of" in look(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp"))).text
     small = view_of(agents, Episode(task=5, distractors=2, other=("mlp",)))
     assert small.episode.agents[1].found.table == small.episode.table
     assert small.episode.terminations == ()  # it was evaluated with eight
@@ -100,7 +102,7 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
 
 def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
     episode = PAGES["episode"]
-    state = Episode(part="train", task=9, draw=1, other=("plain",))
+    state = Episode(part="train", task=9, distractor_seed=1, other=("plain",))
     shown, sent = view_of(agents, state).episode, look(agents, state).form("selection")
     edited = view_of(agents, episode.read("", sent)).episode
     assert (edited.is_edited, edited.table) == (True, shown.table)

@@ -47,7 +47,7 @@ OF_AGENTS: tuple[State, ...] = (
     Tasks(depth=3, goal="bread"),
     Tasks(success="never"),
     Episode(),
-    Episode(part="train", task=7, draw=3, other=("plain",)),
+    Episode(part="train", task=7, distractor_seed=3, other=("plain",)),
     Episode(depth=2, task=3, distractors=2, other=("plain", "mlp")),
     Episode(goal="bread", table=("flour", "water", "fire"), selection="water", other=("plain",)),
     Episode(run="mlp", task=2),

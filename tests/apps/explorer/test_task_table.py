@@ -35,7 +35,7 @@ def played(request: pytest.FixtureRequest, opened: OpenedGraph) -> tuple[TaskSet
 def played_at_random(opened: OpenedGraph, depth: int) -> tuple[TaskSet, list[PlayedTask]]:
     """Episodes of chance, as a run records them; of every third task none."""
     world = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=0))
-    success, lines = Evaluator(world, draws=4)(random_entity).success, []
+    success, lines = Evaluator(world, distractor_seeds=4)(random_entity).success, []
     for number in (number for number in range(len(world.tasks)) if number % 3):
         task, won = world.tasks[number], success[number].tolist()
         terminations = tuple("goal" if one else "no_recipe" for one in won)
@@ -86,7 +86,7 @@ def test_without_results_there_are_no_counts(opened: OpenedGraph):
     found = view_task_table(tasks)
     assert (found.counts, {row.won for row in found.rows}) == ({}, {None})
     assert view_task_table(tasks, won="never").rows == ()
-    assert not TaskResults.of(tasks, played_at_random(opened, 1)[1]).draws.any()  # they are of another part
+    assert not TaskResults.of(tasks, played_at_random(opened, 1)[1]).distractor_seeds.any()  # they are of another part
 
 
 def test_drawn_tasks_are_said_to_be_drawn(opened: OpenedGraph):
@@ -123,5 +123,5 @@ def test_the_results_of_a_run_are_those_of_its_evaluation(opened: OpenedGraph, t
     assert summary is not None
     for part in ("train", "test"):
         results = TaskResults.of(make_tasks(opened.graph, 1, opened.split, part), read_episodes(folder))  # type: ignore[arg-type]
-        assert (results.draws == 5).all()
-        assert results.won.sum() / results.draws.sum() == pytest.approx(summary.success[part].mean)  # type: ignore[index]
+        assert (results.distractor_seeds == 5).all()
+        assert results.won.sum() / results.distractor_seeds.sum() == pytest.approx(summary.success[part].mean)  # type: ignore[index]

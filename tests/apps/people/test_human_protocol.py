@@ -285,7 +285,7 @@ def test_wilson_intervals_are_those_of_newcombe_1998_table_1(successes: int, n: 
 def test_the_wilson_interval_holds_the_probabilities_that_a_score_test_does_not_refuse(
     n: int, data: st.DataObject, level: float
 ):
-    successes = data.draw(st.integers(0, n))
+    successes = data.distractor_seed(st.integers(0, n))
     z = NormalDist().inv_cdf((1 + level) / 2)
 
     def is_kept(p: float) -> bool:

@@ -22,10 +22,10 @@ PLAYERS: dict[str, Callable[[OpenedGraph], Player]] = {
 }
 
 
-def picks_of(player: Player, world: World, draws: int) -> dict[tuple[int, int], list[int]]:
+def picks_of(player: Player, world: World, distractor_seeds: int) -> dict[tuple[int, int], list[int]]:
     """Return the slots that a scripted player picks, by task and draw, as an evaluation has them."""
     found: dict[tuple[int, int], list[int]] = {}
-    evaluator = Evaluator(world, draws=draws)
+    evaluator = Evaluator(world, distractor_seeds=distractor_seeds)
     episode = -1
 
     def recording(engine: BatchEngine, rng: np.random.Generator) -> np.ndarray:

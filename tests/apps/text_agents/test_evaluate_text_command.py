@@ -12,7 +12,7 @@ from wordcraft_kg.runs.folder import locked
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PYTHON = shlex.quote(sys.executable)
 PLAYER = f"{PYTHON} -c {shlex.quote(FIRST_TWO)}"
-OPEN = ("--open-ended", "--attempts", "2", "--draws", "2")
+OPEN = ("--open-ended", "--attempts", "2", "--distractor-seeds", "2")
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def test_a_program_plays_all_tasks_and_the_result_is_the_view(play, games):
     success = result_in("out").success
     lines = outcome.out.splitlines()
     assert f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]" in lines[1]
-    assert "63 test tasks of depth 1, 2 distractors, 1 draw each" in lines[2]
+    assert "63 test tasks of depth 1, 2 distractors, 1 distractor seed each" in lines[2]
     assert lines[-1].endswith("reference kitchen --part test --depth 1 --distractors 2 --beside out")
     before = lines_of(games)
     assert len(before) == 64
@@ -81,7 +81,7 @@ def test_an_evaluation_that_was_killed_while_the_header_was_written_begins_anew(
 
 
 def test_the_open_ended_world_is_played_as_often_as_configured(play):
-    result = json.loads(play("--open-ended", "--attempts", "5", "--draws", "2", "--json").out)["result"]
+    result = json.loads(play("--open-ended", "--attempts", "5", "--distractor-seeds", "2", "--json").out)["result"]
     assert (result["games"], result["success"], result["settings"]["part"]) == (2, None, None)
     assert [*result["known"]] == ["1", "5"]
     assert result["known"]["5"] >= len(result["settings"]["base"])
@@ -93,7 +93,7 @@ def test_the_open_ended_world_is_played_as_often_as_configured(play):
         (["kitchn"], "", "Did you mean 'kitchen'"),
         (["kitchen", "--depth", "0"], "depth", "expected a whole number, 1 to 5"),
         (["kitchen", "--attempts", "0"], "attempts", "expected a whole number, 1 to 1000"),
-        (["kitchen", "--draws", "0"], "draws", "expected a whole number, 1 or more"),
+        (["kitchen", "--distractor-seeds", "0"], "distractor_seeds", "expected a whole number, 1 or more"),
         (["kitchen", "--tasks", "0"], "tasks", "expected a whole number, 1 or more"),
         (["kitchen", "--refusals", "-1"], "refusals", "expected a whole number, 0 or more"),
         (["kitchen", "--timeout", "0"], "timeout", "--timeout 0"),

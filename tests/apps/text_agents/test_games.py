@@ -26,12 +26,14 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 
-def play_all(games: TaskGames, draws: int, player: Callable[[int, int], Callable[[str], str]]) -> list[PlayedTask]:
+def play_all(
+    games: TaskGames, distractor_seeds: int, player: Callable[[int, int], Callable[[str], str]]
+) -> list[PlayedTask]:
     """Let a player, by task and draw, play all tasks."""
     played = []
-    for task, draw in product(range(len(games.world.tasks)), range(draws)):
-        talk = Conversation(games.begin(task, draw))
-        played.append(record_of(talk, converse(talk, player(task, draw))))
+    for task, distractor_seed in product(range(len(games.world.tasks)), range(distractor_seeds)):
+        talk = Conversation(games.begin(task, distractor_seed))
+        played.append(record_of(talk, converse(talk, player(task, distractor_seed))))
     return played
 
 
@@ -43,10 +45,10 @@ def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_
     world = World(kitchen, WordCraftConfig(part="test", num_distractors=3, **settings))
     player = PLAYERS[name](kitchen)
     slots = picks_of(player, world, 2)
-    expected = Evaluator(world, draws=2)(player)
+    expected = Evaluator(world, distractor_seeds=2)(player)
 
-    def speaker(task: int, draw: int) -> Callable[[str], str]:
-        actions = iter(slots[task, draw])
+    def speaker(task: int, distractor_seed: int) -> Callable[[str], str]:
+        actions = iter(slots[task, distractor_seed])
         return lambda _: f"{next(actions) + 1} + {next(actions) + 1}"
 
     assert_same(evaluation_of(play_all(TaskGames(world), 2, speaker)), expected)
@@ -60,7 +62,7 @@ def test_a_player_of_the_texts_alone_makes_every_goal(games: TaskGames, kitchen:
         recipes = kitchen.graph.recipe_labels()
         return next(f"{a} + {b}" for a, b, result in recipes if result == lines["Make"] and {a, b} <= table)
 
-    played = play_all(games, 1, lambda task, draw: answer)
+    played = play_all(games, 1, lambda task, distractor_seed: answer)
     assert all(one.success for one in played)
     assert played[0].messages[-1].endswith(f"You made {played[0].goal}.")
 
@@ -89,7 +91,7 @@ def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen: OpenedGrap
 
 def test_many_games_at_once_do_not_touch_each_other(games: TaskGames):
     def begin(task: int) -> Conversation:
-        return Conversation(games.begin(task, draw=1))
+        return Conversation(games.begin(task, distractor_seed=1))
 
     alone = [(talk.opening, talk.hear("1 2")) for talk in map(begin, range(6))]
     talks = [begin(task) for task in range(6)]
@@ -252,7 +254,7 @@ def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen: 
 
 def test_a_figure_over_selected_tasks_is_refused(kitchen: OpenedGraph, games: TaskGames, path: Path):
     count, settings = len(games.world.tasks), PlayedSettings.of_tasks(games.world)
-    write(path, settings, [*all_tasks(games, "1 2"), play(games.begin(0, draw=1), "1 2")])
+    write(path, settings, [*all_tasks(games, "1 2"), play(games.begin(0, distractor_seed=1), "1 2")])
     with pytest.raises(ConfigError, match=f"holds {count + 1} of the {2 * count} games of its test tasks"):
         read_games_result(path, kitchen)
     with pytest.raises(GraphMismatchError):
@@ -267,7 +269,7 @@ def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, path: Pat
         read_games_result(path, kitchen)
     write(path, settings, [play(worlds.begin(), answer, number) for number, answer in enumerate(("1 2", "2 3"))])
     result = read_games_result(path, kitchen)
-    assert (result.games, result.settings.draws, result.success) == (2, 2, None)
+    assert (result.games, result.settings.distractor_seeds, result.success) == (2, 2, None)
     assert result.known[3] >= len(settings.base)
 
 

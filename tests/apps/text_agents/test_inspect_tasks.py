@@ -83,7 +83,9 @@ def turn(messages: Sequence[ChatMessage]) -> int:
 
 def scripted(task: Task, actions: dict[tuple[int, int], list[int]]) -> Answer:
     """Return a model that picks the slots of a scripted player; it recognises a game by the first state."""
-    keys = {sample.input[1].text: (sample.metadata["task"], sample.metadata["draw"]) for sample in task.dataset}
+    keys = {
+        sample.input[1].text: (sample.metadata["task"], sample.metadata["distractor_seed"]) for sample in task.dataset
+    }
     assert len(keys) == len(task.dataset)
 
     def answer(messages: Sequence[ChatMessage]) -> str:
@@ -101,10 +103,12 @@ def metrics_of(log: EvalLog) -> dict[str, float]:
 @pytest.mark.parametrize(
     ("name", "settings", "log_format"),
     [
-        ("random", {"distractors": 1, "draws": 2, "tasks": 16}, "eval"),
-        ("full graph", {"distractors": 3, "draws": 1, "tasks": 16, "depth": 2, "attempts": 3}, "json"),
-        pytest.param("oracle", {"distractors": 8, "draws": 1}, "eval", marks=pytest.mark.slow),
-        pytest.param("random", {"distractors": 1, "draws": 3, "depth": 2, "tasks": 60}, "eval", marks=pytest.mark.slow),
+        ("random", {"distractors": 1, "distractor_seeds": 2, "tasks": 16}, "eval"),
+        ("full graph", {"distractors": 3, "distractor_seeds": 1, "tasks": 16, "depth": 2, "attempts": 3}, "json"),
+        pytest.param("oracle", {"distractors": 8, "distractor_seeds": 1}, "eval", marks=pytest.mark.slow),
+        pytest.param(
+            "random", {"distractors": 1, "distractor_seeds": 3, "depth": 2, "tasks": 60}, "eval", marks=pytest.mark.slow
+        ),
     ],
     ids=["depth 1", "depth 2", "oracle", "many"],
 )
@@ -113,14 +117,16 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
 ):
     amounts = {"depth": settings.get("depth", 1), "max_attempts": settings.get("attempts")}
     config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
-    world, draws, tasks = World(kitchen, config), settings["draws"], settings.get("tasks")
+    world, distractor_seeds, tasks = World(kitchen, config), settings["distractor_seeds"], settings.get("tasks")
     player = PLAYERS[name](kitchen)
-    everything = Evaluator(world, draws=draws)(player)  # a task's table does not depend on the other tasks
+    everything = Evaluator(world, distractor_seeds=distractor_seeds)(
+        player
+    )  # a task's table does not depend on the other tasks
     chosen = chosen_tasks(world, tasks)
     expected = Evaluation(*(getattr(everything, field.name)[chosen] for field in fields(Evaluation)))
     assert 0 < expected.success.mean() < 1 or name == "oracle"
     task = crafting("kitchen", **settings)
-    log = play(task, scripted(task, picks_of(player, world, draws)), log_format=log_format)
+    log = play(task, scripted(task, picks_of(player, world, distractor_seeds)), log_format=log_format)
 
     metrics, figures = metrics_of(log), expected.figures()
     assert metrics["success"] == figures.mean
@@ -131,12 +137,12 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
     result = read_inspect_log(log.location)
     assert (result.success, result.outcomes, result.games) == (figures, expected.shares(), expected.success.size)
     assert (result.player, result.refused) == ("mockllm/model", 0)
-    assert result.settings == PlayedSettings.of_tasks(world, draws=draws, tasks=tasks)
+    assert result.settings == PlayedSettings.of_tasks(world, distractor_seeds=distractor_seeds, tasks=tasks)
     assert log.eval.task_version == texts_hash()[:12]
 
 
 def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(kitchen: OpenedGraph):
-    sample = crafting("kitchen", tasks=3, draws=2).dataset[1]
+    sample = crafting("kitchen", tasks=3, distractor_seeds=2).dataset[1]
     assert (sample.id, sample.target) == ("test-21-0", World(kitchen, WordCraftConfig(part="test")).tasks[21].goal)
     system, user = sample.input
     assert (system.role, user.role) == ("system", "user")
@@ -222,7 +228,7 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play: Pla
 
 
 def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: Path):
-    task = crafting("kitchen", tasks=3, draws=2)
+    task = crafting("kitchen", tasks=3, distractor_seeds=2)
     failing = task.dataset[4].input[1].text
 
     def answer(messages: Sequence[ChatMessage]) -> str:
@@ -273,7 +279,7 @@ def test_other_logs_and_files_are_refused(play: Play, tmp_path: Path):
         (crafting, {"distractors": -1}, "distractors", "expected a whole number, 0 or more"),
         (crafting, {"depth": 2, "attempts": 1}, "attempts", "expected a whole number, 2 to"),
         (crafting, {"depth": "two"}, "depth", "expected a whole number, 1 to 5"),
-        (crafting, {"draws": 0}, "draws", "0"),
+        (crafting, {"distractor_seeds": 0}, "distractor_seeds", "0"),
         (crafting, {"tasks": 0}, "tasks", "expected a whole number, 1 or more"),
         (crafting, {"refusals": -1}, "refusals", "-1"),
         (crafting, {"knowledge": "full"}, "knowledge", "'full'"),

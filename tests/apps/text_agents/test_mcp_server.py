@@ -101,7 +101,7 @@ def served(host: HostedGames) -> Iterator[str]:
 @pytest.mark.parametrize("mode", MODES)
 def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_digit(world: World, mode: str):
     slots = picks_of(random_distinct, world, 1)
-    expected = Evaluator(world, draws=1)(random_distinct)
+    expected = Evaluator(world, distractor_seeds=1)(random_distinct)
     host, played = hosted(), []
     host.keep = lambda over: played.append(record_of(over.talk, over.messages))
 
@@ -234,7 +234,7 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
     path, host = tmp_path / "new" / "games.jsonl", hosted()
     header = header_of(host)
     with kept_games(path, header) as host.keep:
-        first = host.begin(5, draw=2)
+        first = host.begin(5, distractor_seed=2)
         host.begin(6)  # never played
         with pytest.raises(ValueError, match="unicorn"):
             first.combine("unicorn", "1")
@@ -246,7 +246,7 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
         host.begin(7).end()
     one, two = games_of(path)
     thing = one.table[0]
-    assert (one.task, one.draw, one.success, one.termination, one.refused) == (5, 2, False, "same_twice", 1)
+    assert (one.task, one.distractor_seed, one.success, one.termination, one.refused) == (5, 2, False, "same_twice", 1)
     refusal = "'unicorn': expected 1 to 5, one of the words, or the beginning of one."
     assert one.messages[1:4] == ("unicorn + 1", refusal, "1 + 1")
     assert one.messages[4].startswith(f"{thing} + {thing} -> ")
@@ -291,7 +291,7 @@ def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path: Path):
 
 async def transcript(call: Call, task: int) -> list[Any]:
     """Play a task and return all replies without the game's id."""
-    text, begun = await call("begin", task=task, draw=1)
+    text, begun = await call("begin", task=task, distractor_seed=1)
     assert begun is not None
     game = begun["game"]
     invalid = await call("combine", game=game, first="nonsense", second=1)

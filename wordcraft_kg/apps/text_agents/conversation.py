@@ -148,12 +148,12 @@ class Play:
         tasks = TaskGames(World(opened, settings.environment))
         return cls(tasks, PlayedSettings.of_tasks(tasks.world, **rules), knowledge)
 
-    def begin(self, task: int = 0, draw: int = 0) -> Conversation:
+    def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
         """Begin a game.
 
         Raises:
             ConfigError: if the task or draw does not exist.
         """
         rules = self.settings
-        game = self.games.begin(task, draw)
+        game = self.games.begin(task, distractor_seed)
         return Conversation(game, self.knowledge, refusals=rules.refusals, look_ups=rules.look_ups)

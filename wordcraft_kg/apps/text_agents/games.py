@@ -93,7 +93,7 @@ class TaskGame(Game):
     """A crafting task at an evaluation table.
 
     Attributes:
-        draw: index of the distractor draw.
+        distractor_seed: index of the distractor draw.
         start: initial labels on the table.
         is_made: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
@@ -104,12 +104,12 @@ class TaskGame(Game):
     goal: str
     tasks: TaskSet
 
-    def __init__(self, env: WordCraftEnv, tables: EvaluationTables, task: int, draw: int):
+    def __init__(self, env: WordCraftEnv, tables: EvaluationTables, task: int, distractor_seed: int):
         """Begin a game in an unshared environment."""
         super().__init__(env.world.graph, "goal")
-        self.tasks, self.task, self.draw = env.tasks, task, draw
+        self.tasks, self.task, self.distractor_seed = env.tasks, task, distractor_seed
         self._env = env
-        env.reset(options={"task": task, "table": tables.table(task, draw)})
+        env.reset(options={"task": task, "table": tables.table(task, distractor_seed)})
         self.goal = self.graph.entities[env.state.goal]
         self.start = self.labels
         self.is_made = self.by_plan = False
@@ -167,13 +167,13 @@ class TaskGames:
         self.world, self.graph = world, world.graph
         self._env, self._tables = WordCraftEnv(world), EvaluationTables(world)
 
-    def begin(self, task: int = 0, draw: int = 0) -> TaskGame:
+    def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
         """Begin a task, by index, with a distractor draw.
 
         Raises:
             ConfigError: if the task or draw does not exist.
         """
-        return TaskGame(copy.copy(self._env), self._tables, task, draw)
+        return TaskGame(copy.copy(self._env), self._tables, task, distractor_seed)
 
 
 class DiscoveryGame(Game):
@@ -236,7 +236,7 @@ class DiscoveryGames:
         self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
         self.graph = self.env.graph
 
-    def begin(self, task: int = 0, draw: int = 0) -> DiscoveryGame:
+    def begin(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:
         """Begin a game; all tasks and draws are alike."""
         env = copy.copy(self.env)
         env.discovery = copy.copy(self.env.discovery)

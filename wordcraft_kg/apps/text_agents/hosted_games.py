@@ -102,14 +102,14 @@ class HostedGames:
         self.keep: Callable[[HostedGame], None] = lambda game: None
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
-    def begin(self, task: int = 0, draw: int = 0) -> HostedGame:
+    def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
         """Begin a game.
 
         Raises:
             ConfigError: if the task or draw does not exist.
         """
         name = secrets.token_urlsafe(9)  # cannot be guessed from another one
-        hosted = self._hosted[name] = HostedGame(name, self.play.begin(task, draw), self.keep)
+        hosted = self._hosted[name] = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
         while len(self._hosted) > self._most:
             self._hosted.popitem(last=False)
         return hosted

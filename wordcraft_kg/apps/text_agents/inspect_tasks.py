@@ -66,7 +66,7 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
 
 
 @task
-@_with_parameters("part", "depth", "distractors", "attempts", "draws", "tasks", *_RULES)
+@_with_parameters("part", "depth", "distractors", "attempts", "distractor_seeds", "tasks", *_RULES)
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
     """Make the goal from entities on the table: the tasks and tables for agents.
 
@@ -82,8 +82,14 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
         assert isinstance(play.games, TaskGames)
         tasks = play.games.world.tasks
         samples = [
-            _sample(f"{rules.part}-{number}-{draw}", play, task=number, draw=draw, goal=tasks[number].goal)
-            for draw in range(rules.draws)
+            _sample(
+                f"{rules.part}-{number}-{distractor_seed}",
+                play,
+                task=number,
+                distractor_seed=distractor_seed,
+                goal=tasks[number].goal,
+            )
+            for distractor_seed in range(rules.distractor_seeds)
             for number in chosen_tasks(play.games.world, rules.tasks).tolist()
         ]
         return _task(play, samples, f"{rules.graph}, {rules.part}", goal_made())
@@ -101,10 +107,10 @@ def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **se
         # Inspect parses labels such as `1` and `true` as a number and a truth value.
         labels = base if isinstance(base, list | tuple) else [base]
         start = None if base is None else [str(label) for label in labels]
-        play = _open(discovery, graph, settings, open_ended=True, base=start, draws=games)
+        play = _open(discovery, graph, settings, open_ended=True, base=start, distractor_seeds=games)
         rules = play.settings
         about = {"attempts": rules.attempts, "known_at_start": len(rules.base)}
-        samples = [_sample(f"world-{game}", play, draw=game, **about) for game in range(games)]
+        samples = [_sample(f"world-{game}", play, distractor_seed=game, **about) for game in range(games)]
         return _task(play, samples, rules.graph, things_known())
 
 
@@ -119,11 +125,13 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
         raise refuse("graph", graph, "a graph folder, a recipe book's file, or the name of a known book")
     scorer = given.get("scorer")
     settings = EvaluationSettings(**{**given, **own, "scorer": scorer and Path(str(scorer))})
-    return Play.open(graph, settings, draws=settings.draws, tasks=settings.tasks, refusals=settings.refusals)
+    return Play.open(
+        graph, settings, distractor_seeds=settings.distractor_seeds, tasks=settings.tasks, refusals=settings.refusals
+    )
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
-    talk = play.begin(about.get("task", 0), about["draw"])
+    talk = play.begin(about.get("task", 0), about["distractor_seed"])
     hashes = {name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "texts")}
     opening: list[ChatMessage] = [ChatMessageSystem(content=talk.rules), ChatMessageUser(content=talk.game.state)]
     return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
@@ -153,7 +161,7 @@ def conversation(play: Play) -> Solver:
     """Let a model play until the game is over, or until an Inspect limit."""
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
-        talk = play.begin(state.metadata.get("task", 0), state.metadata["draw"])
+        talk = play.begin(state.metadata.get("task", 0), state.metadata["distractor_seed"])
         try:
             state = await generate(state)
             reply = talk.hear(state.output.completion)
@@ -164,7 +172,7 @@ def conversation(play: Play) -> Solver:
         finally:  # also on a limit, which Inspect raises as an error
             is_finished = talk.is_over
             talk.game.end()
-            played = as_values(record_of(talk, [], state.metadata["draw"]))
+            played = as_values(record_of(talk, [], state.metadata["distractor_seed"]))
             del played["messages"]  # they are in Inspect's log
             state.store.set(_PLAYED, {**played, UNFINISHED: not is_finished, VERDICT: talk.game.state})
         return state
@@ -180,9 +188,9 @@ def crafting_figures() -> Metric:
         if not scores:
             return {}
         played = [_played(one, PlayedTask) for one in scores]
-        tasks, draws = {one.task for one in played}, {one.draw for one in played}
+        tasks, distractor_seeds = {one.task for one in played}, {one.distractor_seed for one in played}
         # The interval over tasks needs all draws of each task.
-        success = evaluation_of(played).figures() if len(played) == len(tasks) * len(draws) else None
+        success = evaluation_of(played).figures() if len(played) == len(tasks) * len(distractor_seeds) else None
 
         def mean(name: str) -> float:
             return sum(getattr(one, name) for one in played) / len(played)

@@ -193,8 +193,10 @@ def _add_begin_task(server: MCPServer[Any], hosted: HostedGames, last: int) -> N
     what = Field(ge=0, le=MAX_SIZE, description="number of the draw of what else is on the table")
 
     @server.tool(title="Begin a game", description=_TOOLS["begin"].format(first=0, last=last), annotations=_PLAYS)
-    async def begin(task: Annotated[int, which], draw: Annotated[int, what] = 0) -> Annotated[CallToolResult, Begun]:
-        return _begun(hosted.begin(task, draw))
+    async def begin(
+        task: Annotated[int, which], distractor_seed: Annotated[int, what] = 0
+    ) -> Annotated[CallToolResult, Begun]:
+        return _begun(hosted.begin(task, distractor_seed))
 
 
 def _begun(hosted: HostedGame) -> CallToolResult:

@@ -40,20 +40,22 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
     """
     path, settings = folder / GAMES_FILE, play.settings
     tasks = chosen_tasks(play.games.world, settings.tasks).tolist() if isinstance(play.games, TaskGames) else [0]
-    missing = dict.fromkeys((task, draw) for draw in range(settings.draws) for task in tasks)
+    missing = dict.fromkeys(
+        (task, distractor_seed) for distractor_seed in range(settings.distractor_seeds) for task in tasks
+    )
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "written"):
         played = open_games(path, GamesHeader(player=player, settings=settings))
         for line, one in enumerate(played, 2):
-            key = (one.task, one.draw) if isinstance(one, PlayedTask) else (0, one.game)
+            key = (one.task, one.distractor_seed) if isinstance(one, PlayedTask) else (0, one.game)
             if key not in missing:
                 raise ArtefactError(
                     f"{path}, line {line}, is damaged: its game is there twice, or not asked for. Remove the line."
                 )
             del missing[key]
-        for task, draw in steps("playing", missing):
-            talk = play.begin(task, draw)
-            played.append(record_of(talk, converse(talk, speak(talk)), draw))
+        for task, distractor_seed in steps("playing", missing):
+            talk = play.begin(task, distractor_seed)
+            played.append(record_of(talk, converse(talk, speak(talk)), distractor_seed))
             append_game(path, played[-1])
         result = result_of(player, settings, played)
         write_atomically(folder / RESULT_FILE, dump_json(as_values(result)))

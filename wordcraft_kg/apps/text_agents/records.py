@@ -38,7 +38,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     distractors: Count | None
     attempts: Count
     base: tuple[str, ...] = ()
-    draws: Count = 1
+    distractor_seeds: Count = 1
     tasks: Count | None = None
     knowledge: KnowledgeKind = "none"
     scorer: Hash | None = None
@@ -86,7 +86,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
 
     Attributes:
         task: task index in the part.
-        draw: index of the distractor draw.
+        distractor_seed: index of the distractor draw.
         table: initial labels on the table.
         by_plan: whether a plan's last pair made the goal.
         actions: picks until the end.
@@ -98,7 +98,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     """
 
     task: Count
-    draw: Count
+    distractor_seed: Count
     goal: str
     table: tuple[str, ...]
     success: bool

@@ -69,7 +69,15 @@ def _task_rows(
                 f"add them to --distractors {','.join(map(str, columns))}."
             )
         figures = figures_of({amount: (success.mean, success.ci_low, success.ci_high)})
-        row = _row(path, result, play, figures, interval=OVER_TASKS, tasks=success.tasks, draws=success.draws)
+        row = _row(
+            path,
+            result,
+            play,
+            figures,
+            interval=OVER_TASKS,
+            tasks=success.tasks,
+            distractor_seeds=success.distractor_seeds,
+        )
         # A player that has played the same twice, such as one that draws at random, has a row for each time.
         same = result.player, msgspec.structs.replace(settings, distractors=None)
         times = ((*same, time) for time in count())

@@ -49,7 +49,7 @@ def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> P
     assert isinstance(game, TaskGame)
     return PlayedTask(
         task=game.task,
-        draw=game.draw,
+        distractor_seed=game.distractor_seed,
         goal=game.goal,
         table=game.start,
         success=game.is_made,
@@ -84,11 +84,11 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
     tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
-    draws = sorted({one.draw for one in played})
-    shape = len(tasks), len(draws)
+    distractor_seeds = sorted({one.distractor_seed for one in played})
+    shape = len(tasks), len(distractor_seeds)
     if len(played) != shape[0] * shape[1]:
         raise ValueError(f"{len(played)} games of {shape[0]} tasks with {shape[1]} draws: expected all of them")
-    games = sorted(played, key=lambda one: (one.task, one.draw))
+    games = sorted(played, key=lambda one: (one.task, one.distractor_seed))
     return Evaluation(
         tasks,
         np.array([one.success for one in games], dtype=bool).reshape(shape),
@@ -160,15 +160,17 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
     if settings.part is None or settings.depth is None or settings.distractors is None:
         if not played:
             raise ConfigError(f"'{path}' holds no game that is over.")
-        return result_of(header.player, msgspec.structs.replace(settings, draws=len(played)), played)
+        return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=len(played)), played)
     tasks = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
     world = World(opened, tasks.environment)
-    first = {(one.task, one.draw): one for one in reversed(played) if isinstance(one, PlayedTask)}
-    draws = 1 + max((draw for _, draw in first), default=0)
-    needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(draws)))
+    first = {(one.task, one.distractor_seed): one for one in reversed(played) if isinstance(one, PlayedTask)}
+    distractor_seeds = 1 + max((distractor_seed for _, distractor_seed in first), default=0)
+    needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(distractor_seeds)))
     if set(first) != needed:
         raise ConfigError(
             f"'{path}' holds {len(needed & set(first)):,} of the {len(needed):,} games of its {settings.part} tasks: "
             "expected each task with each draw. There is no figure for selected tasks."
         )
-    return result_of(header.player, msgspec.structs.replace(settings, draws=draws), [*first.values()])
+    return result_of(
+        header.player, msgspec.structs.replace(settings, distractor_seeds=distractor_seeds), [*first.values()]
+    )

@@ -94,19 +94,19 @@ class EvaluationSettings(GameSettings):
     """Games on which a text agent is evaluated.
 
     Attributes:
-        draws: distractor draws per task; number of games with --open-ended.
+        distractor_seeds: distractor draws per task; number of games with --open-ended.
         tasks: maximum task count, evenly spaced over the part. Default: all.
         refusals: consecutive invalid answers without cost; the next one costs the attempt.
     """
 
-    draws: int = 1
+    distractor_seeds: int = 1
     tasks: int | None = None
     refusals: int = REFUSALS
     _of_tasks: ClassVar[tuple[str, ...]] = (*GameSettings._of_tasks, "tasks")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        whole("draws", self.draws, 1, MAX_SIZE)
+        whole("distractor_seeds", self.distractor_seeds, 1, MAX_SIZE)
         if self.tasks is not None:
             whole("tasks", self.tasks, 1, MAX_SIZE)
         whole("refusals", self.refusals, 0, MAX_SIZE)

@@ -32,7 +32,7 @@ class Episode(State):
         other: agents for comparison.
         depth: fewest attempts that solve the task; 0 for the agent's training depth.
         task: number of the task in its depth and part.
-        draw: draw of distractors.
+        distractor_seed: draw of distractors.
         distractors: number of distractors; below 0 for as many as in training.
     """
 
@@ -41,7 +41,7 @@ class Episode(State):
     part: AskedPart = ""
     depth: AskedDepth = 0
     task: int = 0
-    draw: int = 0
+    distractor_seed: int = 0
     distractors: int = -1
     goal: str = ""
     table: tuple[str, ...] = ()
@@ -83,7 +83,7 @@ class EpisodeView(Record):
     distractors: Count
     task: Count
     tasks: Count
-    draw: Count
+    distractor_seed: Count
     terminations: tuple[TerminationReason, ...]
     start: tuple[str, ...]
     plans: tuple[tuple[Recipe, ...], ...]
@@ -105,7 +105,7 @@ class ShownEpisode(Record):
     """An episode with the choices on its page: agents, draws, training distractors, slots in each pick."""
 
     runs: tuple[str, ...]
-    draws: Count
+    distractor_seeds: Count
     trained_with: Count
     most_slots: Count
     episode: EpisodeView
@@ -132,7 +132,7 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
         distractors=world.config.num_distractors,
         task=state.task,
         tasks=len(world.tasks),
-        draw=state.draw,
+        distractor_seed=state.distractor_seed,
         terminations=_terminations(run, world, state.task),
         start=task.start,
         plans=task.plans,
@@ -143,8 +143,8 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
         agents=tuple(agents),
     )
     steps = sum(len(agent.found.episode.steps) for agent in agents if agent.found)
-    draws, most_slots = max(DRAWS, len(episode.terminations)), max(MOST_ROWS // steps, 4)
-    return ShownEpisode(tuple(explored.runs), draws, tasks.distractors, most_slots, episode)
+    distractor_seeds, most_slots = max(DRAWS, len(episode.terminations)), max(MOST_ROWS // steps, 4)
+    return ShownEpisode(tuple(explored.runs), distractor_seeds, tasks.distractors, most_slots, episode)
 
 
 def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable:
@@ -155,9 +155,9 @@ def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable
 def _picks(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
     explainer, graph = run.explainer(world), world.graph
     if not state.is_edited:
-        return explainer.task(state.task, state.draw)
+        return explainer.task(state.task, state.distractor_seed)
     goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
-    table = [_label(graph, label) for label in state.labels] or explainer.drawn(state.task, state.draw)
+    table = [_label(graph, label) for label in state.labels] or explainer.drawn(state.task, state.distractor_seed)
     selection = _label(graph, state.selection) if state.selection else None
     return explainer.table(goal, table, selection, like=state.task)
 

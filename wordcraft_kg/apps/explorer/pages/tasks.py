@@ -51,7 +51,7 @@ class ListedTask(Record):
     start: tuple[str, ...]
     plans: tuple[tuple[Recipe, ...], ...]
     won: Count | None
-    draws: Count | None
+    distractor_seeds: Count | None
 
 
 class TaskTable(Record):
@@ -90,7 +90,7 @@ class TaskResults:
     """An agent's won and played draws for N tasks, shape (N,), int64."""
 
     won: Ids
-    draws: Ids
+    distractor_seeds: Ids
 
     @classmethod
     def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
@@ -109,12 +109,15 @@ class TaskResults:
             padding = [nothing] * (width - len(start))
             place = number.get(np.array([goal, *sorted(start), *padding], dtype=np.int64).tobytes())
             if place is not None:
-                results.won[place], results.draws[place] = played.terminations.count("goal"), len(played.terminations)
+                results.won[place], results.distractor_seeds[place] = (
+                    played.terminations.count("goal"),
+                    len(played.terminations),
+                )
         return results
 
     def where(self, won: Won) -> NDArray[np.bool_]:
         """Return the tasks with a result, shape (N,), bool."""
-        is_played, is_always, is_never = self.draws > 0, self.won == self.draws, self.won == 0
+        is_played, is_always, is_never = self.distractor_seeds > 0, self.won == self.distractor_seeds, self.won == 0
         return {
             "any": np.ones_like(is_played),
             "always": is_played & is_always,
@@ -129,7 +132,7 @@ def view_task_table(
     """List tasks page by page, optionally filtered by goal or by an agent's result."""
     results = results or TaskResults(*np.zeros((2, len(tasks)), dtype=np.int64))
     is_asked = np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
-    kinds: tuple[Won, ...] = ("always", "sometimes", "never") if results.draws[is_asked].any() else ()
+    kinds: tuple[Won, ...] = ("always", "sometimes", "never") if results.distractor_seeds[is_asked].any() else ()
     chosen = np.flatnonzero(is_asked & results.where(won))
     shown = paging(len(chosen), page, TASKS_A_PAGE)
     return TaskTable(
@@ -147,8 +150,8 @@ def view_task_table(
 
 
 def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
-    task, draws = tasks[number], int(results.draws[number])
-    won = (int(results.won[number]), draws) if draws else (None, None)
+    task, distractor_seeds = tasks[number], int(results.distractor_seeds[number])
+    won = (int(results.won[number]), distractor_seeds) if distractor_seeds else (None, None)
     return ListedTask(number, task.goal, task.start, task.plans, *won)
 
 

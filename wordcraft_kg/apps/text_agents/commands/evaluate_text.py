@@ -57,7 +57,7 @@ def evaluate_text(
 
     if name is not None and (not name.strip() or not name.isprintable() or len(name) > _LONGEST_NAME):
         raise ConfigError(f"--name {name[:_LONGEST_NAME]!r}: expected 1 to {_LONGEST_NAME} characters on one line.")
-    rules = {"draws": settings.draws, "tasks": settings.tasks, "refusals": settings.refusals}
+    rules = {"distractor_seeds": settings.distractor_seeds, "tasks": settings.tasks, "refusals": settings.refusals}
     play = Play.open(graph, settings, **rules)
     with LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
@@ -110,7 +110,7 @@ def _figures(result: "TextResult") -> list[tuple[str, str]]:
             "success",
             f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]   by plan {success.by_plan:.3f}",
         ),
-        ("over", f"{tasks}, {distractors}, {counted(success.draws, 'draw')} each"),
+        ("over", f"{tasks}, {distractors}, {counted(success.distractor_seeds, 'distractor seed')} each"),
         ("terminations", ", ".join(terminations)),
     ]
 

@@ -88,7 +88,7 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
         recipe = (row["ingredient_a"], row["ingredient_b"], row["result"])
         assert row["known"] == parts.get((*sorted(recipe[:2]), recipe[2]), "new")
         assert row["memory"] == (row["known"] == "train")
-        evidence = scorer.speaking_for(*recipe, limit=3)
+        evidence = scorer.supporting_recipes(*recipe, limit=3)
         assert [tuple(one.values()) for one in row["because"]] == [
             (*one.recipe, pytest.approx(one.weight), pytest.approx(one.share)) for one in evidence
         ]

@@ -423,7 +423,7 @@ def _evidence(policy: Policy, state: States, graph: RecipeGraph) -> list[SlotEvi
         assert isinstance(source, Source)
         for slot, evidence in enumerate(source.evidence(*state)):
             if evidence is not None and result[slot] is None:
-                because = tuple(Witness.of(recipe, graph.entities) for recipe in evidence.speaking)
+                because = tuple(Witness.of(recipe, graph.entities) for recipe in evidence.supporting)
                 result[slot] = SlotEvidence(name, graph.entities[evidence.partner], because)
     return result
 

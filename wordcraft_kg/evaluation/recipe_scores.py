@@ -19,7 +19,7 @@ from wordcraft_kg.models.scorers.queries import RecipeQuery
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 _Key = tuple[int, int, int]
-_SPEAKING = 3
+_SUPPORT = 3
 """Supporting recipes of each recipe."""
 _LEAST_SHARE = 0.01
 """Least share of the shown evidence."""
@@ -139,7 +139,7 @@ class RecipeScoring:
         """Yield recipes with their parts and supporting recipes."""
         for row, score, known, memory in zip(rows, scores, self.known(rows), self.memory(rows), strict=True):
             a, b, result = self.labels(row)
-            because = tuple(self.scorer.speaking_for(a, b, result, limit=_SPEAKING))
+            because = tuple(self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT))
             yield ScoredRecipe(a, b, result, score, known, memory, because, None)
 
     def labels(self, row: Ids) -> tuple[str, str, str]:

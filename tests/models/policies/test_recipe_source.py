@@ -126,9 +126,9 @@ def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(
             score = float(model.score_recipes(entity, told.partner, int(one.goal)))
             assert score == pytest.approx(expected[slot], abs=1e-3)
             labels = [model.entities[part] for part in (entity, told.partner, int(one.goal))]
-            spoken = [tuple(model.entities[part] for part in speaking.recipe) for speaking in told.speaking]
-            assert spoken == [tuple(witness.recipe) for witness in model.speaking_for(*labels, limit=3)]
-            assert not plans & {speaking.recipe for speaking in told.speaking}
+            spoken = [tuple(model.entities[part] for part in supporting.recipe) for supporting in told.supporting]
+            assert spoken == [tuple(witness.recipe) for witness in model.supporting_recipes(*labels, limit=3)]
+            assert not plans & {supporting.recipe for supporting in told.supporting}
     assert seen == {0, 1, 2}
 
 
@@ -137,7 +137,7 @@ def test_the_partner_of_a_slot_is_the_entity_held(w: Source):
     goal, selection, table = torch.tensor([7]), torch.tensor([3]), torch.tensor([[3, 4, nothing, 5]])
     evidence = w.evidence(goal, selection, table, limit=2)
     assert [told and told.partner for told in evidence] == [3, 3, None, 3]
-    assert all(len(told.speaking) <= 2 for told in evidence if told)
+    assert all(len(told.supporting) <= 2 for told in evidence if told)
 
 
 def test_sources_of_links_have_no_evidence_and_a_scorer_of_links_has_no_w(scorer: RecipeScorer):

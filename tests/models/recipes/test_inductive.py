@@ -122,7 +122,7 @@ def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder, scorer):
     scores = more.score_recipes("naan", "cheese", list(more.entities))
     assert scores.shape == (len(scorer.entities) + len(NEW),)
     assert torch.isfinite(scores).all()
-    assert all("naan" not in witness.recipe for witness in more.speaking_for("naan", "cheese", "sandwich"))
+    assert all("naan" not in witness.recipe for witness in more.supporting_recipes("naan", "cheese", "sandwich"))
 
 
 def test_a_label_is_known_by_some_of_its_words(folder, scorer):

@@ -159,8 +159,8 @@ def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, ope
         assert isinstance(left_out, RecipeScorer)
         seen = opened.graph.recipes[folds.seen([fold])]
         np.testing.assert_array_equal(left_out.recipes, seen)
-        speaking = {tuple(recipe) for recipe in left_out.knowledge.speaking[0, :-1].flatten(0, 1).tolist()}
-        assert speaking <= {tuple(recipe) for recipe in seen.tolist()}
+        supporting = {tuple(recipe) for recipe in left_out.knowledge.supporting[0, :-1].flatten(0, 1).tolist()}
+        assert supporting <= {tuple(recipe) for recipe in seen.tolist()}
         np.testing.assert_array_equal(scorer.trained_on(fold, opened.graph), folds.triples([fold]))
 
 
@@ -191,7 +191,7 @@ def test_the_scorer_of_another_fold_is_a_leak(spoilt, book):
         lambda tensors: tensors.__setitem__("fold1.pairs", torch.zeros(1, 2, 2, 3).half()),
         lambda tensors: tensors.__setitem__("fold1.first", torch.zeros(())),
         lambda tensors: tensors.__setitem__("fold1.recipes", tensors["fold1.recipes"].long()),
-        lambda tensors: tensors["fold1.speaking"].fill_(99),
+        lambda tensors: tensors["fold1.supporting"].fill_(99),
     ],
 )
 def test_a_missing_or_damaged_fold_is_named(spoilt, change):

@@ -58,7 +58,7 @@ def slow_features(known: RecipeKnowledge, a: int, b: int, goal: int, model: int)
     words, alike, counts = known.words.double(), known.alike[model].double(), known.counts[model].double()
     results = known.results[model, int(known.numbers[model, a, b])].tolist()
     evidence = words_evidence = 0.0
-    for one, other, result in known.speaking[model, goal].tolist():
+    for one, other, result in known.supporting[model, goal].tolist():
         k, t = (lambda x, y: float(alike[x, y])), (lambda x, y: max(float(words[x, y]), 0) ** 4)
         evidence += k(goal, result) * (k(a, one) * k(b, other) + k(b, one) * k(a, other))
         words_evidence += t(goal, result) * (t(a, one) * t(b, other) + t(b, one) * t(a, other))
@@ -104,13 +104,13 @@ def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(kno
         uses = sum((a == entity) + (b == entity) for a, b, _ in recipes)
         made = sum(result == entity for _, _, result in recipes)
         assert known.counts[0, entity].tolist() == pytest.approx([math.log1p(uses), math.log1p(made)])
-        speaking = [tuple(recipe) for recipe in known.speaking[0, entity].tolist()]
-        assert len(set(speaking)) == EVIDENCE
+        supporting = [tuple(recipe) for recipe in known.supporting[0, entity].tolist()]
+        assert len(set(supporting)) == EVIDENCE
         # The recipes of the results most like it; there are more recipes of some entities than may speak.
         likeness = {tuple(recipe): float(alike[entity, recipe[2]]) for recipe in recipes}
-        left_out = [likeness[recipe] for recipe in likeness if recipe not in speaking]
-        assert max(left_out) <= min(likeness[recipe] for recipe in speaking) + 1e-3
-        assert sum(recipe[2] == entity for recipe in speaking) == min(made, EVIDENCE)
+        left_out = [likeness[recipe] for recipe in likeness if recipe not in supporting]
+        assert max(left_out) <= min(likeness[recipe] for recipe in supporting) + 1e-3
+        assert sum(recipe[2] == entity for recipe in supporting) == min(made, EVIDENCE)
     for a, b in product(range(SIZE), repeat=2):
         made_of = {result for one, other, result in recipes if {a, b} == {one, other}}
         assert set(known.results[0, known.numbers[0, a, b]].tolist()) - {SIZE} == made_of
@@ -165,14 +165,14 @@ def test_those_who_speak_are_the_terms_of_the_evidence(num_recipes: int):
     recipes = {tuple(row) for row in random_graph(1, SIZE, num_recipes).recipes.tolist()}
     for a, b, goal in ((0, 1, 2), (3, 3, 4), (5, 6, 5), *list(recipes)[:3]):
         terms = {}
-        for one, other, result in stack.speaking[1, goal].tolist():
+        for one, other, result in stack.supporting[1, goal].tolist():
             k = [float(stack.alike[1][cell]) for cell in ((a, one), (b, other), (a, other), (b, one), (goal, result))]
             k = [max(cell, 0) for cell in k]
             both = max(min(k[0], 1) * min(k[1], 1), min(k[2], 1) * min(k[3], 1))
             terms[one, other, result] = (k[4] * (k[0] * k[1] + k[2] * k[3]), min(k[4], 1) * both)
         total = sum(term for term, _ in terms.values())
-        found = stack.speaking_for(a, b, goal, model=1, limit=EVIDENCE)
-        assert stack.speaking_for(b, a, goal, model=1, limit=EVIDENCE) == found
+        found = stack.supporting_recipes(a, b, goal, model=1, limit=EVIDENCE)
+        assert stack.supporting_recipes(b, a, goal, model=1, limit=EVIDENCE) == found
         assert [one.recipe for one in found] == [one.recipe for one in sorted(found, key=lambda one: -one.share)]
         assert {one.recipe for one in found} == {recipe for recipe, (_, weight) in terms.items() if weight > 0}
         for one in found:
@@ -182,4 +182,4 @@ def test_those_who_speak_are_the_terms_of_the_evidence(num_recipes: int):
         assert sum(one.share for one in found) == pytest.approx(1 if found else 0, abs=1e-4)
         if (a, b, goal) in recipes:
             assert (found[0].recipe, found[0].weight) == ((a, b, goal), 1)
-        assert stack.speaking_for(a, b, goal, model=1, limit=2) == found[:2]
+        assert stack.supporting_recipes(a, b, goal, model=1, limit=2) == found[:2]

@@ -63,7 +63,7 @@ def test_a_scorer_made_from_its_tensors_scores_the_same(scorer: RecipeScorer):
     again = RecipeScorer(scorer.tensors(), scorer.entities, scorer.graph_hash)
     a, b, results = torch.randint(len(scorer.entities), (3, 200), generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(again.score_recipes(a, b, results), scorer.score_recipes(a, b, results), rtol=0, atol=0)
-    assert again.speaking_for("flour", "water", "dough") == scorer.speaking_for("flour", "water", "dough")
+    assert again.supporting_recipes("flour", "water", "dough") == scorer.supporting_recipes("flour", "water", "dough")
 
 
 def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others(
@@ -72,13 +72,13 @@ def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others
     known = {Recipe(*kitchen.labels(row)) for row in scorer.recipes.tolist()}
     row = next(row for row, fold in enumerate(cross_fitted.of_recipe) if fold == 1)
     a, b, result = kitchen.labels(kitchen.recipes[row])
-    first, *others = scorer.speaking_for(a, b, result)
+    first, *others = scorer.supporting_recipes(a, b, result)
     assert (first.recipe, first.weight) == ((a, b, result), 1)
     assert [one.share for one in others] == sorted((one.share for one in others), reverse=True)
-    assert scorer.speaking_for(b, a, result) == [first, *others]
-    found = cross_fitted.left_out(1).speaking_for(a, b, result, limit=100)
+    assert scorer.supporting_recipes(b, a, result) == [first, *others]
+    found = cross_fitted.left_out(1).supporting_recipes(a, b, result, limit=100)
     assert found
     assert {one.recipe for one in found} <= known - {Recipe(a, b, result)}
     assert all(0 < one.weight <= 1 and 0 < one.share <= 1 for one in found)
     with pytest.raises(UnknownEntityError, match="waater"):
-        scorer.speaking_for("waater", b, result)
+        scorer.supporting_recipes("waater", b, result)

@@ -90,7 +90,7 @@ class OpinionScorer(StoredScorer):
         ids = torch.broadcast_tensors(*(self.entity_ids(part) for part in (ingredients, others, results)))
         return weights_of(torch.stack(ids, dim=-1), self._keys, self._weights, len(self.entities))
 
-    def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
+    def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
         """Return an empty list, because opinions have no supporting recipes."""
         self.entity_ids([ingredient, other, result])
         return []

@@ -56,7 +56,7 @@ _WORDS_POWER = 4
 """Power of word cosines in the evidence; only near synonyms count."""
 
 
-class Speaking(NamedTuple):
+class Support(NamedTuple):
     """A recipe that supports another recipe.
 
     Attributes:
@@ -86,7 +86,7 @@ class RecipeKnowledge(nn.Module):
         alike: shape (M, E + 1, E + 1), half: k.
         words: shape (E + 1, E + 1), half: word cosines.
         counts: shape (M, E + 1, 2): log(1 + recipes) that use, and that make, an entity.
-        speaking: shape (M, E + 1, R, 3), int16: recipes with results most similar to a goal, padded with E.
+        supporting: shape (M, E + 1, R, 3), int16: recipes with results most similar to a goal, padded with E.
         first, first_bias, second, bias: the rankers, shapes (M, F, H), (M, H), (M, H) and (M,).
     """
 
@@ -97,7 +97,7 @@ class RecipeKnowledge(nn.Module):
     alike: Tensor
     words: Tensor
     counts: Tensor
-    speaking: Tensor
+    supporting: Tensor
     first: Tensor
     first_bias: Tensor
     second: Tensor
@@ -177,8 +177,8 @@ class RecipeKnowledge(nn.Module):
     def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Return the evidence for all slot pairs, by recipes and by words, shape (2, B, A, A)."""
         width = self.num_entities + 1
-        speaking = self.speaking.flatten(0, 1).index_select(0, model * width + goal).long()
-        first, second, result = speaking.unbind(-1)
+        supporting = self.supporting.flatten(0, 1).index_select(0, model * width + goal).long()
+        first, second, result = supporting.unbind(-1)
         rows = (model * width)[:, None] + table
 
         def summed(like: Tensor, rows: Tensor, goal: Tensor) -> Tensor:
@@ -196,10 +196,10 @@ class RecipeKnowledge(nn.Module):
             self._words_alike = (self.words.float().clamp(min=0) ** _WORDS_POWER).half()
         return self._words_alike
 
-    def speaking_for(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Speaking]:
+    def supporting_recipes(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Support]:
         """Return up to ``limit`` recipes that support ``a + b -> goal`` by a model, largest share first."""
-        speaking, alike = self.speaking[model, goal].long(), self.alike[model]
-        one, other, result = speaking.T
+        supporting, alike = self.supporting[model, goal].long(), self.alike[model]
+        one, other, result = supporting.T
         like_goal = alike[goal, result].float()
         orders = torch.stack([alike[a, one].float() * alike[b, other], alike[a, other].float() * alike[b, one]])
         evidence, weights = like_goal * orders.sum(0), (like_goal * orders.amax(0)).clamp(max=1)
@@ -208,8 +208,8 @@ class RecipeKnowledge(nn.Module):
         found = []
         for row in first:
             if weights[row] > 0:
-                ids = speaking[row].tolist()
-                found.append(Speaking((ids[0], ids[1], ids[2]), float(weights[row]), float(shares[row])))
+                ids = supporting[row].tolist()
+                found.append(Support((ids[0], ids[1], ids[2]), float(weights[row]), float(shares[row])))
         return found
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
@@ -232,7 +232,7 @@ def _forget(knowledge: nn.Module, _: object) -> None:
 
 
 RANKER = ("first", "first_bias", "second", "bias")
-BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "speaking", *RANKER)
+BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "supporting", *RANKER)
 
 
 def knowledge_of(
@@ -248,9 +248,9 @@ def knowledge_of(
     counts = torch.zeros(size + 1, 2)
     users, makers = torch.from_numpy(recipes[:, :2].ravel().copy()), torch.from_numpy(recipes[:, 2].copy())
     counts[:-1, 0], counts[:-1, 1] = (torch.bincount(ids, minlength=size)[:size].log1p() for ids in (users, makers))
-    speaking = torch.full((size + 1, EVIDENCE, 3), size, dtype=torch.int16)
+    supporting = torch.full((size + 1, EVIDENCE, 3), size, dtype=torch.int16)
     nearest = torch.sort(alike[:, makers], dim=1, descending=True, stable=True).indices[:, :EVIDENCE]
-    speaking[:-1, : nearest.shape[1]] = torch.from_numpy(recipes.astype("int16"))[nearest]
+    supporting[:-1, : nearest.shape[1]] = torch.from_numpy(recipes.astype("int16"))[nearest]
     numbers, results = _known_pairs(recipes, size)
     return RecipeKnowledge(
         {
@@ -261,7 +261,7 @@ def knowledge_of(
             "alike": _padded(alike)[None],
             "words": _padded(text),
             "counts": counts[None],
-            "speaking": speaking[None],
+            "supporting": supporting[None],
             "first": torch.zeros(1, len(FEATURES), 1),
             "first_bias": torch.zeros(1, 1),
             "second": torch.zeros(1, 1),

@@ -10,7 +10,7 @@ from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
-from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RANKER, RecipeKnowledge, Speaking
+from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RANKER, RecipeKnowledge, Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
@@ -19,13 +19,13 @@ _ROWS = 4_096
 _DTYPES = {
     **dict.fromkeys(("parts", "pairs", "alike", "words"), torch.half),
     **dict.fromkeys(("numbers", "results", "recipes"), torch.int32),
-    "speaking": torch.int16,
+    "supporting": torch.int16,
 }
 """Types of stored tensors other than float32."""
 
 
 class Witness(Record):
-    """A recipe that supports another recipe, see :class:`~wordcraft_kg.models.scorers.pair_features.Speaking`."""
+    """A recipe that supports another recipe, see :class:`~wordcraft_kg.models.scorers.pair_features.Support`."""
 
     ingredient_a: str
     ingredient_b: str
@@ -34,10 +34,10 @@ class Witness(Record):
     share: Share
 
     @classmethod
-    def of(cls, speaking: Speaking, entities: Sequence[str]) -> "Witness":
+    def of(cls, supporting: Support, entities: Sequence[str]) -> "Witness":
         """Replace ids by labels."""
-        a, b, result = (entities[entity] for entity in speaking.recipe)
-        return cls(a, b, result, speaking.weight, speaking.share)
+        a, b, result = (entities[entity] for entity in supporting.recipe)
+        return cls(a, b, result, supporting.weight, supporting.share)
 
     @property
     def recipe(self) -> Recipe:
@@ -55,7 +55,7 @@ class RecipeScores(TripleScorer, Protocol):
         """Score unordered pairs with a result; ids broadcast."""
         ...
 
-    def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
+    def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
         """Return recipes that support a recipe, largest share first."""
         ...
 
@@ -114,7 +114,7 @@ class RecipeScorer(StoredScorer):
         ]
         return torch.cat(found).view(ids[0].shape)
 
-    def speaking_for(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
+    def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
         """Return at most ``limit`` train recipes that support a recipe of labels, largest share of the evidence first.
 
         A train recipe supports itself. Evidence is one feature of a score, see
@@ -124,8 +124,8 @@ class RecipeScorer(StoredScorer):
             UnknownEntityError: for an unknown label.
         """
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
-        found = self.knowledge.speaking_for(a, b, goal, limit=limit)
-        return [Witness.of(speaking, self.entities) for speaking in found]
+        found = self.knowledge.supporting_recipes(a, b, goal, limit=limit)
+        return [Witness.of(supporting, self.entities) for supporting in found]
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
@@ -140,7 +140,7 @@ class RecipeScorer(StoredScorer):
             "alike": (1, *square),
             "words": square,
             "counts": (1, size + 1, 2),
-            "speaking": (1, size + 1, EVIDENCE, 3),
+            "supporting": (1, size + 1, EVIDENCE, 3),
             "first": (1, len(FEATURES), hidden),
             "first_bias": (1, hidden),
             "second": (1, hidden),
@@ -156,5 +156,5 @@ class RecipeScorer(StoredScorer):
         for name in shapes:
             if tensors[name].dtype.is_floating_point and not bool(torch.isfinite(tensors[name]).all()):
                 raise ValueError(f"{name} holds numbers that are not finite")
-        for name, high in (("speaking", size), ("recipes", size - 1), ("results", size), ("numbers", known[0] - 1)):
+        for name, high in (("supporting", size), ("recipes", size - 1), ("results", size), ("numbers", known[0] - 1)):
             check_ids(name, tensors[name], high)

@@ -23,7 +23,7 @@ _LAYOUTS = {
     "alike": "models N N float16",
     "words": "N N float16",
     "counts": "models N two float32",
-    "speaking": "models N evidence three int16",
+    "supporting": "models N evidence three int16",
     "first": "models F hidden float32",
     "first_bias": "models hidden float32",
     "second": "models hidden float32",
@@ -125,7 +125,7 @@ class BestRecipe(FoldedSource):
             None
             if entity == self.num_entities
             else Evidence(
-                partner, tuple(self.knowledge.speaking_for(entity, partner, int(goal), model=model, limit=limit))
+                partner, tuple(self.knowledge.supporting_recipes(entity, partner, int(goal), model=model, limit=limit))
             )
             for entity, partner in zip(table[0].tolist(), partners, strict=True)
         )

@@ -15,7 +15,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
-from wordcraft_kg.models.scorers.pair_features import Speaking
+from wordcraft_kg.models.scorers.pair_features import Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 
 
@@ -123,7 +123,7 @@ class Evidence(NamedTuple):
     """Evidence for a slot: the assumed partner, and supporting recipes, largest share first."""
 
     partner: int
-    speaking: tuple[Speaking, ...]
+    supporting: tuple[Support, ...]
 
 
 class FoldedSource(Source):

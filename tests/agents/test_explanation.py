@@ -359,7 +359,7 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(made, kg, model
 
 @pytest.mark.parametrize("in_sample", [False, True])
 def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened, explaining, made_once, in_sample):
-    with_train_sample = RecipeScorerConfig(folds=3, share=0.6, noise=0.2)
+    with_train_sample = RecipeScorerConfig(folds=3, train_fraction=0.6, label_noise=0.2)
     config = RecipesConfig("kitchen", with_train_sample)
     guide = load_scorer(made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out)))
     world, _ = explaining("no scorer", "train")

@@ -117,7 +117,9 @@ def test_a_run_of_another_split_is_refused(interrupted):
 
 @pytest.mark.parametrize("gone", [False, True])
 def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_path, gone):
-    with_train_sample = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, folds=0, share=0.5, noise=0.4))
+    with_train_sample = LinksConfig(
+        "kitchen", ComplExConfig(dim=4, epochs=1, folds=0, train_fraction=0.5, label_noise=0.4)
+    )
     model = train_links(with_train_sample, tmp_path / "model").folder
     config = replace(CONFIG, scorer=str(model), trainer=ImpalaConfig(steps=80, batch_size=8))
     run = FollowedRun(train_agent(config, tmp_path / "run").folder, opened)

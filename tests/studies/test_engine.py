@@ -137,7 +137,7 @@ def test_a_training_that_was_interrupted_goes_on_and_ends_the_same(done, tmp_pat
 def test_damaged_figures_are_noticed_and_made_again(done, tmp_path, caplog):
     before = figures(done)
     path = done / small_plan().runs[3] / "figures.json"
-    path.write_text(path.read_text().replace('"draws": 5', '"draws": 4'))
+    path.write_text(path.read_text().replace('"distractor_seeds": 5', '"distractor_seeds": 4'))
     (missing,) = collect_study(done, "small").missing
     assert "its hash does not fit" in missing.why
     assert len(run_small(done).began) == 1

@@ -176,7 +176,7 @@ LOST = (Missing("no graph", {}, 0, "the disk was full"),)
 @pytest.mark.parametrize(
     ("won", "more", "why"),
     [
-        (["50000", "5000"], {}, "5 tasks of 5 draws and on 4 of 5"),
+        (["50000", "5000"], {}, "5 tasks with 5 distractor seeds and on 4 with 5"),
         ([], {"runs": RUNS * 2}, "seed 0 is there twice"),
         ([], {"missing": LOST}, r"no finished run, 1 missing.*disk was full.*kg reproduce made-up"),
     ],

@@ -177,7 +177,7 @@ class Explainer:
             policy: policy for the graph.
             world: graph, tasks and settings.
             kg: the scorer's knowledge graph.
-            trained_on: the scorer's correct training recipes, shape (num_recipes,). Default: all, unless a source knows.
+            trained_on: correct training recipes of the scorer, shape (num_recipes,); by default all.
             most_actions: maximum number of picks; None plays to the end.
 
         Raises:
@@ -227,8 +227,8 @@ class Explainer:
 
         Raises:
             UnknownEntityError: with the nearest labels.
-            ConfigError: if the table is empty, too large or has duplicates, ``selection`` is absent from the table, or task
-                ``like`` does not exist.
+            ConfigError: if the table is empty, too large or has duplicates, ``selection`` is absent from the table, or
+                task ``like`` does not exist.
         """
         graph, tasks = self.world.graph, self.world.tasks
         ids, target = [graph.id_of(entity) for entity in table], graph.id_of(goal)

@@ -157,7 +157,7 @@ def _wrong_results(
                 break
         else:
             raise ConfigError(
-                f"`label_noise` {label_noise:g}: among the {len(pool)} recipes that results are exchanged with, none has a result "
-                "that is wrong for another. Use a larger `train_fraction`, fewer `folds` or another `seed`."
+                f"`label_noise` {label_noise:g}: among {len(pool)} recipes for the exchange of results, no result is "
+                "wrong for another recipe. Use a larger `train_fraction`, fewer `folds` or another `seed`."
             )
     return [result for _, _, result in drawn]

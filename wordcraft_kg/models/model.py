@@ -107,8 +107,8 @@ class Model:
             train_sample = self.opened.train_sample(self.kg)
         if self.run.inputs.get("train_sample", train_sample.hash) != train_sample.hash:
             raise GraphMismatchError(
-                f"the model was trained on the recipes {self.run.inputs['train_sample'][:12]}, but `train_fraction` and `label_noise` give "
-                f"{train_sample.hash[:12]}. Train it again with this version of NumPy."
+                f"the model was trained on recipes {self.run.inputs['train_sample'][:12]}, but `train_fraction` and "
+                f"`label_noise` give {train_sample.hash[:12]}. Train it again with this version of NumPy."
             )
         return train_sample
 

@@ -22,7 +22,7 @@ class StudyView(Record):
     Attributes:
         reference: the variant of all comparisons.
         points: grid points that have runs.
-        train_samples: for the drawing "dose": an entry for each way of scoring train tasks and each point of other settings.
+        train_samples: for the drawing "scatter": entries by scoring of train tasks and point of other settings.
         comparisons: number of comparisons in the correction of p-values.
     """
 
@@ -133,8 +133,9 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             )
         if (len(run.won), run.distractor_seeds) != (len(first.won), first.distractor_seeds):
             raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were judged on {len(first.won):,} tasks of {first.distractor_seeds} "
-                f"draws and on {len(run.won):,} of {run.distractor_seeds}, so their figures cannot be averaged. Run one again."
+                f"{cell}: seeds {first.seed} and {run.seed} were evaluated on {len(first.won):,} tasks with "
+                f"{first.distractor_seeds} distractor seeds and on {len(run.won):,} with {run.distractor_seeds}, so the mean "
+                "is undefined. Run one again."
             )
     seeds = [run.seed for run in members]
     if len(set(seeds)) < len(seeds):

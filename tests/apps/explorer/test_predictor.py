@@ -153,7 +153,7 @@ def with_train_sample(parted_kitchen: OpenedGraph, tmp_path: Path) -> Callable[.
 
 
 def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample: Callable[..., LinkPredictor]):
-    predictor = with_train_sample(folds=0, share=0.5)
+    predictor = with_train_sample(folds=0, train_fraction=0.5)
     statuses = set()
     for entity, relation, side in SLOTS:
         slot = predictor.slot(entity, relation, side)
@@ -164,7 +164,7 @@ def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample: Callabl
 
 
 def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_sample: Callable[..., LinkPredictor]):
-    predictor = with_train_sample(folds=2, noise=0.5)
+    predictor = with_train_sample(folds=2, label_noise=0.5)
     train_sample = predictor.model.train_sample
     a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
     found = predictor.best(predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0)

@@ -109,7 +109,7 @@ def test_an_opened_model_tells_what_it_was_trained_on(with_train_sample, plain, 
 def test_without_a_dose_nothing_is_said_of_one(complex_folder, opened_kitchen, tmp_path):
     settings = replace(SHORT, train_fraction=1.0, label_noise=0.0)
     folder = train(opened_kitchen, settings, tmp_path / "whole").folder
-    assert "taught" not in safetensors.torch.load_file(folder / "folds.safetensors")
+    assert "train_results" not in safetensors.torch.load_file(folder / "folds.safetensors")
     model = open_model(folder)
     assert "train_sample" not in model.run.inputs
     assert "learned from" not in model.provenance
@@ -119,7 +119,7 @@ def test_without_a_dose_nothing_is_said_of_one(complex_folder, opened_kitchen, t
 
 def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(with_train_sample, opened_kitchen, tmp_path):
     def right_again(tensors):
-        tensors["taught"] = torch.from_numpy(folds_of(opened_kitchen).train_sample.graph.recipes[:, 2].copy())
+        tensors["train_results"] = torch.from_numpy(folds_of(opened_kitchen).train_sample.graph.recipes[:, 2].copy())
 
     model = open_model(rewritten(with_train_sample, tmp_path / "spoilt", right_again))
     with pytest.raises(LeakError):
@@ -127,14 +127,14 @@ def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(with_train_sample,
     with pytest.raises(GraphMismatchError):
         _ = model.triples
     with pytest.raises(LeakError):
-        load_scorer(rewritten(with_train_sample, tmp_path / "none", lambda tensors: tensors.pop("taught"))).trained_on(
-            0, opened_kitchen.graph
-        )
+        load_scorer(
+            rewritten(with_train_sample, tmp_path / "none", lambda tensors: tensors.pop("train_results"))
+        ).trained_on(0, opened_kitchen.graph)
 
 
 @pytest.mark.parametrize("tensor", [torch.zeros(3, dtype=torch.int64), torch.zeros(271)])
 def test_a_damaged_dose_is_refused(with_train_sample, tmp_path, tensor):
-    folder = rewritten(with_train_sample, tmp_path / "spoilt", lambda tensors: tensors.update(taught=tensor))
+    folder = rewritten(with_train_sample, tmp_path / "spoilt", lambda tensors: tensors.update(train_results=tensor))
     with pytest.raises(ArtefactError, match="does not say what each recipe was taught as"):
         load_scorer(folder)
 

@@ -96,7 +96,7 @@ def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
 
 def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen: OpenedGraph):
     graph = opened_kitchen.graph
-    train_sample = draw_train_sample(opened_kitchen.split, share=0.5, noise=0.5)
+    train_sample = draw_train_sample(opened_kitchen.split, train_fraction=0.5, label_noise=0.5)
     evidence = LinkEvidence(NeighbourScorer(graph, train_sample.triples), train_sample.recipes)
     a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
     assert evidence.reason(a, COMPONENT_OF, result).is_memory

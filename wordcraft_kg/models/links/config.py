@@ -39,9 +39,8 @@ class TrainingConfig:
 
     Attributes:
         kg: triples to train on: partial (those of the train recipes) or full (all of them, test recipes included).
-        train_fraction: share of the train recipes to learn from, drawn with `seed`; those of a smaller share are among those of
-            a larger one.
-        label_noise: share of these recipes that get a wrong result, that of another one.
+        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for one seed.
+        label_noise: fraction of these recipes with the result replaced by the result of another recipe.
         epochs: passes over the triples.
         batch_size: triples per step.
         eval_every: epochs between rankings of the validation triples; 0 never ranks them.

@@ -68,7 +68,8 @@ def with_folds(folder: Path, metrics: LinkMetrics, record: FoldsRecord) -> LinkM
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
     """Return the ``README.md`` of a model folder."""
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
-    seen = f"the triples of {describe_train_sample(settings.train_fraction, settings.label_noise) or 'the train recipes'} only."
+    sample = describe_train_sample(settings.train_fraction, settings.label_noise) or "the train recipes"
+    seen = f"the triples of {sample} only."
     if settings.kg == "full":
         seen = "all triples, including those of the test recipes: its scores show what it remembers."
     fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples "

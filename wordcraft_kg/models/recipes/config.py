@@ -16,9 +16,8 @@ class RecipeScorerConfig:
 
     Attributes:
         kg: recipes to learn from: partial (the train recipes) or full (all of them, test recipes included).
-        train_fraction: share of the train recipes to learn from, drawn with `seed`; those of a smaller share are among those of
-            a larger one.
-        label_noise: share of these recipes that get a wrong result, that of another one.
+        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for one seed.
+        label_noise: fraction of these recipes with the result replaced by the result of another recipe.
         folds: folds that the recipes are cut into: rankers learn on what each fold's recipes look like to the others,
             and on the partial graph there is a scorer for each fold that has not seen it.
         features: vectors of the entities' words: glove, a file of vectors as for agents, or one-hot for none.

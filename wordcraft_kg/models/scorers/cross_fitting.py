@@ -97,7 +97,8 @@ class CrossFitted(Scorer):
         record: record of the folds.
         of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
         probabilities: calibration of scores; None in older folders.
-        train_results: results as learned, see :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None for unchanged train recipes.
+        train_results: results as learned, see :class:`~wordcraft_kg.graphs.train_samples.TrainSample`;
+            None for unchanged train recipes.
     """
 
     def __init__(

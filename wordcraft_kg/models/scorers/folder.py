@@ -34,7 +34,7 @@ FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 OF_RECIPE = "of_recipe"
 """Tensor with the fold of each recipe."""
 TRAIN_RESULTS = "train_results"
-"""Tensor with the results of a :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; absent for unchanged train recipes."""
+"""Tensor with the results of a train sample; absent for unchanged train recipes."""
 MODEL = "a model of train-complex, train-links, train-recipes or ask-opinions"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(

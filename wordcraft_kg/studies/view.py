@@ -134,8 +134,8 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
         if (len(run.won), run.distractor_seeds) != (len(first.won), first.distractor_seeds):
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were evaluated on {len(first.won):,} tasks with "
-                f"{first.distractor_seeds} distractor seeds and on {len(run.won):,} with {run.distractor_seeds}, so the mean "
-                "is undefined. Run one again."
+                f"{first.distractor_seeds} distractor seeds and on {len(run.won):,} with {run.distractor_seeds}, so "
+                "the mean is undefined. Run one again."
             )
     seeds = [run.seed for run in members]
     if len(set(seeds)) < len(seeds):

@@ -191,7 +191,7 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
         yield ""
     graphs = [f"{of.name} `{of.hash[:12]}` ({of.kind}, split `{of.split[:12]}`)" for of in results.graphs]
     versions = ", ".join(f"{name} {version}" for name, version in results.versions.items())
-    yield f"Made with `{results.command}`: {results.hours:.1f} hours of one core, on {', '.join(graphs)}; {versions}."
+    yield f"Made with `{results.command}`: {results.hours:.1f} core hours, on {', '.join(graphs)}; {versions}."
     yield ""
 
 

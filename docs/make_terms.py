@@ -12,12 +12,12 @@ BEGINNING = """# Terms
 Look up a term of the reports, the help, the errors and the guides. `make docs` writes this page from
 `wordcraft_kg/reports/glossary.py`; the tooltips of the reports show the same definitions.
 
-![Two recipes as triples: one triple is leaked, the others of the test recipe are unseen](images/concepts.svg)
+![Two recipes as triples: one triple is leaked, the rest of the test recipe is unseen](images/concepts.svg)
 
 The *partial graph* holds the triples of the train recipe *dough + fire → bread*. The test recipe *dough + oven →
-bread* shares the triple *dough componentOf bread*: this triple is *leaked* and left out. The other three triples are
+bread* shares the triple *dough componentOf bread*: this triple is *leaked* and left out. The remaining three triples are
 *unseen* and evaluated. The two combinesWith triples *mirror* each other, so both stay out of training. The *full
-graph* holds all triples. A *self edge* is the score of an entity with itself.
+graph* holds all triples. A *self edge* is an entity's self score.
 """
 
 

@@ -15,8 +15,8 @@ Look up a term of the reports, the help, the errors and the guides. `make docs` 
 ![Two recipes as triples: one triple is leaked, the rest of the test recipe is unseen](images/concepts.svg)
 
 The *partial graph* holds the triples of the train recipe *dough + fire → bread*. The test recipe *dough + oven →
-bread* shares the triple *dough componentOf bread*: this triple is *leaked* and left out. The remaining three triples are
-*unseen* and evaluated. The two combinesWith triples *mirror* each other, so both stay out of training. The *full
+bread* shares the triple *dough componentOf bread*: this triple is *leaked* and left out. The remaining three triples
+are *unseen* and evaluated. The two combinesWith triples *mirror* each other, so both stay out of training. The *full
 graph* holds all triples. A *self edge* is an entity's self score.
 """
 

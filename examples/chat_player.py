@@ -2,8 +2,8 @@
 
     wordcraft-kg evaluate-text everyday --tasks 100 --player "python examples/chat_player.py gemma3:1b"
 
-The address is that of a server that speaks as OpenAI's does, such as those of llama.cpp, Ollama and vLLM; give another
-one after the model's name. The conversation of a game is sent whole each time, and each game begins a new one.
+The default address is Ollama's; give another address after the model's name. Any server with OpenAI's API works, such
+as llama.cpp, Ollama and vLLM. Each request sends the whole conversation, and each game begins a new conversation.
 """
 
 import json
@@ -16,21 +16,21 @@ ADDRESS = sys.argv[2] if len(sys.argv) > 2 else "http://127.0.0.1:11434/v1"
 
 
 def answer(messages: list[dict[str, str]]) -> str:
-    """Return what the model says next."""
-    asked = {"model": MODEL, "messages": messages, "temperature": 0, "max_tokens": 300}
-    request = Request(f"{ADDRESS}/chat/completions", json.dumps(asked).encode(), {"Content-Type": "application/json"})
+    """Return the model's next answer."""
+    body = {"model": MODEL, "messages": messages, "temperature": 0, "max_tokens": 300}
+    request = Request(f"{ADDRESS}/chat/completions", json.dumps(body).encode(), {"Content-Type": "application/json"})
     with urlopen(request, timeout=55) as response:
-        found: dict[str, Any] = json.load(response)
-    return str(found["choices"][0]["message"]["content"])
+        reply: dict[str, Any] = json.load(response)
+    return str(reply["choices"][0]["message"]["content"])
 
 
 messages: list[dict[str, str]] = []
 for line in sys.stdin:
-    told = json.loads(line)
-    if told["new"]:
+    message = json.loads(line)
+    if message["new"]:
         messages = []
-    messages.append({"role": "user", "content": told["text"]})
-    said = answer(messages)
-    messages.append({"role": "assistant", "content": said})
+    messages.append({"role": "user", "content": message["text"]})
+    reply_text = answer(messages)
+    messages.append({"role": "assistant", "content": reply_text})
     # Only the last line counts, and an answer is one line.
-    print(said.strip().splitlines()[-1] if said.strip() else "", flush=True)
+    print(reply_text.strip().splitlines()[-1] if reply_text.strip() else "", flush=True)

@@ -25,7 +25,7 @@ from wordcraft_kg.models.scorers.scorer import Scorer
 
 
 def main() -> None:
-    """Train a scorer and an agent that it guides, and judge the agent on the test tasks."""
+    """Train a scorer and an agent with the scorer's knowledge; evaluate the agent on the test tasks."""
     opened = open_graph("kitchen")
     assert_type(opened, OpenedGraph)
     print(f"{opened.graph}: {len(opened.split.unseen)} triples that the partial knowledge graph lacks")
@@ -40,9 +40,9 @@ def main() -> None:
     train_agent(AgentConfig("kitchen", "models/kitchen", tasks, trainer=trainer), "runs/kitchen")
     policy = load_policy("runs/kitchen")
     assert_type(policy, Policy)
-    found = evaluate(policy, opened, num_distractors=4)
-    assert_type(found, Evaluation)
-    print(f"success on test tasks: {found.figures().mean:.3f}")
+    result = evaluate(policy, opened, num_distractors=4)
+    assert_type(result, Evaluation)
+    print(f"success on test tasks: {result.figures().mean:.3f}")
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     python examples/impala_single_file.py --graph kitchen --steps 20000 --out curve.csv
 
-It is `wordcraft-kg train-agent` without files, checkpoints, knowledge and speed: the same seed draws the same tasks,
-weights and actions, and gives the same curve up to rounding. Copy it and change the part that you study.
+This script is `wordcraft-kg train-agent` without files, checkpoints, knowledge and speed: the same seed gives the same
+tasks, weights and actions, and the same curve up to rounding. Copy the file and change the part that you study.
 """
 
 import argparse
@@ -27,27 +27,27 @@ DISCOUNT, ENTROPY_COST, BASELINE_COST, CLIP = 0.99, 0.01, 0.5, 40.0
 LEARNING_RATE, RMS_DECAY, RMS_EPSILON = 0.001, 0.99, 0.01
 UPDATES_PER_ROW = 10
 GOAL = 1  # outcome of an episode that made the goal
-TEST_DRAWS = 5  # draws of distractors for each test task
+DISTRACTOR_SEEDS = 5  # tables with other distractors, for each test task
 
 
 # --- environment: pure functions, (state, actions) -> (state, outcome of the step) -----------------------------------
 
 
 def make_world(graph: str, part: TaskPart, distractors: int) -> World:
-    """Return the tasks of depth 1 of a part: pick two of the entities on the table so that they make the goal."""
+    """Return a part's tasks at depth 1: choose two entities on the table that make the goal."""
     return World(graph, WordCraftConfig(part=part, num_distractors=distractors))
 
 
 def observe(state: State) -> tuple[Tensor, Tensor, Tensor]:
-    """Return ids: the goal (B,), the entity in hand (B,) and the table (B, A)."""
+    """Return ids: the goal (B,), the selection (B,) and the table (B, A)."""
     return torch.from_numpy(state.goal), torch.from_numpy(state.selection), torch.from_numpy(state.table)
 
 
-# --- policy: attention of goal and hand over the table ---------------------------------------------------------------
+# --- policy: attention of goal and selection over the table ----------------------------------------------------------
 
 
 class AttentionPolicy(nn.Module):
-    """``α_i = Q([x_goal; x_hand]) · K(x_i) / √d`` are the logits of the slots, ``V = MLP(Σ_i softmax(α)_i x_i)``."""
+    """``α_i = Q([x_goal; x_sel]) · K(x_i) / √d`` are the logits of the slots, ``V = MLP(Σ_i softmax(α)_i x_i)``."""
 
     vectors: Tensor
 
@@ -120,11 +120,11 @@ def learn(
 
 @torch.no_grad()
 def evaluate(policy: AttentionPolicy, world: World) -> float:
-    """Return how often the most probable slots make the goal, over all tasks of a part and draws of distractors."""
+    """Return the success rate of the greedy policy, over all tasks of a part and distractor seeds."""
     engine, made = BatchEngine(world, len(world.tasks)), []
-    for distractor_seed in range(TEST_DRAWS):
+    for distractor_seed in range(DISTRACTOR_SEEDS):
         state = engine.pose(np.arange(len(world.tasks)), distractor_seed)
-        for _ in range(2):  # two picks are an attempt, and tasks of depth 1 have one
+        for _ in range(2):  # an attempt has two actions, and tasks at depth 1 have one attempt
             state, step = engine.step_once(state, policy(*observe(state))[0].argmax(dim=1).numpy())
         made.append((step.outcome == GOAL).mean())
     return float(np.mean(made))

@@ -29,6 +29,6 @@ def choose(goal: str | None, table: list[str], turn: int) -> tuple[int, int]:
 
 
 for turn, line in enumerate(sys.stdin):
-    told = json.loads(line)
-    one, other = choose(told["goal"], told["table"], turn)
+    message = json.loads(line)
+    one, other = choose(message["goal"], message["table"], turn)
     print(f"{one + 1} + {other + 1}", flush=True)

@@ -43,7 +43,7 @@ class HubsTraining(Training[HubsConfig, int, Path]):
     config_type = HubsConfig
 
     def begin(self, run: RunFolder[int], report: Progress | None) -> dict[str, Any]:
-        """Record no inputs beside the graph and its split."""
+        """Record no inputs except the graph and its split."""
         return {}
 
     def go(self, run: RunFolder[int], report: Progress | None, log: Log, checkpoint: Checkpoint[int] | None) -> Path:
@@ -90,7 +90,7 @@ def unseen_mrr(opened: OpenedGraph, folder: Path) -> float:
 
 
 def main() -> None:
-    """Train the model and judge it as any other."""
+    """Train and evaluate the model with the usual functions."""
     folder = train(HubsTraining, HubsConfig("kitchen"), "models/hubs", keep=True, progress=True)
     model = open_model(folder)
     print(f"{model.kg} graph, MRR of unseen triples {unseen_mrr(model.opened, folder):.3f}")

@@ -1,4 +1,4 @@
-"""A player of one's own beside those of the reference table: it picks the entities whose names look like the goal's.
+"""An own player for the reference table: choose the entities with the most similar names to the goal's name.
 
 A package makes its player known to `wordcraft-kg evaluate-agent kitchen` by an entry point:
 [project.entry-points."wordcraft_kg.players"], alike = "my_package.players:alike_player".
@@ -15,15 +15,15 @@ from wordcraft_kg.graphs import Split
 
 
 def alike_player(split: Split) -> Player:
-    """Return a player for a split, from which it may learn; this one looks at names alone."""
+    """Return a player for a split. A player may learn from the split; this player compares names only."""
     names = split.graph.entities
     alike = np.array([[SequenceMatcher(None, one, goal).ratio() for one in (*names, "")] for goal in names])
 
-    def pick(state: State, rng: np.random.Generator) -> np.ndarray:
+    def act(state: State, rng: np.random.Generator) -> np.ndarray:
         scores = alike[state.goal[:, None], state.table] - (state.table == state.selection[:, None])
         return np.asarray(np.where(state.action_masks(), scores, -np.inf).argmax(axis=1))
 
-    return pick
+    return act
 
 
 PLAYERS["alike names"] = alike_player

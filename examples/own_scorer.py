@@ -26,7 +26,7 @@ class AlikeScorer(Scorer):
 
 
 def main() -> None:
-    """Judge the scorer as a link predictor, then let it guide an agent."""
+    """Evaluate the scorer as a link predictor, then train an agent with its scores."""
     opened = open_graph("kitchen")
     scorer = AlikeScorer(opened)
     print(f"water is most like {scorer.top('water', 'combinesWith', None, limit=4)[1:]}")

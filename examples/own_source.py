@@ -40,7 +40,7 @@ class SharedLetters(Source):
 
 
 def main() -> None:
-    """Train an agent that weighs letters beside the scores of links."""
+    """Train an agent that weighs letters in addition to link scores."""
     train_links(LinksConfig("kitchen", ComplExConfig(epochs=10)), "models/kitchen")
     policy, trainer = PolicyConfig(use="u,v,letters"), ImpalaConfig(steps=5_000)
     trained = train_agent(AgentConfig("kitchen", "models/kitchen", TaskConfig(), policy, trainer), "runs/letters")

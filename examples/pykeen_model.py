@@ -1,6 +1,6 @@
-"""A model that PyKEEN's own pipeline has trained, judged like one of ours and used by all commands.
+"""A model trained by PyKEEN's own pipeline, evaluated as usual and usable by all commands.
 
-Run it in an empty folder: it writes models/transe, in a few seconds.
+Run this script in an empty folder: it writes models/transe, in a few seconds.
 """
 
 import torch
@@ -30,8 +30,8 @@ def main() -> None:
     save_scorer("models/frequency", counting, opened, kg="partial")
 
     names = ("transe", "frequency")
-    found = compare([Contender(name, [open_model(f"models/{name}")]) for name in names])
-    for model in found.models:
+    comparison = compare([Contender(name, [open_model(f"models/{name}")]) for name in names])
+    for model in comparison.models:
         print(f"{model.name}: MRR {model.mrr:.3f}, difference {model.difference}, {model.difference_ci}")
     print("more: wordcraft-kg evaluate-links models/transe")
 

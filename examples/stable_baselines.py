@@ -30,7 +30,7 @@ from wordcraft_kg.models.policies.policy import Policy
 
 
 def main() -> None:
-    """Train for a few thousand steps and judge the policy on the test tasks."""
+    """Train for a few thousand steps and evaluate the policy on the test tasks."""
     torch.set_num_threads(1)  # on networks this small more threads are slower, on a busy machine many times
     opened = open_graph("kitchen")
     train_links(LinksConfig("kitchen", ComplExConfig(dim=32, epochs=20)), "models/kitchen")

@@ -19,8 +19,6 @@ from wordcraft_kg.base.statistics import (
     interquartile_mean,
     interval_p_value,
     paired_difference,
-    performance_profile,
-    performance_profile_band,
     probability_of_improvement,
     probability_of_improvement_interval,
     resampled_means,
@@ -442,27 +440,6 @@ def test_resampled_means_keep_rows_together() -> None:
     np.testing.assert_allclose(drawn[:, 1] - drawn[:, 0], 10)
     possible = {round(sum(rows) / 3, 9) for rows in itertools.product(range(3), repeat=3)}
     assert {round(value, 9) for value in drawn[:, 0]} == possible
-
-
-def test_performance_profile_is_the_share_of_runs_above() -> None:
-    found = performance_profile(SCORES, [0.0, 0.4, 6.5, 8.0])
-    assert found.tolist() == pytest.approx([1.0, (1 / 3 + 1) / 2, (0 + 1 / 3) / 2, 0.0])
-
-
-def test_the_area_under_a_profile_is_the_mean() -> None:
-    scores = np.random.default_rng(0).random((7, 3))
-    taus = (np.arange(20_000) + 0.5) / 20_000
-    assert performance_profile(scores, taus).mean() == pytest.approx(scores.mean(), abs=1e-4)
-
-
-def test_the_band_of_a_profile_is_that_of_all_resamples_within_strata() -> None:
-    scores, taus = np.array([[0.1, 0.5], [0.4, 0.7], [0.9, 0.6]]), [0.05, 0.45, 0.65, 0.95]
-    band = performance_profile_band(scores, taus, draws=20_000)
-    assert band is not None
-    for t, tau in enumerate(taus):
-        shares = [float((drawn > tau).mean()) for drawn in all_resamples(scores)]
-        assert_between_quantiles((band[0, t], band[1, t]), shares, 0.95)
-    assert performance_profile_band(scores[:1], taus) is None
 
 
 def test_a_p_value_is_that_of_the_interval_it_is_made_from() -> None:

@@ -60,13 +60,13 @@ def test_the_scene_shows_goal_hand_table_and_outcome():
     goal = names[env.state.goal]
     env.step(1)
     facts, tiles = env._scene()
-    assert dict(facts[:3]) == {"goal": Tile(goal, "goal"), "in hand": Tile("steam", "held"), "attempts left": "1"}
+    assert dict(facts[:3]) == {"goal": Tile(goal, "goal"), "selection": Tile("steam", "held"), "attempts left": "1"}
     assert [tile.label for tile in tiles[:3]] == ["fire", "steam", "water"]
     assert tiles[1].mark == "held"
     assert [tile.mark for tile in tiles[3:]] == ["empty"] * (env.num_slots - 3)
     env.step(1)
     facts, tiles = env._scene()
-    assert facts[1] == ("in hand", Tile("nothing", "empty"))
+    assert facts[1] == ("selection", Tile("nothing", "empty"))
     assert tiles[3] == Tile("cloud", "goal" if goal == "cloud" else "plain", 3)
     assert facts[3] == ("", "made" if goal == "cloud" else "not made")
 

@@ -152,7 +152,7 @@ def test_the_split_of_another_graph_is_refused(folder):
     other = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")])
     text = "".join(make_split(other, SplitConfig("none")).to_json())
     (folder / "split.json").write_text(text, encoding="utf-8")
-    with pytest.raises(GraphMismatchError, match=rf"belongs to graph {other.hash[:12]} but the graph beside it"):
+    with pytest.raises(GraphMismatchError, match=rf"belongs to graph {other.hash[:12]} but the folder's graph is"):
         open_graph(folder)
 
 

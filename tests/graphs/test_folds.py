@@ -12,22 +12,22 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, make_folds
-from wordcraft_kg.graphs.splits import units_of
+from wordcraft_kg.graphs.splits import groups_of
 from wordcraft_kg.graphs.triples import recipe_triples
 
 
 @given(splittable_graphs(), st.sampled_from(HELD_OUT_KINDS).flatmap(configs))
 def test_folds_partition_the_train_recipes_and_keep_together_what_the_split_keeps_together(graph, config):
     split = drawn(graph, config)
-    units = units_of(graph, config.kind)
+    groups = groups_of(graph, config.kind)
     train = split.is_in("train")
-    count = len(np.unique(units[train]))
+    count = len(np.unique(groups[train]))
     assume(count >= 2)
     folds = make_folds(split, min(3, count))
     assert ((folds.of_recipe == OUTSIDE) == ~train).all()
     assert set(folds.of_recipe[train].tolist()) == set(range(folds.count))
-    for unit in np.unique(units[train]):
-        assert len(np.unique(folds.of_recipe[train & (units == unit)])) == 1
+    for group in np.unique(groups[train]):
+        assert len(np.unique(folds.of_recipe[train & (groups == group)])) == 1
 
 
 def test_a_fold_is_unseen_and_nothing_else_of_train_is():

@@ -13,7 +13,7 @@ from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
-from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, read_split, units_of
+from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, groups_of, read_split
 from wordcraft_kg.graphs.triples import RELATIONS
 
 HELD_OUT_KINDS = [kind for kind in SPLITS if kind != "none"]
@@ -173,8 +173,8 @@ def test_the_groups_of_a_by_slot_split_are_as_small_as_they_can_be_and_drawn_in_
     groups = [({row}, {(x, r.result) for x in r[:2]}) for row, r in enumerate(graph.recipe_labels())]
     while found := next(((g, h) for g, h in combinations(groups, 2) if g[1] & h[1]), None):
         groups = [g for g in groups if g not in found] + [tuple(one | other for one, other in zip(*found, strict=True))]
-    units, parts = units_of(graph, "by-slot"), drawn(graph, config).parts
-    assert {frozenset(np.flatnonzero(units == unit).tolist()) for unit in units} == {frozenset(g) for g, _ in groups}
+    slots, parts = groups_of(graph, "by-slot"), drawn(graph, config).parts
+    assert {frozenset(np.flatnonzero(slots == slot).tolist()) for slot in slots} == {frozenset(g) for g, _ in groups}
     sides = [set(parts[list(rows)].tolist()) for rows, _ in groups]
     assert all(len(side) == 1 for side in sides)
     assert sides.count({0}) == round(config.train_ratio * len(groups))

@@ -107,7 +107,7 @@ def test_folds_are_those_of_all_train_recipes_whatever_the_dose(train_fraction: 
         expected = [(*split.graph.recipes[row, :2].tolist(), int(train_sample.results[row])) for row in rows]
         assert [tuple(row) for row in with_train_sample.recipes([fold]).tolist()] == expected
         np.testing.assert_array_equal(with_train_sample.triples([fold]), recipe_triples(np.array(expected)))
-        # A fold and the model without it share nothing, and together they are the dose.
+        # A fold and the model without it share nothing, and together they are the train sample.
         own = {tuple(row) for row in with_train_sample.recipes_of(fold).tolist()}
         assert own | set(expected) == {tuple(row) for row in train_sample.recipes.tolist()}
         assert not own & set(expected)

@@ -47,7 +47,7 @@ def random_entity(state: State, rng: np.random.Generator) -> Ids:
 
 
 def random_distinct(state: State, rng: np.random.Generator) -> Ids:
-    """Pick an entity uniformly, avoiding the entity in hand."""
+    """Pick an entity uniformly, avoiding the selected entity."""
     others = state.action_masks() & (state.table != state.selection[:, None])
     # Where there is no other entity, the same again.
     return _best(np.where(others, 1.0, np.where(state.action_masks(), 0.0, -np.inf)), rng)

@@ -44,7 +44,7 @@ def dump_json(value: Any) -> str:
 
 
 def check_file(path: Path, largest: int = LARGE_FILE) -> None:
-    """Check that a file can be read to its end, unlike devices, pipes and huge sparse files.
+    """Check that a file has an end and can be read, unlike devices, pipes and huge sparse files.
 
     Raises:
         ArtefactError: for a missing or irregular file, or more than ``largest`` bytes.
@@ -133,7 +133,7 @@ def check_output(out: Path, *, force: bool) -> None:
         return
     if any(out.iterdir()) and not any((out / name).is_file() for name in _OWN_FILES):
         raise OutputExistsError(
-            f"'{out}' exists and does not look like an output of wordcraft-kg (it has none of {', '.join(_OWN_FILES)});"
+            f"'{out}' exists and does not look like an output of wordcraft-kg (it lacks {', '.join(_OWN_FILES)});"
             " it is not replaced, even with `force`. Choose another `out`."
         )
     if not force:
@@ -185,7 +185,7 @@ def _parents_of(out: Path) -> Iterator[None]:
     try:
         yield
     except BaseException:
-        with suppress(OSError):  # another process has put something there: it stays
+        with suppress(OSError):  # another process wrote a file here: keep that file
             for parent in missing:
                 parent.rmdir()
         raise

@@ -32,8 +32,8 @@ class Step(NamedTuple):
         over: whether the step ended the episode.
         outcome: int8; names in :data:`OUTCOMES`.
         by_plan: whether the last pair of a plan made the goal.
-        illegal: whether an empty slot was picked.
-        task: index of the episode's task.
+        illegal: whether the action chose an empty slot.
+        task: the episode's task index.
     """
 
     reward: Array
@@ -54,10 +54,10 @@ class State(NamedTuple):
         age: steps since the last draw, counted on a device only.
         goal: id.
         task: index into the world's tasks.
-        selection: id of the entity in hand.
+        selection: id of the selected entity.
         attempts_left: 0 after the end of an episode.
         wide: shape (N, num_slots + 1), ids: the table, and a spare column for writing nothing.
-        count: number of entities on the table.
+        count: entities on the table.
         episode: number of the next episode.
     """
 
@@ -102,7 +102,7 @@ class State(NamedTuple):
         return self.engine.arrays.cast(numbers * self.count, "int64")
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """Return NumPy copies of the arrays by name, for :meth:`restored`."""
+        """Return NumPy copies by name, for :meth:`restored`."""
         return {name: self.engine.arrays.numpy(getattr(self, name)) for name in _SAVED}
 
     def restored(self, saved: Mapping[str, NDArray[Any]]) -> "State":
@@ -124,7 +124,7 @@ _SAVED: tuple[str, ...] = State._fields[_GOAL:]
 
 
 class _PairNumbers:
-    """Numbers of pairs by entity ids: from a square table for a small graph, otherwise by search."""
+    """Pair numbers by entity ids: from a square table for a small graph, otherwise by search."""
 
     def __init__(self, graph: RecipeGraph, arrays: Arrays):
         """Use the graph's pair numbers, and ``num_pairs`` for pairs without a result."""
@@ -143,8 +143,8 @@ class _PairNumbers:
         if self.is_dense:
             return self._table.take(one * self.size + other)
         keys = self.xp.minimum(one, other) * self.size + self.xp.maximum(one, other)
-        found = self.xp.searchsorted(self._keys, keys)
-        return self.xp.where(self._keys[found] == keys, found, self.no_pair)
+        places = self.xp.searchsorted(self._keys, keys)
+        return self.xp.where(self._keys[places] == keys, places, self.no_pair)
 
 
 class BatchEngine:
@@ -153,10 +153,10 @@ class BatchEngine:
     Attributes:
         world: graph, tasks and settings.
         num_envs: N.
-        num_slots: size of a table.
-        nothing: id of nothing.
-        arrays: library and device of all arrays.
-        pairs: numbers of pairs, ``num_pairs`` for pairs without a result.
+        num_slots: table size.
+        nothing: id of "nothing".
+        arrays: library and device for all arrays.
+        pairs: pair numbers, ``num_pairs`` for pairs without a result.
 
     Example:
         >>> engine = BatchEngine(World("kitchen", WordCraftConfig(num_distractors=2)), 4)
@@ -259,7 +259,7 @@ class BatchEngine:
     # --- steps -------------------------------------------------------------------------------------------------------
 
     def step(self, state: State, actions: Array) -> tuple[State, Step]:
-        """Pick a slot in every environment; when an episode ends, the next one begins in the same step.
+        """Choose a slot in every environment; the next episode begins in the step that ends an episode.
 
         Args:
             state: the state before, unchanged.
@@ -284,17 +284,17 @@ class BatchEngine:
         if not self.arrays.on_device:
             actions = self._checked(actions)
         running = state.attempts_left > 0
-        picked = state.wide.take(self._offsets + actions)
-        empty = picked == nothing
+        chosen = state.wide.take(self._offsets + actions)
+        empty = chosen == nothing
         illegal = empty & running
         if self.config.illegal_action == "raise" and bool(illegal.any()):
             self._refuse(state, actions, illegal)
         second = state.selection != nothing
-        # An empty hand or an empty slot makes nothing: the table of pairs has a row for nothing.
-        pair = self.pairs(state.selection, picked)
+        # An empty selection or an empty slot makes nothing: the table of pairs has a row for nothing.
+        pair = self.pairs(state.selection, chosen)
         wide, count, made_goal, by_plan, shaped = self._land(state, pair, running, is_replaced)
         attempts_left = state.attempts_left - cast((second | empty) & running, "int64")
-        selection = self.arrays.xp.where(second | empty, nothing, picked)
+        selection = self.arrays.xp.where(second | empty, nothing, chosen)
         over = running & (made_goal | (attempts_left == 0))
         reward = cast(made_goal, "float32")
         if shaped is not None:

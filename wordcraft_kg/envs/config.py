@@ -1,4 +1,4 @@
-"""Settings of the crafting environments."""
+"""Settings for the crafting environments."""
 
 import sys
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
 
 @dataclass(frozen=True)
 class WordCraftConfig:
-    """Settings of a crafting environment.
+    """Settings for a crafting environment.
 
     Attributes:
         part: tasks of ``train``, ``valid``, ``test`` or ``all``.
@@ -55,9 +55,9 @@ class WordCraftConfig:
         distractor_policy: ``any``, or ``no_shortcut``: no distractor opens another way to the goal.
         task_weighting: draw a ``task`` uniformly, or a ``goal`` and then a task.
         ambiguity: ``all`` results of a pair, or only the ``last`` by label (as in the paper's released code).
-        illegal_action: effect of picking an empty slot: ``waste`` the attempt, or ``raise`` an error.
-        num_tasks: number of tasks to draw at depth 3 and above, and at depth 2 in large graphs.
-        task_seed: seed of the draw.
+        illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an error.
+        num_tasks: how many tasks to draw at depth 3 and above, and at depth 2 in large graphs.
+        task_seed: random seed for these tasks.
 
     Example:
         >>> WordCraftConfig(depth=2, num_distractors=8).attempts

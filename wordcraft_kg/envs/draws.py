@@ -1,4 +1,4 @@
-"""Drawing the start of many episodes: tasks, distractors, and places on the table.
+"""Draw the start for many episodes: tasks, distractors, and places on the table.
 
 Random numbers are hashes of (seed, environment, episode, draw). So an environment sees the same episodes in any
 process, with NumPy or torch, in any batch, and episodes can be drawn ahead.
@@ -118,10 +118,10 @@ class Draws:
             again = self._clashes(drawn, tasks, taken).nonzero()[0]
             amount = wanted + 4
             while len(again):
-                picked = self._pick(keys[again], tasks[again], taken[:, again], amount)
-                drawn[:, again] = picked
+                chosen = self._pick(keys[again], tasks[again], taken[:, again], amount)
+                drawn[:, again] = chosen
                 amount *= 4
-                again = again[picked[-1] == self.world.nothing] if amount < 2**11 * wanted else again[:0]
+                again = again[chosen[-1] == self.world.nothing] if amount < 2**11 * wanted else again[:0]
         if config.distractor_policy == "no_shortcut" and config.attempts > 1:
             self._avoid_shortcuts(keys, tasks, taken, drawn)
         return drawn
@@ -171,7 +171,7 @@ class Draws:
 
 
 class Ahead:
-    """A cache of the next episodes in N environments, ``size`` episodes at a time.
+    """A cache with the next episodes in N environments, ``size`` episodes at a time.
 
     On the CPU, missing episodes are drawn on demand. On a device, control flow may not depend on data: episodes are
     drawn at once, and a caller requests only cached episodes.

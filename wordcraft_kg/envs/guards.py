@@ -8,12 +8,12 @@ from wordcraft_kg.envs.arrays import Array, Arrays
 from wordcraft_kg.envs.world import World
 
 BITS = 31  # recipes in one table of marks: two bits each in 62
-_FILTER_BITS = 15  # recipes that the filter tells apart: two bits each in 30
+_FILTER_BITS = 15  # recipes that the filter distinguishes: two bits each in 30
 _ROOM = 32  # places in the filter per ingredient: more give fewer false alarms, fewer fit a smaller cache
 
 
 class Guards:
-    """The guarded recipes of a world's goals, as marks on ingredients.
+    """Guarded recipes for each goal, as marks on ingredients.
 
     The *marks* of an entity are an integer: bit k is set if the entity is the first ingredient of the goal's guarded
     recipe k, bit k + 31 for the second ingredient; marks combine with a bitwise or. One look-up per entity checks up to
@@ -27,7 +27,7 @@ class Guards:
     """
 
     def __init__(self, world: World, arrays: Arrays):
-        """Mark the ingredients of guarded recipes, and the start of each task with possible products."""
+        """Mark the guarded recipes' ingredients, and the start of each task with possible products."""
         self.arrays = arrays
         recipes = world.graph.recipes[world.guarded_recipes]
         recipes = recipes[np.argsort(recipes[:, 2], kind="stable")]
@@ -41,7 +41,7 @@ class Guards:
         keys, place = np.unique(pairs, return_inverse=True)
         place = place.reshape(-1, 2)
         tables = int(number.max()) // BITS + 1 if len(number) else 0
-        marks = np.zeros((tables, len(keys) + 1), dtype=np.int64)  # the last are those of an entity without any
+        marks = np.zeros((tables, len(keys) + 1), dtype=np.int64)  # the last marks belong to entities without any
         self._mask = (1 << (_ROOM * len(keys)).bit_length()) - 1
         folded = np.zeros(self._mask + 1, dtype=np.int32)
         for side in range(2):
@@ -58,10 +58,10 @@ class Guards:
         self._rows = arrays.array(rows)
         if tables:
             near = np.concatenate([world.tasks.starts, world.makeable], axis=1)
-            near_keys = (rows[:, None] + near).T  # nothing is no ingredient, but may share a place in the filter
+            near_keys = (rows[:, None] + near).T  # "nothing" is not an ingredient, but may share a place in the filter
             self._near_folded = arrays.array(np.bitwise_or.reduce(folded[near_keys & self._mask]))
-            found = _find(np, keys, near_keys)
-            self._near = [arrays.array(np.bitwise_or.reduce(table[found])) for table in marks]
+            places = _find(np, keys, near_keys)
+            self._near = [arrays.array(np.bitwise_or.reduce(table[places])) for table in marks]
 
     def __bool__(self) -> bool:
         """Whether any recipe is guarded."""
@@ -78,27 +78,28 @@ class Guards:
         return _completed(theirs, self._near_folded[tasks], _FILTER_BITS) != 0
 
     def refuse(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
-        """Refuse candidates, in order, that complete a recipe with the start or products of the start.
+        """Refuse candidates, in order, that complete a recipe with the start or its products.
 
         ``allowed`` (K, R), bool, is updated in place and returned.
         """
         keys = self._rows[tasks] + candidates
-        found = _find(self.arrays.xp, self._keys, keys)
-        theirs, there = [table[found] for table in self._tables], [near[tasks] for near in self._near]
+        places = _find(self.arrays.xp, self._keys, keys)
+        candidate_marks = [table[places] for table in self._tables]
+        present_marks = [near[tasks] for near in self._near]
         for i in range(len(candidates)):
-            for marks, present in zip(theirs, there, strict=True):
+            for marks, present in zip(candidate_marks, present_marks, strict=True):
                 allowed[i] &= _completed(marks[i], present, BITS) == 0
-            there = [
+            present_marks = [
                 present | self.arrays.xp.where(allowed[i], marks[i], 0)
-                for marks, present in zip(theirs, there, strict=True)
+                for marks, present in zip(candidate_marks, present_marks, strict=True)
             ]
         return allowed
 
 
 def _find(xp: Any, keys: Array, wanted: Array) -> Array:
     """Return indices in sorted keys; the last index, a sentinel, for missing keys."""
-    found = xp.searchsorted(keys, wanted)
-    return xp.where(keys[found] == wanted, found, len(keys) - 1)
+    places = xp.searchsorted(keys, wanted)
+    return xp.where(keys[places] == wanted, places, len(keys) - 1)
 
 
 def _completed(marks: Array, present: Array, bits: int) -> Array:

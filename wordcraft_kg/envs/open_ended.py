@@ -1,4 +1,4 @@
-"""The open-ended world: discover entities from the base in a limited number of attempts."""
+"""The open-ended world: discover entities from the base, with limited attempts."""
 
 from collections.abc import Iterable
 from typing import Any, get_args
@@ -25,7 +25,7 @@ class Discovery:
 
     Attributes:
         base: ids known at the start, ascending.
-        reachable: number of entities that can become known.
+        reachable: how many entities can become known.
         known: known ids in order of discovery, as the keys of a dictionary.
         tried: pairs ``(a, b)`` with ``a <= b`` that were combined.
     """
@@ -75,7 +75,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
 
     ## Description
     The agent starts with the base entities and combines two known entities in each attempt. All results become known
-    for good; nothing is used up. There is no goal.
+    for good; nothing is used up. Episodes have no goal.
 
     ## Action space
     ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order, possibly equal. An unknown entity
@@ -89,10 +89,10 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     |---|---|---|
     | known | (E,) | 1 for known entities |
     | last_results | (E,) | 1 for entities that the last attempt made known |
-    | attempts_left | () | attempts left, this one included |
+    | attempts_left | () | attempts left, including the current attempt |
 
     ## Rewards
-    The number of entities that the attempt made known.
+    Entities that the attempt made known.
 
     ## Starting state
     The base entities are known; nothing is random. ``reset`` takes no options.

@@ -1,4 +1,4 @@
-"""Pictures of the crafting environments for ``render_mode="rgb_array"``, drawn with pygame (extra ``render``).
+"""Pictures for ``render_mode="rgb_array"``, drawn with pygame (extra ``render``).
 
 An environment describes a state as a :class:`Scene`. pygame is imported when the first picture is drawn.
 """
@@ -35,7 +35,7 @@ COLOURS: dict[Mark, tuple[_Colour, _Colour]] = {
 
 
 class Tile(NamedTuple):
-    """A slot of the table."""
+    """A table slot."""
 
     label: str
     mark: Mark = "plain"

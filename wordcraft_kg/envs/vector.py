@@ -28,7 +28,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     """
 
     def __init__(self, num_envs: int, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
-        """Prepare N environments; the arguments are those of the single environment."""
+        """Prepare N environments; with the arguments of the single environment."""
         if render_mode is not None:
             raise ConfigError(f"`render_mode` {render_mode!r}: expected None; many environments are not rendered.")
         self.render_mode = None
@@ -48,10 +48,10 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     ) -> tuple[Arrays, dict[str, Any]]:
         """Restart all environments; one seed seeds a stream per environment, None continues the streams."""
         if isinstance(seed, list | tuple | np.ndarray):
-            raise ConfigError("`seed`: expected one integer, from which each environment gets a stream of its own.")
+            raise ConfigError("`seed`: expected one integer, which seeds a separate stream for each environment.")
         if options:
             raise ConfigError(
-                f"unknown reset option '{min(options)}': there are none; set tasks with the engine's pose()."
+                f"unknown reset option '{min(options)}': expected no options; set tasks with the engine's pose()."
             )
         if seed is None and self._state is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -62,7 +62,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Pick a slot in each environment."""
+        """Choose a slot in each environment."""
         self._state, done = self.engine.step(self.state, actions)
         infos = self._infos(done.outcome, done.by_plan, done.illegal, done.task)
         over = np.zeros(self.num_envs, dtype=bool)

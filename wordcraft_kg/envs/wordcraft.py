@@ -38,7 +38,7 @@ def observation_space(num_entities: int, num_slots: int, attempts: int) -> space
 
 @dataclass
 class State:
-    """The state of an episode, in ids: ``table`` without empty slots, ``selection`` the entity in hand.
+    """The state of an episode, in ids: ``table`` without empty slots, ``selection`` the selected entity.
 
     ``task`` is -1 before the first episode; ``outcome`` is ``not_begun``, ``in_progress``, ``goal`` or
     ``out_of_attempts``.
@@ -56,14 +56,14 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     """Make a goal by combining entities on a table: the paper's task, ``WordCraft-v0``.
 
     ## Description
-    An episode poses a goal and puts the starting ingredients on the table, shuffled among distractors. The agent picks
-    entities; two picks make an attempt. All results of the pair join the table (each once), and nothing is used up. All
-    recipes of the graph apply, in every part.
+    An episode poses a goal and puts the starting ingredients on the table, shuffled among distractors. An action
+    chooses an entity; two actions make an attempt. All results of the pair join the table (each once), and nothing is
+    used up. All graph recipes apply, in every part.
 
     ## Action space
-    ``Discrete(num_slots)``: the slot to pick; a slot may be picked twice. Picking an empty slot wastes the attempt:
-    nothing is made, the hand is emptied, ``info["illegal_action"]`` is set; with ``illegal_action="raise"`` it raises
-    an error. A number outside the space always raises an error.
+    ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot wastes the attempt:
+    nothing is made, the selection is cleared, ``info["illegal_action"]`` is set; with ``illegal_action="raise"`` an
+    error is raised. A number outside the space always raises an error.
 
     ## Observation space
     ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` is the id of nothing.
@@ -72,8 +72,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     |---|---|---|
     | goal | () | entity to make |
     | table | (num_slots,) | entity in each slot |
-    | selection | () | entity in hand, the first pick of the current attempt |
-    | attempts_left | () | attempts left, this one included |
+    | selection | () | selected entity, the first action of the current attempt |
+    | attempts_left | () | attempts left, including the current attempt |
     | action_mask | (num_slots,) | 1 for slots with an entity |
 
     ``num_slots = (depth + 1) + num_distractors + r * attempts``, where a pair has at most r results.
@@ -154,7 +154,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return self._seen(), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Pick the entity in a slot."""
+        """Choose the entity in a slot."""
         state = self.state
         if state.outcome != "in_progress":
             is_new = state.outcome == "not_begun"
@@ -187,7 +187,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     @property
     def task(self) -> Task:
-        """The task of the current episode."""
+        """The current task."""
         return self.tasks[self.state.task]
 
     # --- rules -------------------------------------------------------------------------------------------------------
@@ -214,7 +214,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         try:
             slot = operator.index(action)
         except TypeError:
-            raise ActionError(f"action {action!r}: expected a whole number, the slot to pick.") from None
+            raise ActionError(f"action {action!r}: expected a whole number, a slot of the table.") from None
         if not 0 <= slot < self.num_slots:
             raise ActionError(f"action {slot}: expected 0 to {self.num_slots - 1}, a slot of the table.")
         return slot
@@ -223,11 +223,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         ids = [self.world.graph.id_of(entity) for entity in table]
         most = self.num_slots - self.world.max_results * self.config.attempts
         if not 1 <= len(ids) <= most:
-            raise ConfigError(
-                f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for what is made."
-            )
+            raise ConfigError(f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for results.")
         if len(set(ids)) < len(ids):
-            raise ConfigError("`table` holds an entity twice: expected different ones.")
+            raise ConfigError("`table` holds an entity twice: expected different entities.")
         return ids
 
     # --- starting state ----------------------------------------------------------------------------------------------
@@ -284,13 +282,14 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             pairs.setdefault(result, []).append((a, b))
         return pairs
 
-    # --- what is seen ------------------------------------------------------------------------------------------------
+    # --- observations ------------------------------------------------------------------------------------------------
 
     def _words(self) -> str:
         names, state = self.world.graph.entities, self.state
-        hand = names[state.selection] if state.selection != self._nothing else "nothing"
+        selected = names[state.selection] if state.selection != self._nothing else "nothing"
         table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
-        return f"goal: {names[state.goal]}   hand: {hand}   attempts left: {state.attempts_left}\ntable: {table}"
+        facts = f"goal: {names[state.goal]}   selection: {selected}   attempts left: {state.attempts_left}"
+        return f"{facts}\ntable: {table}"
 
     def _scene(self) -> Scene:
         names, state = self.world.graph.entities, self.state
@@ -299,7 +298,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         tiles = [Tile(names[entity], marks.get(entity, "plain"), slot) for slot, entity in enumerate(state.table)]
         facts = (
             ("goal", Tile(names[state.goal], "goal")),
-            ("in hand", Tile(held or "nothing", "held" if held else "empty")),
+            ("selection", Tile(held or "nothing", "held" if held else "empty")),
             ("attempts left", str(state.attempts_left)),
             ("", {"goal": "made", "out_of_attempts": "not made"}.get(state.outcome, "")),
         )

@@ -1,4 +1,4 @@
-"""Wrappers for other observations: entity vectors, knowledge-graph scores, and words."""
+"""Wrappers for additional observations: entity vectors, knowledge-graph scores, and words."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -112,7 +112,7 @@ class _Scores:
 class KGScoreObservation(_Ids):
     """Adds scores from sources by name, each of shape (num_slots,): the values that a policy mixes.
 
-    ``u_i = L(e_i, combinesWith, e_held)`` scores a slot with the entity in hand, and is 0 for an empty hand; ``v_i =
+    ``u_i = L(e_i, combinesWith, e_held)`` scores a slot with the selected entity, and is 0 without a selection; ``v_i =
     L(e_i, componentOf, e_goal)`` scores a slot with the goal. Both are 0 for empty slots.
 
     Source: Jiang et al. 2020, section "Knowledge-guided policy".
@@ -158,7 +158,7 @@ class VectorKGScoreObservation(VectorWrapper):
         return self._with_scores(observations), infos
 
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
-        """Pick a slot in each environment."""
+        """Choose a slot in each environment."""
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         return self._with_scores(observations), rewards, terminated, truncated, infos
 
@@ -191,7 +191,7 @@ class TaskObservation(_Ids):
 class TextObservation(_Masked):
     """Describes the state in words and accepts actions in words, for language models and people.
 
-    A crafting action is a pick: a label, the beginning of a label, or a number from 1 in table order. An open-ended
+    A crafting action is a label, a label's beginning, or a number from 1 in table order. An open-ended
     action is a pair, such as ``"water + earth"``, see :mod:`wordcraft_kg.base.labels`. Other actions pass unchanged.
     """
 
@@ -211,7 +211,7 @@ class TextObservation(_Masked):
         return self._text(observation), info
 
     def step(self, action: Any) -> tuple[str, Any, bool, bool, dict[str, Any]]:
-        """Pick an entity, or combine two in the open-ended world."""
+        """Choose an entity, or combine two entities in the open-ended world."""
         chosen = self.parse(action) if isinstance(action, str) else action
         observation, reward, terminated, truncated, info = self.env.step(chosen)
         return self._text(observation), reward, terminated, truncated, info

@@ -1,6 +1,6 @@
 """Recipe graphs and everything derived from a graph; this package trains nothing and imports neither torch nor PyKEEN.
 
-The recipe graph is the only source of truth. Triples lose which pair makes which result, so recipes stay objects;
+The recipe graph is the single source of truth. Triples lose which pair makes which result, so recipes stay objects;
 triples, splits, tasks and vocabularies are derived. Ids follow the sorted labels: equal graphs have equal ids. A split
 records its graph's hash, and derived files record both hashes. The bytes of a graph folder depend only on the book and
 the split's settings.

@@ -1,4 +1,4 @@
-"""Arrays of ids."""
+"""Id arrays."""
 
 from collections.abc import Sequence
 

@@ -34,7 +34,7 @@ class AmbiguousPair(Record):
 
 
 class Ambiguity(Record):
-    """Number of results per pair; ``examples`` are the pairs with the most results."""
+    """Result counts per pair; ``examples`` are the pairs with the most results."""
 
     pairs_by_number_of_results: dict[str, Count]
     pairs_with_several_results: Count
@@ -52,7 +52,7 @@ class Reachability(Record):
 
 
 class Spread(Record):
-    """Summary of a count over entities."""
+    """Summary of counts over entities."""
 
     mean: float
     median: float
@@ -60,7 +60,7 @@ class Spread(Record):
 
 
 class Degrees(Record):
-    """Counts of recipes that make and use entities.
+    """Recipe counts: recipes that make and use each entity.
 
     ``craftable`` entities have a recipe, ``terminal`` entities have no other use, ``idle`` entities have neither.
     ``most_used`` and ``most_recipes`` list the entities with the most uses and recipes.
@@ -83,14 +83,14 @@ class AlikeLabels(Record):
 
 
 class SplitSummary(Record):
-    """Settings and sizes of a split.
+    """Split settings and sizes.
 
     Attributes:
         evaluated_triples: test triples that neither train nor validation recipes give.
         leaked_triples: the remaining test triples, never evaluated.
         covered: whether every entity occurs in a train recipe; ``uncovered`` counts the missing entities.
         moved_for_coverage: recipes moved to train for coverage.
-        pairs_on_both_sides: pairs with results in more than one part.
+        pairs_on_both_sides: pairs with results in several parts.
         test_goals_in_train: test goals that train recipes make, too.
         one_ingredient_away: test recipes that share an ingredient and the result with a train recipe.
     """
@@ -122,7 +122,7 @@ class Leakage(Record):
 
     Attributes:
         train: training triples.
-        from_test_recipes: triples of the test recipes.
+        from_test_recipes: triples from test recipes.
         already_in_train: excluded triples, which train or validation recipes give, too.
         evaluated: the remaining triples.
         mirror_in_train: evaluated triples with their mirror (tail, relation, head) in train; 0 for combinesWith.

@@ -32,7 +32,7 @@ class Finding(Record):
     """A problem or an oddity.
 
     Attributes:
-        kind: name of the rule, such as ``duplicate``.
+        kind: rule name, such as ``duplicate``.
         severity: only a ``problem`` fails the check.
         lines: line numbers from 1, at most 15; empty for a finding about the whole book.
         message: description.
@@ -52,7 +52,7 @@ class BookFigures(Record, omit_defaults=True):
         max_layer: rounds until the last reachable entity.
         share_with_two_recipes: share of the craftable entities with at least two recipes.
         terminal: craftable entities that no recipe uses.
-        most_used_share: share of the recipes that use the most used entity.
+        most_used_share: share of all recipes that use the most used entity.
         words_with_vector: share of the words in labels with a word vector.
         near_synonym_share: share of the default split's test recipes that repeat a train recipe with one ingredient
             replaced by a near-synonym (cosine ``near_synonym_cosine`` or more).

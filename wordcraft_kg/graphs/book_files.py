@@ -42,13 +42,13 @@ def read_book(
 
     Args:
         path: the file or folder.
-        keep_self_results: keep rows whose result is also an ingredient.
+        keep_self_results: keep rows with the result among the ingredients.
         single_ingredient: how to read recipes with one ingredient: ``self`` repeats the ingredient, another text
             names a second ingredient, such as furnace. With None such a recipe is an error.
         name: the book's name; None uses the file's or folder's name.
 
     Raises:
-        RecipeFileError: with the line or key of the first error.
+        RecipeFileError: with the first error's line or key.
     """
     path = Path(path)
     if (path / "graph.json").is_file():
@@ -81,7 +81,7 @@ def read_book(
 
 
 def book_name(path: Path) -> str:
-    """Return a book's default name: the name of the file or graph folder, without control characters."""
+    """Return a book's default name: the file or folder name, without control characters."""
     name = path.parent.name if path.name == "graph.json" else path.stem
     if label_fault(name) is None:
         return name
@@ -183,7 +183,7 @@ class Table:
             return
         expected = self._delimiter.join(CSV_HEADER) + "'" + " separated by tabs" * (self._delimiter == "\t")
         yield Fault(number, "header", f"the header is '{line.strip()[:80]}'; expected '{expected}.")
-        # A misspelt header is no recipe; a recipe in the place of the header is.
+        # A misspelt header is not a recipe, unlike a recipe in the header's place.
         is_header = sum(cell.strip() in CSV_HEADER for cell in line.split(self._delimiter)) >= 2 or line[0] == "#"
         if not is_header and (row := self._read(number, line)) is not None:
             yield row
@@ -375,7 +375,7 @@ def write_book(book: RecipeBook, path: Path) -> None:
 
 
 def recipe_table(recipes: Iterable[Recipe], delimiter: str = ",") -> Iterator[str]:
-    """Yield the lines of a recipe table with header."""
+    """Yield a recipe table with header, line by line."""
     yield delimiter.join(CSV_HEADER) + "\n"
     for recipe in recipes:
         yield _csv_line(recipe, delimiter)

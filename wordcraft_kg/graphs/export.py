@@ -1,4 +1,4 @@
-"""Export of graphs for other tools; add a function ``(content, path) -> None`` to :data:`EXPORTERS`."""
+"""Export graphs for other tools; add a function ``(content, path) -> None`` to :data:`EXPORTERS`."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ _GRAPHML_BYTES = 6_000  # per recipe while networkx writes, measured with 250,00
 
 @dataclass(frozen=True)
 class Content:
-    """The exported part of a graph."""
+    """The exported data."""
 
     opened: OpenedGraph
     part: ExportPart = "full"

@@ -41,7 +41,7 @@ class OpenedGraph:
         return self.graph.triples if kg == "full" else self.split.partial
 
     def train_sample(self, kg: TrainedOn) -> TrainSample:
-        """Return the training recipes of a scorer."""
+        """Return a scorer's training recipes."""
         return TrainSample.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
 
 
@@ -74,7 +74,7 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
     """Open a graph and a split.
 
     Args:
-        source: a graph folder, a recipe book's file, or the name of a known book.
+        source: a graph folder, a book file, or a known book's name.
         config: split settings for a book; ignored for a graph folder. Default: see :func:`default_split`.
 
     Raises:

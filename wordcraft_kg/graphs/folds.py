@@ -1,7 +1,7 @@
-"""Folds of the train recipes, for cross-fitting: a model of the other folds answers for a fold.
+"""Folds of the train recipes, for cross-fitting: a model trained without a fold scores the recipes of the fold.
 
-Recipes that the split holds out together stay together, so a fold is to a model of the other folds as the test recipes
-are to a model of all train recipes.
+Each group of the split is in one fold. So a fold is as new to a model trained on the remaining folds as the test
+recipes are to a model trained on all train recipes.
 """
 
 import hashlib
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.settings import refuse, whole
 from wordcraft_kg.graphs.arrays import Ids, frozen
-from wordcraft_kg.graphs.splits import Split, units_of
+from wordcraft_kg.graphs.splits import Split, groups_of
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import recipe_triples
@@ -26,35 +26,35 @@ SEVERAL = -2
 
 
 class Folds:
-    """The train recipes of a split in K folds.
+    """A split's train recipes in K folds.
 
     Attributes:
         split: the split.
         count: K.
-        seed: seed of the draw.
+        seed: random seed.
         of_recipe: shape (num_recipes,), int64: each recipe's fold, :data:`OUTSIDE` outside train.
-        train_sample: the training recipes; the folds do not depend on the dose.
+        train_sample: the training recipes; the folds do not depend on the train sample.
     """
 
     def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, train_sample: TrainSample | None = None):
-        """Bind a draw to a split, see :func:`make_folds`; the default dose is the train part."""
+        """Bind folds to a split, see :func:`make_folds`; the default train sample is the train part."""
         self.split, self.count, self.seed = split, count, seed
         self.of_recipe = frozen(of_recipe)
         self.train_sample = TrainSample.of(split.graph, split.is_in("train")) if train_sample is None else train_sample
 
     def with_train_sample(self, train_sample: TrainSample) -> "Folds":
-        """Return the same folds with another dose."""
+        """Return the same folds with another train sample."""
         return Folds(self.split, self.count, self.seed, self.of_recipe, train_sample)
 
     @property
     def is_subsample(self) -> bool:
-        """Whether the dose changes the train recipes."""
+        """Whether the train sample differs from the train part."""
         return bool(
             (self.train_sample.is_trained_on != self.split.is_in("train")).any() or self.train_sample.is_wrong.any()
         )
 
     def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
-        """Return which recipes are in the dose and outside the folds left out, shape (num_recipes,)."""
+        """Return which recipes are in the train sample and outside the folds left out, shape (num_recipes,)."""
         return self.train_sample.is_trained_on & ~np.isin(self.of_recipe, list(left_out))
 
     def recipes(self, left_out: Collection[int] = ()) -> Ids:
@@ -62,11 +62,11 @@ class Folds:
         return self.train_sample.among(self.seen(left_out))
 
     def recipes_of(self, fold: int) -> Ids:
-        """Return the dose's recipes in a fold, with training results, shape (n, 3)."""
+        """Return the recipes in the train sample and a fold, with training results, shape (n, 3)."""
         return self.train_sample.among(self.of_recipe == fold)
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:
-        """Return the triples of the recipes :meth:`seen`, shape (T, 3), sorted."""
+        """Return the triples from :meth:`recipes`, shape (T, 3), sorted."""
         return frozen(recipe_triples(self.recipes(left_out)))
 
     def of_tasks(self, tasks: TaskSet) -> Ids:
@@ -75,12 +75,12 @@ class Folds:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the split's hash and every recipe's fold."""
+        """SHA-256 hash: the split's hash and each recipe's fold."""
         return hashlib.sha256(self.split.hash.encode() + self.of_recipe.tobytes()).hexdigest()
 
 
 def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return the fold that contains all train recipes of a task's plans, shape (N,).
+    """Return each task's fold, which contains all train recipes in the task's plans; shape (N,).
 
     The value is :data:`SEVERAL` for several folds, :data:`OUTSIDE` without a train recipe. ``of_recipe`` is each
     recipe's fold, shape (num_recipes,), :data:`OUTSIDE` outside train.
@@ -94,7 +94,7 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
         folds = {fold_of[row] for plan in plans for row in plan}
         if tasks.part == "train" and OUTSIDE in folds:
             raise GraphMismatchError(
-                f"train task {task:,} uses a recipe that is in none of the folds: they were made for another split. "
+                f"train task {task:,} uses a recipe outside all folds: the folds were made for another split. "
                 "Take its train tasks, or train the model again on this split."
             )
         folds = folds - {OUTSIDE} or {OUTSIDE}
@@ -116,13 +116,13 @@ def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     """
     whole("folds", count, 2)
     rows = np.flatnonzero(split.is_in("train"))
-    units, of_row = np.unique(units_of(split.graph, split.config.kind)[rows], return_inverse=True)
-    if count > len(units):
+    groups, group_of_row = np.unique(groups_of(split.graph, split.config.kind)[rows], return_inverse=True)
+    if count > len(groups):
         raise refuse(
-            "folds", count, f"2 to {len(units):,}, as many as there are train pairs, goals or groups to keep together"
+            "folds", count, f"2 to {len(groups):,}, as many as there are train pairs, goals or groups to keep together"
         )
-    fold_of_unit = np.empty(len(units), dtype=np.int64)
-    fold_of_unit[np.random.default_rng([seed, count]).permutation(len(units))] = np.arange(len(units)) % count
+    fold_of_group = np.empty(len(groups), dtype=np.int64)
+    fold_of_group[np.random.default_rng([seed, count]).permutation(len(groups))] = np.arange(len(groups)) % count
     of_recipe = np.full(split.graph.num_recipes, OUTSIDE, dtype=np.int64)
-    of_recipe[rows] = fold_of_unit[of_row]
+    of_recipe[rows] = fold_of_group[group_of_row]
     return Folds(split, count, seed, of_recipe)

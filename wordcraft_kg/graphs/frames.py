@@ -1,4 +1,4 @@
-"""Conversion of recipe graphs to networkx graphs and pandas frames."""
+"""Convert recipe graphs to networkx graphs and pandas frames."""
 
 from typing import TYPE_CHECKING
 

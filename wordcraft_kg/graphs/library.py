@@ -30,7 +30,7 @@ class _Fetchable:
 
     Attributes:
         url: URL at a fixed commit.
-        sha256: SHA-256 of the file.
+        sha256: SHA-256 hash.
         file_name: name in the cache and the data folder.
         base: base entities, which the file does not name.
         note: licence, for users.
@@ -66,7 +66,7 @@ class KnownBook:
 
 @dataclass(frozen=True)
 class LocatedBook:
-    """A book's file, and the name and base of a known book."""
+    """A book's file, and a known book's name and base."""
 
     path: Path
     name: str | None = None

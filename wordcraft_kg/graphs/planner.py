@@ -37,7 +37,7 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
 
 
 def rounds(layer: Ids) -> list[int]:
-    """Return the number of known entities after 0, 1, 2, ... rounds, from :func:`layers`."""
+    """Return how many entities are known after 0, 1, 2, ... rounds, from :func:`layers`."""
     reached = layer[layer >= 0]
     return np.cumsum(np.bincount(reached)).tolist() if len(reached) else []
 
@@ -47,8 +47,8 @@ class Derivation:
     """A way to make an entity from base entities.
 
     Attributes:
-        goal: label of the entity.
-        steps: distinct recipes in order of execution, ending in the goal; empty for a base entity.
+        goal: the entity's label.
+        steps: distinct recipes in execution order, ending in the goal; empty for a base entity.
         cost: size of the derivation tree, which repeats an intermediate for every use; ``len(steps) <= cost``
             combinations are enough.
     """
@@ -68,8 +68,8 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
     """Yield a derivation as a tree, line by line: an entity with a pair, then the pair's derivations, none repeated.
 
     Args:
-        goal: label of the entity.
-        steps: one recipe per made entity.
+        goal: the entity's label.
+        steps: a recipe per made entity.
 
     Example:
         >>> print(Planner(open_graph("kitchen").graph).derivation("flour"))
@@ -95,14 +95,14 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
 
 
 class Planner:
-    """Cheapest derivations of all entities.
+    """Cheapest derivations for all entities.
 
     The cost is the tree size: 1 + cost(a) + cost(b). Knuth's generalisation of Dijkstra's algorithm (Knuth, "A
     generalization of Dijkstra's algorithm", 1977) finds the exact minimum for all entities at once; counting shared
     intermediates once would be NP-hard. Ties go to the earlier recipe in the graph.
 
     Attributes:
-        start: labels of the entities known at the start.
+        start: labels known at the start.
         costs: cost by entity id, ``math.inf`` if unreachable; Python integers, since trees grow exponentially.
     """
 
@@ -134,7 +134,7 @@ class Planner:
                         heapq.heappush(queue, (candidate, index, result))
 
     def derivation(self, goal: Entity) -> Derivation:
-        """Return the cheapest derivation of an entity.
+        """Return an entity's cheapest derivation.
 
         Raises:
             UnknownEntityError: for an unknown entity.

@@ -1,4 +1,4 @@
-"""The recipe graph: entities, recipes and base entities of a crafting world, and every lookup on them."""
+"""The recipe graph: a crafting world's entities, recipes and base entities, with all lookups."""
 
 import hashlib
 import json
@@ -43,7 +43,7 @@ class RecipeGraph:
         Args:
             entities: labels, sorted, unique.
             recipes: shape (num_recipes, 3), rows ``(ingredient, ingredient, result)`` in any order.
-            base_ids: ids of the base entities.
+            base_ids: base entity ids.
             name: name in reports.
 
         Raises:
@@ -102,12 +102,12 @@ class RecipeGraph:
 
     @property
     def num_entities(self) -> int:
-        """Number of entities."""
+        """The entity count."""
         return len(self.entities)
 
     @property
     def num_recipes(self) -> int:
-        """Number of recipes; a pair with two results counts twice."""
+        """The recipe count; a pair with two results counts twice."""
         return len(self.recipes)
 
     @property
@@ -123,12 +123,12 @@ class RecipeGraph:
 
     @property
     def base(self) -> tuple[str, ...]:
-        """Labels of the base entities, sorted."""
+        """Base entity labels, sorted."""
         return self.labels(self.base_ids)
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the content, in hexadecimal, equal for equal graphs."""
+        """SHA-256 hash of the content, in hexadecimal, equal for equal graphs."""
         digest = hashlib.sha256(b"wordcraft-kg recipe graph 1\n")
         digest.update(json.dumps([self.entities, self.base]).encode())
         digest.update(self.recipes.astype("<i8").tobytes())
@@ -164,20 +164,20 @@ class RecipeGraph:
     def id_of(self, entity: Entity) -> int:
         """Return the id of an entity given by label or id, or raise an :class:`UnknownEntityError`."""
         if isinstance(entity, str):
-            found = self._index.get(entity)
-            if found is None:
+            index = self._index.get(entity)
+            if index is None:
                 raise UnknownEntityError(f"no entity '{entity}' in {self.name}.{nearest(entity, self.entities)}")
-            return found
+            return index
         if not 0 <= entity < self.num_entities:
             raise UnknownEntityError(f"no entity id {entity} in {self.name}; ids are 0 .. {self.num_entities - 1}.")
         return int(entity)
 
     def labels(self, ids: Iterable[int]) -> tuple[str, ...]:
-        """Return the labels of ids."""
+        """Return labels for ids."""
         return tuple(self.entities[i] for i in ids)
 
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
-        """Return recipes (default: all) as rows of labels."""
+        """Return recipes (default: all) with labels."""
         rows = self.recipes if recipes is None else recipes
         # By column: a million short lists would cost the garbage collector more time than the work itself.
         columns = ([self.entities[i] for i in column] for column in rows.T.tolist())
@@ -217,7 +217,7 @@ class RecipeGraph:
         return _group(users, np.concatenate([rows, rows[distinct]]), self.num_entities)
 
     def results(self, one: Entity, other: Entity) -> Ids:
-        """Return the ids of a pair's results, ascending, possibly empty."""
+        """Return a pair's results as ids, ascending, possibly empty."""
         a, b = sorted((self.id_of(one), self.id_of(other)))
         key = a * self.num_entities + b
         pair = int(np.searchsorted(self._pair_keys, key))
@@ -228,10 +228,10 @@ class RecipeGraph:
     @cached_property
     def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
         """Results by pair ``(a, b)`` with ``a <= b``, ascending, for many fast lookups."""
-        found: dict[tuple[int, int], list[int]] = {}
+        results_of: dict[tuple[int, int], list[int]] = {}
         for a, b, result in self.recipes.tolist():
-            found.setdefault((a, b), []).append(result)
-        return {pair: tuple(results) for pair, results in found.items()}
+            results_of.setdefault((a, b), []).append(result)
+        return {pair: tuple(results) for pair, results in results_of.items()}
 
     def recipes_of(self, result: Entity) -> Ids:
         """Return the rows of :attr:`recipes` that make ``result``, ascending."""
@@ -247,12 +247,12 @@ class RecipeGraph:
 
     @property
     def recipe_counts(self) -> Ids:
-        """Shape (num_entities,): number of recipes for each entity."""
+        """Shape (num_entities,): recipes that make each entity."""
         return np.diff(self.by_result[0])
 
     @property
     def use_counts(self) -> Ids:
-        """Shape (num_entities,): number of recipes with each entity as ingredient."""
+        """Shape (num_entities,): recipes with each entity as ingredient."""
         return np.diff(self.by_ingredient[0])
 
     @cached_property

@@ -41,8 +41,8 @@ class RecipeBook:
         recipes: sorted, without duplicates.
         base: declared base entities, sorted; None without a declaration.
         idle: listed entities without a kept recipe, sorted.
-        dropped_self_results: number of omitted rows whose result is also an ingredient.
-        merged_duplicates: number of omitted rows that repeat a recipe.
+        dropped_self_results: omitted rows with the result among the ingredients.
+        merged_duplicates: omitted rows that repeat a recipe.
         sha256: hash of the file; None without a file.
     """
 
@@ -116,5 +116,5 @@ def check_label(label: Any, where: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return the first 80 characters of a value's representation."""
+    """Return a value's representation, cut to 80 characters."""
     return repr(value)[:80]

@@ -31,14 +31,14 @@ Part = Literal["train", "valid", "test"]
 
 @dataclass(frozen=True)
 class SplitConfig:
-    """Settings of a split.
+    """Split settings.
 
     Attributes:
         kind: name in :data:`SPLITS`.
-        train_ratio: fraction of pairs (by-recipe), goals (by-goal) or groups of recipes (by-slot) for training, between
-            0 and 1; 0.8 in the paper.
+        train_ratio: fraction for training: of the pairs (by-recipe), goals (by-goal) or recipe groups (by-slot);
+            between 0 and 1, 0.8 in the paper.
         valid_ratio: fraction for validation, from 0; the rest is the test part and must not be empty.
-        seed: seed of the random draw.
+        seed: random seed.
 
     Example:
         >>> SplitConfig("by-goal", train_ratio=0.7, seed=1).valid_ratio
@@ -61,7 +61,7 @@ class SplitConfig:
 
 @dataclass(frozen=True)
 class Draw:
-    """Each recipe's part, and the number of recipes moved so that train covers all entities."""
+    """Each recipe's part, and the number of recipes moved to train to cover all entities."""
 
     parts: NDArray[np.int8]
     moved_for_coverage: int = 0
@@ -69,15 +69,15 @@ class Draw:
 
 @dataclass(frozen=True)
 class SplitKind:
-    """A kind of split; ``units`` returns each recipe's unit, shape (num_recipes,), and units stay together."""
+    """A kind of split; ``groups`` returns each recipe's group, shape (num_recipes,). A group is never divided."""
 
     draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw]
-    units: Callable[[RecipeGraph], Ids]
+    groups: Callable[[RecipeGraph], Ids]
     about: str
 
 
 class Split:
-    """The parts of a graph's recipes, with triples.
+    """Recipes and triples by part.
 
     *full* triples come from all recipes, *partial* triples from the train recipes, *unseen* = full - partial. A test
     triple that a train recipe gives, too, is *leaked* and never evaluated.
@@ -113,7 +113,7 @@ class Split:
 
     @property
     def partial(self) -> Ids:
-        """Triples of the train recipes, shape (T, 3), sorted."""
+        """Train triples, shape (T, 3), sorted."""
         return self.triples_of("train")
 
     @cached_property
@@ -123,16 +123,16 @@ class Split:
         return frozen(full[~is_in(full, self.partial, self.graph.num_entities)])
 
     def triples_of(self, part: Part) -> Ids:
-        """Return all triples of a part's recipes, including leaked triples, shape (T, 3), sorted."""
+        """Return a part's triples, including leaked triples, shape (T, 3), sorted."""
         if part not in self._triples:
             self._triples[part] = frozen(recipe_triples(self.recipes(part)))
         return self._triples[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
-        """Return the triples of a part to evaluate, shape (T, 3), sorted.
+        """Return a part's triples for evaluation, shape (T, 3), sorted.
 
-        Triples of train recipes are excluded, and from the test part also triples of validation recipes, which may have
-        served to choose settings.
+        Train triples are excluded. The test part also excludes validation triples, which may have served to choose
+        settings.
         """
         if part not in self._held_out:
             triples = self.triples_of(part)
@@ -149,12 +149,12 @@ class Split:
 
     @cached_property
     def uncovered(self) -> Ids:
-        """Ids of the entities without a train recipe."""
+        """Ids of all entities without a train recipe."""
         return frozen(np.setdiff1d(np.arange(self.graph.num_entities), self.recipes("train")))
 
     @cached_property
     def pairs_on_both_sides(self) -> int:
-        """Number of pairs with results in more than one part."""
+        """Number of pairs with results in several parts."""
         starts = self.graph.pair_starts[:-1]
         if not len(starts):
             return 0
@@ -162,12 +162,12 @@ class Split:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the graph's hash, the settings and each recipe's part."""
+        """SHA-256 hash: the graph's hash, the settings and each recipe's part."""
         head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage])
         return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
     def to_json(self) -> Iterator[str]:
-        """Yield ``split.json``: settings, hashes, and each part's recipes as rows of labels, one per line."""
+        """Yield ``split.json``: settings, hashes, and each part's recipes, one row with labels per line."""
         head = {
             "format": _SPLIT_FORMAT,
             "graph": self.graph.hash,
@@ -209,13 +209,13 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     return split
 
 
-def units_of(graph: RecipeGraph, kind: str) -> Ids:
-    """Return each recipe's unit, shape (num_recipes,): a kind of split keeps units together."""
-    return SPLITS[kind].units(graph)
+def groups_of(graph: RecipeGraph, kind: str) -> Ids:
+    """Return each recipe's group, shape (num_recipes,); this kind of split never divides a group."""
+    return SPLITS[kind].groups(graph)
 
 
 def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> Split:
-    """Rebuild a split from the content of ``split.json``.
+    """Rebuild a split from ``split.json``.
 
     Raises:
         GraphMismatchError: for another graph.
@@ -226,7 +226,7 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
             raise ArtefactError(f"{where} has the format {content['format']!r}; expected {_SPLIT_FORMAT!r}.")
         if content["graph"] != graph.hash:
             raise GraphMismatchError(
-                f"{where} belongs to graph {content['graph'][:12]} but the graph beside it is {graph.hash[:12]} "
+                f"{where} belongs to graph {content['graph'][:12]} but the folder's graph is {graph.hash[:12]} "
                 f"({graph.num_entities} entities). Build the graph again with `wordcraft-kg build-graph`."
             )
         config = SplitConfig(**{key: content[key] for key in ("kind", "train_ratio", "valid_ratio", "seed")})
@@ -244,15 +244,15 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
         raise ArtefactError(f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again.") from None
 
 
-# --- kinds of splits -------------------------------------------------------------------------------------------------
+# --- split kinds -------------------------------------------------------------------------------------------------
 
 
-def _part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
-    """Assign units to parts at random, by rounded ratios; shape (num_units,)."""
-    order = rng.permutation(num_units)
-    num_train = round(config.train_ratio * num_units)
-    num_valid = round(config.valid_ratio * num_units)
-    parts = np.full(num_units, TEST, dtype=np.int8)
+def _part_of_groups(num_groups: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
+    """Assign groups to parts at random, by rounded ratios; shape (num_groups,)."""
+    order = rng.permutation(num_groups)
+    num_train = round(config.train_ratio * num_groups)
+    num_valid = round(config.valid_ratio * num_groups)
+    parts = np.full(num_groups, TEST, dtype=np.int8)
     parts[order[:num_train]] = TRAIN
     parts[order[num_train : num_train + num_valid]] = VALID
     return parts
@@ -260,7 +260,7 @@ def _part_of_units(num_units: int, config: SplitConfig, rng: np.random.Generator
 
 def _by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
     """Hold out whole pairs, with all results."""
-    return Draw(_part_of_units(graph.num_pairs, config, rng)[graph.pair_of_recipe])
+    return Draw(_part_of_groups(graph.num_pairs, config, rng)[graph.pair_of_recipe])
 
 
 def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
@@ -275,7 +275,7 @@ def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator
     for entity in np.flatnonzero(~covered).tolist():
         around = np.concatenate([graph.recipes_of(entity), graph.uses_of(entity)])
         if covered[entity] or not len(around):
-            continue  # in no recipe at all: nothing can cover it
+            continue  # in no recipe, so no recipe can cover this entity
         pair = graph.pair_of_recipe[rng.choice(around)]
         rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
         parts[rows] = TRAIN
@@ -289,10 +289,10 @@ def _goals(graph: RecipeGraph) -> Ids:
 
 
 def _by_goal(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out goals: a recipe follows its result."""
+    """Hold out goals: all recipes of a goal are in the goal's part."""
     made = np.unique(_goals(graph))
     part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
-    part_of[made] = _part_of_units(len(made), config, rng)
+    part_of[made] = _part_of_groups(len(made), config, rng)
     return Draw(part_of[_goals(graph)])
 
 
@@ -314,7 +314,7 @@ def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.G
 
 
 def _slots(graph: RecipeGraph) -> Ids:
-    """Return each recipe's group: connected components of recipes that share an (ingredient, result)."""
+    """Return each recipe's group: a connected component, where links are shared (ingredient, result) pairs."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -329,18 +329,18 @@ def _slots(graph: RecipeGraph) -> Ids:
 
 
 def _by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out groups of recipes, so that no (ingredient, result) in a test recipe occurs in train.
+    """Hold out recipe groups, so that no (ingredient, result) in a test recipe occurs in train.
 
-    In a split by recipe nine of ten test recipes differ from a train recipe in one ingredient, so counting the other
-    ingredient's partners goes a long way. Here counting does not help.
+    In a by-recipe split, 90 % of the test recipes differ from a train recipe in one ingredient only, so counting the
+    partners of the shared ingredient goes a long way. Here counting does not help.
 
-    Most goals form one group, so this split is nearly a split by goal: on the built-in everyday book 34 % of the test
-    goals have another group in train, on Little Alchemy 2 15 %. Holding out goals with several groups first (100 and
-    65 %) was rejected: such goals are few and unusual, so seeds would share half of the test part, and train would keep
-    next to none for choosing settings and cross-fitting.
+    Most goals form a single group, so this split is nearly a by-goal split: on the built-in everyday book 34 % of the
+    test goals have another group in train, on Little Alchemy 2 15 %. Holding out goals with several groups first (100
+    and 65 %) was rejected: such goals are few and unusual, so different seeds would share half the test part, and train
+    would keep too few for tuning and cross-fitting.
     """
     group = _slots(graph)
-    return Draw(_part_of_units(group.max(initial=-1) + 1, config, rng)[group])
+    return Draw(_part_of_groups(group.max(initial=-1) + 1, config, rng)[group])
 
 
 def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
@@ -352,7 +352,7 @@ _PAIRS: Callable[[RecipeGraph], Ids] = attrgetter("pair_of_recipe")
 SPLITS = {
     "by-recipe": SplitKind(_by_recipe, _PAIRS, "pairs are held out, every entity stays in train"),
     "by-recipe-plain": SplitKind(_by_recipe_plain, _PAIRS, "pairs are held out, train may lack entities"),
-    "by-slot": SplitKind(_by_slot, _slots, "what each result is made of is held out"),
+    "by-slot": SplitKind(_by_slot, _slots, "the ingredients of each result are held out"),
     "by-goal": SplitKind(_by_goal, _goals, "goals are held out"),
     "by-goal-terminals": SplitKind(_by_goal_terminals, _goals, "goals that nothing needs stay in train"),
     "none": SplitKind(_none, _PAIRS, "full graph only"),

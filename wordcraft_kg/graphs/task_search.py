@@ -30,7 +30,7 @@ class PlanSearch:
     """Search backwards from a goal for all plans at once.
 
     A *way* is a set of attempts, as numbers of pairs, that makes a goal in some order. A *plan* is a way in order of
-    execution: the rows of the recipes with needed results.
+    execution: the rows with needed results.
 
     Attributes:
         graph: the graph; all recipes may be used.
@@ -84,7 +84,7 @@ class PlanSearch:
         return sorted(self._plan(way, goal, have) for way in ways)
 
     def _plan(self, way: _Way, goal: int, have: frozenset[int]) -> Rows:
-        if len(way) == 1:  # most tasks are of depth 1
+        if len(way) == 1:  # most tasks have depth 1
             (pair,) = way
             return tuple(row for row in self.rows_of(pair) if self.rows[row][2] == goal)
         needed = {goal}.union(*(self.ingredients(pair) for pair in way))
@@ -98,15 +98,15 @@ class PlanSearch:
         return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
 
     def rows_of(self, pair: int) -> range:
-        """Return the rows of a pair."""
+        """Return a pair's rows."""
         return range(self._starts[pair], self._starts[pair + 1])
 
     def ingredients(self, pair: int) -> list[int]:
-        """Return the two ingredients of a pair."""
+        """Return a pair's two ingredients."""
         return self.rows[self._starts[pair]][:2]
 
     def results(self, pair: int) -> set[int]:
-        """Return all results of a pair."""
+        """Return a pair's results."""
         return {self.rows[row][2] for row in self.rows_of(pair)}
 
 
@@ -125,7 +125,7 @@ def make_tasks(
     """Return the tasks at a depth: all tasks at depth 1 and (for fewer than a million plans) 2, otherwise a random set.
 
     A task belongs to *train* if all plans use train recipes only, to *test* if each plan uses a test recipe, to *valid*
-    if each plan uses a validation recipe and no test recipe. Other tasks belong to no part and are counted.
+    if each plan uses a validation recipe and no test recipe. Mixed tasks belong to no part and are counted.
 
     Args:
         graph: the graph; plans may use all recipes.
@@ -134,7 +134,7 @@ def make_tasks(
         part: ``all``, ``train``, ``valid`` or ``test``.
         weighting: draw a task's last step among all recipes (task), or by goal first (goal).
         limit: most tasks to draw.
-        seed: seed of the draw.
+        seed: random seed.
         search: an existing plan search for the graph.
 
     Raises:
@@ -179,7 +179,7 @@ class _Sieve:
         self.mixed: set[_Posed] = set()
 
     def __call__(self, posed: _Posed) -> Plans:
-        """Return the plans of an accepted task, otherwise an empty tuple."""
+        """Return an accepted task's plans, otherwise an empty tuple."""
         goal, start = posed
         have = frozenset(start)
         ways = self.search.shortest_ways(goal, have, self.depth)
@@ -214,7 +214,7 @@ class _Draw:
     """Draws goals and leaves of plans, backwards.
 
     The last step is a random recipe (for train tasks, a train recipe). Then, ``depth - 1`` times, a random leaf with
-    recipes is replaced by the ingredients of a random recipe. Draws outside the depth and part, and repeated draws, do
+    recipes is replaced by a random recipe's ingredients. Draws outside the depth and part, and repeated draws, do
     not count. So task t is drawn first with probability
 
     ``P(t) = W(t) / sum_t' W(t')``, ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``

@@ -1,7 +1,7 @@
 """Crafting tasks: a goal, and starting ingredients from which exactly a known number of attempts makes the goal.
 
 An *attempt* combines two entities at hand; all results of the pair join them, and nothing is used up. A *plan* is a set
-of attempts that makes the goal. A task at depth n has a plan with n attempts whose leaves are exactly the starting
+of attempts that makes the goal. A task at depth n has a plan with n attempts and leaves equal to the starting
 ingredients, and no shorter plan; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
@@ -33,7 +33,7 @@ class Task:
         goal: entity to make.
         start: starting ingredients, sorted, without the goal.
         depth: necessary and sufficient number of attempts.
-        plans: all plans with ``depth`` attempts, each as recipes in order of execution; an attempt may contribute two
+        plans: all plans with ``depth`` attempts, each as recipes in execution order; an attempt may contribute two
             recipes if both results are needed.
     """
 
@@ -50,13 +50,13 @@ class TaskSet:
     Attributes:
         graph: the recipe graph.
         depth: attempts that a task takes.
-        part: part of the split, or ``all``.
+        part: split part, or ``all``.
         goals: shape (N,), entity ids.
         starts: shape (N, depth + 1), entity ids, ascending, padded with ``num_entities``.
-        plans: all plans of each task.
+        plans: each task's plans.
         is_complete: whether all tasks are included; otherwise they were drawn at random.
-        mixed: number of tasks in no part, because their plans use recipes from several parts (when drawing: among the
-            tasks encountered).
+        mixed: how many tasks are in no part, because their plans use recipes from several parts (when drawing: among
+            the tasks encountered).
     """
 
     graph: RecipeGraph
@@ -94,7 +94,7 @@ class TaskSet:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the tasks in order, in hexadecimal."""
+        """SHA-256 hash of the tasks in order, in hexadecimal."""
         known = hashlib.sha256(f"{self.graph.hash} {self.depth} {self.part} {self.plans}".encode())
         known.update(self.starts.tobytes())
         return known.hexdigest()

@@ -1,6 +1,6 @@
-"""Doses of knowledge: a share of the train recipes, some with a wrong result, for training a scorer.
+"""Train samples: a fraction of the train recipes, some with a wrong result, for training a scorer.
 
-A wrong recipe keeps the pair and takes the result of another recipe in the same fold. So, on average, each entity stays
+A wrong recipe keeps the pair and takes another recipe's result from the same fold. So, on average, each entity stays
 equally frequent as a result, and a model that leaves a fold out never meets the fold's results elsewhere.
 """
 
@@ -18,9 +18,9 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, recipe_triples
 
-_UNTAUGHT = -1  # result of a recipe outside the dose
-_DRAWS = 1_000  # results tried per recipe until one is wrong
-_STREAM = 0xD05E  # separates this random stream from others with the same seed
+_OUTSIDE = -1  # result for recipes outside the sample
+_TRIES = 1_000  # random results per recipe, until a result is wrong
+_STREAM = 0xD05E  # separates this random stream from all streams with the same seed
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class TrainSample:
 
     Attributes:
         graph: the recipe graph.
-        results: shape (num_recipes,), int64: each recipe's result in training, -1 for a recipe outside the dose.
+        results: shape (num_recipes,), int64: each recipe's result in training, -1 for a recipe outside the sample.
     """
 
     graph: RecipeGraph
@@ -37,13 +37,13 @@ class TrainSample:
 
     @classmethod
     def of(cls, graph: RecipeGraph, rows: NDArray[np.bool_]) -> "TrainSample":
-        """Return the dose with the given recipes unchanged; ``rows`` has shape (num_recipes,)."""
-        return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], _UNTAUGHT)))
+        """Return a sample with the given recipes, unchanged; ``rows`` has shape (num_recipes,)."""
+        return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], _OUTSIDE)))
 
     @property
     def is_trained_on(self) -> NDArray[np.bool_]:
-        """Which recipes are in the dose, shape (num_recipes,)."""
-        return self.results != _UNTAUGHT
+        """Which recipes are in the sample, shape (num_recipes,)."""
+        return self.results != _OUTSIDE
 
     @property
     def is_wrong(self) -> NDArray[np.bool_]:
@@ -51,7 +51,7 @@ class TrainSample:
         return self.is_trained_on & (self.results != self.graph.recipes[:, 2])
 
     def among(self, rows: NDArray[np.bool_]) -> Ids:
-        """Return the dose's recipes among ``rows``, with training results, shape (n, 3), in the graph's order."""
+        """Return the sample's recipes among ``rows``, with training results, shape (n, 3), in the graph's order."""
         chosen = self.is_trained_on & rows
         return np.column_stack([self.graph.recipes[chosen, :2], self.results[chosen]])
 
@@ -62,23 +62,23 @@ class TrainSample:
 
     @cached_property
     def triples(self) -> Ids:
-        """The triples of all recipes, shape (T, 3), sorted."""
+        """All triples, shape (T, 3), sorted."""
         return frozen(recipe_triples(self.recipes))
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the graph's hash and the results."""
+        """SHA-256 hash: the graph's hash and the results."""
         return hashlib.sha256(self.graph.hash.encode() + self.results.astype("<i8").tobytes()).hexdigest()
 
 
 def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> None:
-    """Raise a :class:`ConfigError` for a setting out of range, or a dose of the full graph."""
+    """Raise a :class:`ConfigError` for a setting out of range, or a subsample of the full graph."""
     number_in("train_fraction", train_fraction, SMALLEST, 1, "more than 0 and at most 1")
     number_in("label_noise", label_noise, 0, 1, "0 to 1")
     if kg == "full" and is_subsample(train_fraction, label_noise):
         setting = f"`train_fraction` {train_fraction:g}" if train_fraction < 1 else f"`label_noise` {label_noise:g}"
         raise ConfigError(
-            f"{setting} needs `kg` partial: a model of the full graph is judged by what it remembers of all recipes."
+            f"{setting} needs `kg` partial: a model trained on the full graph is evaluated on its own training recipes."
         )
 
 
@@ -88,7 +88,7 @@ def is_subsample(train_fraction: float, label_noise: float) -> bool:
 
 
 def describe_train_sample(train_fraction: float, label_noise: float) -> str:
-    """Describe a dose, as in "20 % of the train recipes"; empty for unchanged train recipes."""
+    """Describe a train sample, as in "20 % of the train recipes"; empty for unchanged train recipes."""
     if not is_subsample(train_fraction, label_noise):
         return ""
     wrong = f", {100 * label_noise:g} % of them with a wrong result" if label_noise else ""
@@ -98,17 +98,17 @@ def describe_train_sample(train_fraction: float, label_noise: float) -> str:
 def draw_train_sample(
     split: Split, train_fraction: float = 1.0, label_noise: float = 0.0, seed: int = 0, *, of_recipe: Ids | None = None
 ) -> TrainSample:
-    """Draw train recipes, and give some a wrong result.
+    """Sample train recipes, and replace some results by wrong results.
 
-    Doses with the same seed are nested, in recipes and in wrong recipes. A wrong recipe has no componentOf triple that
-    any recipe in the book has, so the dose reveals nothing about the test part; combinesWith triples stay right.
+    Samples with the same seed are nested, in recipes and in wrong recipes. No recipe in the book has a wrong recipe's
+    componentOf triples, so the sample reveals nothing about the test part; combinesWith triples stay right.
 
     Args:
         split: split with the train part.
-        train_fraction: fraction of the train recipes.
-        label_noise: fraction of the drawn recipes with a wrong result.
-        seed: seed of the draw.
-        of_recipe: fold of each recipe, shape (num_recipes,), the source of wrong results. Default: one fold.
+        train_fraction: fraction of the train recipes to keep.
+        label_noise: fraction of the kept recipes to give a wrong result.
+        seed: random seed.
+        of_recipe: each recipe's fold, shape (num_recipes,); wrong results come from the same fold. Default: one fold.
 
     Raises:
         ConfigError: for too few recipes.
@@ -124,7 +124,7 @@ def draw_train_sample(
     rng = np.random.default_rng([seed, _STREAM])
     order, doubt = rng.permutation(len(train)), rng.permutation(len(train))
     taken = order[: round(train_fraction * len(train))]
-    groups = np.zeros(graph.num_recipes, dtype=np.int64) if of_recipe is None else of_recipe
+    folds = np.zeros(graph.num_recipes, dtype=np.int64) if of_recipe is None else of_recipe
     if not len(taken) or (of_recipe is not None and len(np.unique(of_recipe[train[taken]])) < 2):
         expected = "at least one of them" if of_recipe is None else "some in two folds or more"
         raise refuse(
@@ -133,13 +133,13 @@ def draw_train_sample(
     wrong = train[taken[np.argsort(doubt[taken])][: round(label_noise * len(taken))]]
     if label_noise and not len(wrong):
         raise refuse("label_noise", label_noise, f"at least one of the {len(taken)} recipes with a wrong result, or 0")
-    results = np.full(graph.num_recipes, _UNTAUGHT, dtype=np.int64)
+    results = np.full(graph.num_recipes, _OUTSIDE, dtype=np.int64)
     results[train[taken]] = graph.recipes[train[taken], 2]
     parts = graph.triples[graph.triples[:, 1] == COMPONENT_OF]
     right = set(zip(parts[:, 0].tolist(), parts[:, 2].tolist(), strict=True))
-    for group in np.unique(groups[wrong]).tolist():
-        rows = np.sort(wrong[groups[wrong] == group])
-        pool = graph.recipes[(results != _UNTAUGHT) & (groups == group), 2]
+    for fold in np.unique(folds[wrong]).tolist():
+        rows = np.sort(wrong[folds[wrong] == fold])
+        pool = graph.recipes[(results != _OUTSIDE) & (folds == fold), 2]
         results[rows] = _wrong_results(graph.recipes[rows], pool, right, rng, label_noise)
     return TrainSample(graph, frozen(results))
 
@@ -147,10 +147,10 @@ def draw_train_sample(
 def _wrong_results(
     recipes: Ids, pool: Ids, right: set[tuple[int, int]], rng: np.random.Generator, label_noise: float
 ) -> list[int]:
-    """Draw a wrong result for each recipe (n, 3) from ``pool``; ``right`` has all (ingredient, result) of the book."""
+    """Draw a wrong result for each recipe (n, 3) from ``pool``; ``right`` has the book's (ingredient, result) pairs."""
     drawn: dict[tuple[int, int, int], None] = {}
     for a, b, _ in recipes.tolist():
-        for result in pool[rng.integers(len(pool), size=_DRAWS)].tolist():
+        for result in pool[rng.integers(len(pool), size=_TRIES)].tolist():
             is_new = (a, b, result) not in drawn  # a pair may have two wrong results
             if is_new and result not in (a, b) and (a, result) not in right and (b, result) not in right:
                 drawn[a, b, result] = None

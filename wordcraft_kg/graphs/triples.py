@@ -1,4 +1,4 @@
-"""The two relations of a recipe graph, and triples as arrays of ids."""
+"""A recipe graph's two relations, and triples as id arrays."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ def recipe_triples(recipes: Ids) -> Ids:
 
     ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and (b, componentOf, c).
 
-    Source: Jiang et al. 2020, section "Link Prediction Model", whose fourth triple is misprinted as
+    Source: Jiang et al. 2020, section "Link Prediction Model"; the fourth triple there is misprinted as
     (b, componentOf, b).
     """
     a, b, result = recipes.T
@@ -44,7 +44,7 @@ def triple_keys(triples: Ids, num_entities: int) -> Ids:
 
 
 def triples_hash(triples: Ids) -> str:
-    """Return the SHA-256 of triples in the given order, in hexadecimal."""
+    """Return the SHA-256 hash of triples in the given order, in hexadecimal."""
     return hashlib.sha256(np.ascontiguousarray(triples, dtype="<i8").tobytes()).hexdigest()
 
 

@@ -1,15 +1,13 @@
 """Confidence intervals for success rates, and statistics that compare agents trained with several seeds.
 
 Common arguments: ``level`` is the confidence, between 0 and 1; ``draws`` is the number of resamples, from 1; ``seed``
-fixes the resampling. Every function raises a ConfigError for scores that are empty, not finite or misshapen, and for a
-setting out of range.
+fixes the resampling. Every function raises a ConfigError for scores that are empty, not finite or misshapen, and for
+settings out of range.
 """
 
 from wordcraft_kg.base.statistics.comparisons import correlation, holm, interval_p_value
 from wordcraft_kg.base.statistics.runs import (
     interquartile_mean,
-    performance_profile,
-    performance_profile_band,
     probability_of_improvement,
     probability_of_improvement_interval,
     resampled_means,
@@ -28,8 +26,6 @@ __all__ = [
     "interval",
     "interval_p_value",
     "paired_difference",
-    "performance_profile",
-    "performance_profile_band",
     "probability_of_improvement",
     "probability_of_improvement_interval",
     "resampled_means",

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.statistics.samples import Scores, by_seed, finite, generator, interval, percentiles
+from wordcraft_kg.base.statistics.samples import Scores, by_seed, finite, generator, percentiles
 
 
 @overload
@@ -50,8 +50,8 @@ def stratified_bootstrap(
         statistic: reduces the axes named by its keyword ``axis``, such as ``np.mean`` or :func:`interquartile_mean`;
             called with shape (draws, S, K) and ``axis=(-2, -1)``.
         level: confidence.
-        draws: number of resamples.
-        seed: seed of the resampling.
+        draws: how many resamples.
+        seed: random seed.
 
     Returns:
         Lower and upper bound; None for a single seed.
@@ -111,46 +111,3 @@ def resampled_means(scores: ArrayLike, *, draws: int = 2000, seed: int = 0) -> S
     table = by_seed("scores", scores)
     size = len(table)
     return np.asarray(rng.multinomial(size, np.full(size, 1 / size), size=draws) @ table / size)
-
-
-def performance_profile(scores: ArrayLike, taus: ArrayLike) -> Scores:
-    """Return the share of runs scoring above each tau, averaged over strata.
-
-    ``F(tau) = 1/K sum_k 1/S sum_i [s_ik > tau]``. Shows failed runs, which a mean hides. For scores from 0 to 1, the
-    area under the profile is the mean.
-
-    Args:
-        scores: shape (S seeds, K strata), or (S,) for one stratum.
-        taus: shape (T,).
-
-    Returns:
-        shape (T,), not increasing with tau.
-
-    Source: Agarwal et al. 2021, section 4.2 (their score distributions).
-    """
-    above = by_seed("scores", scores)[..., None] > finite("taus", taus).ravel()
-    return np.asarray(above.mean(axis=(0, 1)))
-
-
-def performance_profile_band(
-    scores: ArrayLike, taus: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0
-) -> Scores | None:
-    """Return lower and upper bounds, shape (2, T), of :func:`performance_profile`; None for a single seed.
-
-    Seeds are resampled within strata: the number of a stratum's S scores above tau is binomial, and is drawn as such.
-    The band is pointwise, not simultaneous.
-    """
-    draws, rng = generator(level, draws, seed)
-    values, levels = by_seed("scores", scores), finite("taus", taus).ravel()
-    if len(values) == 1:
-        return None
-    shares = (values[..., None] > levels).mean(axis=0)
-    # One tau after the other, so that the memory does not grow with their number; neighbours mostly agree.
-    bounds = np.empty((2, len(levels)))
-    for t in range(len(levels)):
-        if t and np.array_equal(shares[:, t], shares[:, t - 1]):
-            bounds[:, t] = bounds[:, t - 1]
-        else:
-            above = rng.binomial(len(values), shares[:, t], size=(draws, values.shape[1])).sum(axis=1)
-            bounds[:, t] = interval(above / values.size, level)
-    return bounds

@@ -31,7 +31,7 @@ def wilson_interval(successes: float, n: int, level: float = 0.95) -> tuple[floa
     z = NormalDist().inv_cdf((1 + level) / 2)
     middle = successes + z**2 / 2
     half = z * math.sqrt(successes * (n - successes) / n + z**2 / 4)
-    # The bounds at k = 0 and k = n are exact; rounding must not move them.
+    # The bounds at k = 0 and k = n are exact; rounding must not change these bounds.
     low = (middle - half) / (n + z**2) if successes else 0.0
     high = (middle + half) / (n + z**2) if successes < n else 1.0
     return low, high
@@ -72,8 +72,8 @@ def paired_difference(x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws:
         x: shape (N tasks, D attempts), 0 and 1.
         y: shape (N tasks, D' attempts), 0 and 1.
         level: confidence.
-        draws: number of resamples.
-        seed: seed of the resampling.
+        draws: how many resamples.
+        seed: random seed.
 
     Returns:
         Difference, lower and upper bound.

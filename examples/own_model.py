@@ -46,12 +46,12 @@ class HubsTraining(Training[HubsConfig, int, Path]):
         """Record no inputs except the graph and its split."""
         return {}
 
-    def go(self, run: RunFolder[int], report: Progress | None, log: Log, checkpoint: Checkpoint[int] | None) -> Path:
+    def fit(self, run: RunFolder[int], report: Progress | None, log: Log, checkpoint: Checkpoint[int] | None) -> Path:
         """Train from the start or from a checkpoint, and write the table of all scores."""
         size, triples = self.opened.graph.num_entities, torch.tensor(self.opened.triples(self.config.kg))
         ends = torch.zeros(2, 2, size) if checkpoint is None else checkpoint.tensors["ends"]  # head or tail, relation
         if checkpoint is not None:
-            run.go_on(self.config)
+            run.resume(self.config)
         for epoch in range(1 if checkpoint is None else checkpoint.number + 1, self.config.epochs + 1):
             generator = torch.Generator().manual_seed(self.config.seed * 1_000_003 + epoch)
             others = torch.randint(size, (len(triples), 2), generator=generator)

@@ -18,7 +18,7 @@ from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
 from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE
-from wordcraft_kg.runs.side_by_side import CORES_VARIABLE, THREADS_VARIABLES
+from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES
 
 # Ray reads these once, when it is imported, which torchrl does; a token in the home folder would count otherwise.
 os.environ.setdefault("RAY_AUTH_MODE", "token")

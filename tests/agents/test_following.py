@@ -7,7 +7,7 @@ import signal
 from dataclasses import replace
 
 import pytest
-from going_on import go_on
+from resumption import resume
 
 from wordcraft_kg.agents import following
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
@@ -61,7 +61,7 @@ def test_what_a_training_writes_is_seen(interrupted, opened):
     assert run.agent() is agent  # its weights are the same
     data = (interrupted / "metrics.jsonl").read_bytes()
     (interrupted / "metrics.jsonl").write_bytes(data[: data.index(b'{"step": 5000')])
-    go_on(interrupted)
+    resume(interrupted)
     assert run.records().run.status == "done"
     assert run.agent().checkpoint == "final"
     assert run.explainer(world) is not explainer

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from going_on import go_on
 from refusals import refuses
+from resumption import resume
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, TaskConfig
@@ -113,7 +113,7 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(config, mad
     whole = made_once(f"kitchen-agent-lag-{lag}", lambda out: train_agent(config, out))
     folder = interrupted(update, config=config)
     assert open_agent(folder).checkpoint == f"step {update * 24:,}"
-    assert not go_on(folder).interrupted
+    assert not resume(folder).interrupted
     assert_same_training(folder, whole)
 
 
@@ -129,7 +129,7 @@ def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(done, inter
     folder = interrupted(55, RuntimeError)
     with (folder / "metrics.jsonl").open("ab") as file:
         file.write(b'{"step": 88')
-    go_on(folder)
+    resume(folder)
     assert_same_training(folder, done)
 
 
@@ -152,7 +152,7 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpo
 
 def test_a_run_on_another_graph_is_refused(interrupted):
     with pytest.raises(ConfigError, match="another graph"):
-        go_on(interrupted(), graph="paper-examples")
+        resume(interrupted(), graph="paper-examples")
 
 
 def test_training_leaves_global_generators_and_thread_counts_as_they_were(config, done, tmp_path):
@@ -195,7 +195,7 @@ def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_
 
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", SimpleNamespace(SummaryWriter=Writer))
     folder = interrupted(trackers=["tensorboard"])
-    go_on(folder)
+    resume(folder)
     assert begun == [None, -1, 800, -1]
     for row in lines_of(folder / "metrics.jsonl"):
         for name, value in row.items():
@@ -223,7 +223,7 @@ def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(interrup
     folder = interrupted()
     (folder / "metrics.jsonl").write_bytes(b"")
     with pytest.raises(ArtefactError, match=r"metrics\.jsonl is shorter"):
-        go_on(folder)
+        resume(folder)
 
 
 def test_features_without_half_of_the_words_are_refused_before_anything_is_written(config, opened, tmp_path):

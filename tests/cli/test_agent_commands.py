@@ -127,7 +127,7 @@ def test_the_same_command_goes_on_with_an_agent(printed, refused, run, world, tm
         patch.setattr(Impala, "update", interrupted)
         stopped = run(*command)
     assert stopped.code == 130
-    assert f"is saved in '{tmp_path / 'run'}'. The same command goes on" in stopped.err
+    assert f"is saved in '{tmp_path / 'run'}'. Repeat the command" in stopped.err
     assert "step 800\n" in run("evaluate-agent", tmp_path / "run").out
     refused(*command, "--unroll", 5, says="--unroll")
     assert printed(*command)["steps"] == 1_600

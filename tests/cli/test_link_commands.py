@@ -159,7 +159,7 @@ def test_ctrl_c_in_a_training_ends_with_130_and_the_same_command_goes_on(
         patch.setattr(Progress, "__call__", interrupt_at(2))
         outcome = run(*command)
     assert (outcome.code, outcome.out) == (130, "")
-    assert f"epoch 3 is saved in '{tmp_path / 'model'}'. The same command goes on" in outcome.err
+    assert f"epoch 3 is saved in '{tmp_path / 'model'}'. Repeat the command" in outcome.err
     refused("score", tmp_path / "model", "flour", "combinesWith", "water", says="not done", kind="ArtefactError")
     refused(*command, "--n3", "0.5", says="--n3", kind="ConfigError")
     values = printed(*command, "--quiet")
@@ -173,7 +173,7 @@ def test_a_second_ctrl_c_says_truly_what_is_left(run, tmp_path, monkeypatch):
     outcome = run("train-complex", "kitchen", *QUICK[:-3], "--checkpoint-every", "1", "--out", tmp_path / "model")
     assert (outcome.code, outcome.out) == (130, "")
     assert [path.name for path in tmp_path.iterdir()] == ["model"]
-    assert "The same command goes on" in outcome.err
+    assert "Repeat the command" in outcome.err
     assert "nothing was written" not in outcome.err
 
 

@@ -95,7 +95,7 @@ REFUSED = [
     ("train-agent kitchen --scorer nowhere", "does not exist"),
     ("train-agent paper-examples --scorer {trained}/one", "was trained on graph"),
     ("train-agent kitchen --unroll=16777216 --batch-size=16777216", "281,474,976,710,656 steps would take"),
-    ("train-complex kitchen --seeds 0-1 --seed 3", "--seed 3 and --seeds 0-1: give one of them"),
+    ("train-complex kitchen --seeds 0-1 --seed 3", "--seed 3 and --seeds 0-1 cannot be combined"),
     ("train-complex kitchen --seeds 0,4294967296", "--seed 4294967296"),
     ("train-links", "needs a graph"),
     ("books --cache --fetch little-alchemy-2", "cannot be combined"),

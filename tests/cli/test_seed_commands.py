@@ -1,4 +1,4 @@
-"""Several seeds of one training as a user runs them: folders, going on, and comparing."""
+"""Several seeds of one training as a user runs them: folders, resuming, and comparing."""
 
 import json
 import shutil
@@ -69,7 +69,7 @@ def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkey
         patch.setattr(Impala, "update", interrupted)
         stopped = run(*command)
     assert (stopped.code, stopped.out) == (130, "")
-    assert stopped.err == "interrupted; 1 of 3 seeds are done, the same command goes on with the others\n"
+    assert stopped.err == "interrupted; 1 of 3 seeds are done, repeat the command to train the rest\n"
     assert json.loads((tmp_path / "plain/seed-1/run.json").read_text())["status"] == "interrupted"
     assert not (tmp_path / "plain/seed-2").exists()
     assert run(*command).code == 0
@@ -143,5 +143,5 @@ def test_force_trains_all_seeds_again(run, trained, tmp_path):
 def test_where_one_run_is_needed_a_folder_of_seeds_is_refused_with_one_of_them(refused, world, trained, command):
     message = refused(*command.format(world=world, trained=trained).split(), kind="ArtefactError")
     folder = world / "plain" if "{world}" in command else trained / "links"
-    assert f"holds a run for each of 2 seeds; give one, such as {folder / 'seed-0'}." in message
+    assert f"holds a run for each of 2 seeds; give one run, such as {folder / 'seed-0'}." in message
     assert not (trained / "links/never").exists()

@@ -55,7 +55,7 @@ def test_a_run_that_went_on_has_the_bits_of_one_without_interruption(own: Module
 
 def test_it_is_opened_with_what_its_evaluation_needs(own: ModuleType, folder: Path):
     model = open_model(folder)
-    assert (model.kg, model.seed, model.asked_for) == ("partial", 0, {"kg": "partial", "epochs": 20})
+    assert (model.kg, model.seed, model.comparable_settings) == ("partial", 0, {"kg": "partial", "epochs": 20})
     assert (model.triples == model.opened.split.partial).all()
     assert model.provenance["what it is"].startswith("how often")
     torch.testing.assert_close(load_scorer(folder).table("componentOf"), model.scorer.table("componentOf"))

@@ -133,7 +133,7 @@ def test_ctrl_c_keeps_two_checkpoints_and_resume_ends_with_the_bits_of_an_undist
 
 def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, whole):
     handler = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*same command goes on"):
+    with pytest.raises(KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*Repeat the command"):
         trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], lambda: ctrl_c(2)))
     assert signal.getsignal(signal.SIGINT) is handler
     assert read_run(tmp_path / "run").status == "interrupted"
@@ -217,7 +217,9 @@ def test_a_full_disk_loses_nothing_that_was_safe(trainer, tmp_path, whole, monke
     last, full = trainer.numbers[2:4]
     with monkeypatch.context() as patch:
         disk_full(patch, full)
-        with pytest.raises(ArtefactError, match=rf"No space left.*{trainer.kind.unit} {last} is safe.*same command"):
+        with pytest.raises(
+            ArtefactError, match=rf"No space left.*{trainer.kind.unit} {last} is safe.*repeat the command"
+        ):
             trainer.train(tmp_path / "run")
     assert learned(trainer.train(tmp_path / "run").folder) == whole
 

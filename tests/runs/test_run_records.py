@@ -66,7 +66,7 @@ def test_no_host_or_user_name_goes_into_a_record(folder, monkeypatch):
 @pytest.mark.parametrize("status", ["interrupted", "failed"])
 def test_a_run_that_is_not_done_is_refused_with_its_status(folder, status):
     end_run(folder, start_run(folder, "train-complex"), status)
-    with pytest.raises(ArtefactError, match=rf"{status}, not done.*Repeat the command"):
+    with pytest.raises(ArtefactError, match=rf"{status}, not done.*Repeat the training command"):
         read_finished_run(folder, "a model", "model.bin")
 
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from going_on import go_on
 from refusals import refuses
+from resumption import resume
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
 from wordcraft_kg.agents.training import train_agent
@@ -93,11 +93,11 @@ def test_a_resumed_run_goes_on_where_the_interrupted_one_ended(kind, tmp_path):
     one, other, whole = Notes(), Notes(), Notes()
     if kind == "links":
         assert train_links(LINKS, tmp_path / "run", trackers=[one], progress=stop_at(1)).interrupted
-        go_on(tmp_path / "run", trackers=[other])
+        resume(tmp_path / "run", trackers=[other])
         train_links(LINKS, tmp_path / "whole", trackers=[whole])
     else:
         assert train_agent(AGENT, tmp_path / "run", trackers=[one], progress=stop_at(800)).interrupted
-        go_on(tmp_path / "run", trackers=[other])
+        resume(tmp_path / "run", trackers=[other])
         train_agent(AGENT, tmp_path / "whole", trackers=[whole])
     assert (one.ended, other.ended) == (["interrupted"], ["done"])
     timed = ("seconds", "steps_per_second")
@@ -118,7 +118,7 @@ def test_a_tracker_learns_that_a_run_has_failed(tmp_path):
         train_links(LINKS, tmp_path / "model", trackers=[before, broken])
     assert (before.ended, broken.ended, len(before.rows)) == (["failed"], ["failed"], 1)
     assert read_run(tmp_path / "model").status == "failed"
-    assert not go_on(tmp_path / "model").interrupted  # the epoch is safe
+    assert not resume(tmp_path / "model").interrupted  # the epoch is safe
 
 
 def test_trackers_do_not_change_what_is_trained(tmp_path):

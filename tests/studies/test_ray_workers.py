@@ -13,7 +13,7 @@ import pytest
 from small_study import TRAINED, Inline, small_plan
 
 from wordcraft_kg.base.errors import ConfigError, MissingExtraError
-from wordcraft_kg.runs.side_by_side import cores
+from wordcraft_kg.runs.parallel import cores
 from wordcraft_kg.studies import ray_workers
 from wordcraft_kg.studies.engine import run_plan
 from wordcraft_kg.studies.perform import perform

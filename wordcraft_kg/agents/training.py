@@ -125,7 +125,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         return time.perf_counter() - self._begun
 
     @classmethod
-    def given(cls, config: AgentConfig) -> dict[str, str | None]:  # noqa: D102 - inherited
+    def input_hashes(cls, config: AgentConfig) -> dict[str, str | None]:  # noqa: D102 - inherited
         if config.scorer is None:
             return {"scorer": None, "scorer_folds": None}
         outputs = read_finished_run(Path(config.scorer), MODEL, WEIGHTS).outputs
@@ -152,7 +152,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         self.policy, features = make_policy(
             config.policy, opened.graph, slots, scorer=scorer, observed=observed, tasks=world.tasks, seed=seed
         )
-        inputs = {name: value for name, value in self.given(config).items() if value is not None}
+        inputs = {name: value for name, value in self.input_hashes(config).items() if value is not None}
         if features is not None:
             inputs["features"] = features.sha256
             self.facts["missing_words"] = tuple(features.missing_words)
@@ -162,7 +162,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         write_constants(run.path, self.policy)
         return {"files": INPUTS, **self.facts}
 
-    def go(  # noqa: D102 - inherited
+    def fit(  # noqa: D102 - inherited
         self,
         run: RunFolder[AgentProgress],
         report: Progress | None,
@@ -179,7 +179,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         if checkpoint is not None:
             with run.restoring():
                 self._restore(checkpoint)
-            run.go_on(self.config)
+            run.resume(self.config)
         with _threads(self.config.trainer.threads):
             self._train()
             if self.impala.update_number < self.config.trainer.updates:

@@ -31,11 +31,11 @@ def train_agent(
     track: Trackers = None,
     output: Output = Output(),
 ) -> int:
-    """Train an agent with IMPALA on a graph's crafting tasks, alone or guided by a scorer.
+    """Train an agent with IMPALA on the crafting tasks of a graph, alone or guided by a scorer.
 
     Args:
-        scorer: model folder whose scores are mixed into the policy; the scorer is not trained.
-        out: run folder to write. Default: runs/<graph's name>-<scorer's folder or no-kg>.
+        scorer: model folder with scores to mix into the policy; the scorer is not trained.
+        out: run folder to write. Default: runs/<graph name>-<scorer folder or no-kg>.
     """
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
     return train(AGENTS, config, out, force, output, seeds=seeds, trackers=split_labels(track or ()))

@@ -30,7 +30,7 @@ def train_complex(
     """Train ComplEx with the paper's objective on the partial or the full knowledge graph.
 
     Args:
-        out: model folder to write. Default: models/<graph's name>-<kg>.
+        out: model folder to write. Default: models/<graph name>-<kg>.
     """
     config, trackers = LinksConfig(graph, settings), split_labels(track or ())
     return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)

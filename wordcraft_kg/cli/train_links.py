@@ -30,12 +30,12 @@ def train_links(
     track: Trackers = None,
     output: Output = Output(),
 ) -> int:
-    """Train another PyKEEN model; scorer, report and commands are the same as for ComplEx.
+    """Train any other PyKEEN model; the same reports and commands apply as for ComplEx.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
-        list_models: list the models: the paper's, and those of the installed PyKEEN that need no more than triples.
-        out: model folder to write. Default: models/<graph's name>-<model>-<kg>.
+        graph: graph folder, recipe book or known book name.
+        list_models: list all models: the paper's ComplEx, and installed PyKEEN models that need only triples.
+        out: model folder to write. Default: models/<graph name>-<model>-<kg>.
     """
     if list_models:
         return _list(output)

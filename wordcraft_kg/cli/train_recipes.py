@@ -25,11 +25,11 @@ def train_recipes(
     force: Force = False,
     output: Output = Output(),
 ) -> int:
-    """Fit a recipe-level scorer: how plausible is it that a pair makes a result, and which train recipes say so?
+    """Fit a recipe scorer: how plausible is a result for a pair, and which train recipes support the score?
 
-    It serves agents as a third source of knowledge (train-agent --use u,v,w) and predicts links as well.
+    Agents can use the scorer as a third knowledge source (train-agent --use u,v,w), and link commands accept it too.
 
     Args:
-        out: model folder to write. Default: models/<graph's name>-recipes.
+        out: model folder to write. Default: models/<graph name>-recipes.
     """
     return train(RECIPES, RecipesConfig(graph, settings), out, force, output)

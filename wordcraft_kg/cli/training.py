@@ -1,4 +1,4 @@
-"""The body of all training commands: train one seed or several, and tell the outcome or how to go on after Ctrl-C."""
+"""Shared body of all training commands: train one seed or several, and print the outcome."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, read_seeds
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.graphs.train_samples import describe_train_sample
@@ -31,17 +32,17 @@ Rows = list[tuple[str, str]]
 
 
 @dataclass(frozen=True)
-class Told:
-    """How the command of one trainer tells outcomes; torch is imported by its functions.
+class TrainingOutput:
+    """Output of a training command; the functions import torch only when called.
 
     Attributes:
         trainer: returns the trainer.
-        rows: returns an outcome as text.
-        seed_rows: returns the outcomes of several seeds as text, given their values.
+        rows: returns an outcome as text rows.
+        seed_rows: returns plain values by seed as text rows.
         values: returns an outcome as plain values.
-        finish: writes what comes after a training, such as a report.
-        product: name in the folder of what ``finish`` writes; empty for nothing.
-        following: the command that comes next after several seeds.
+        finish: writes further output after training, such as a report.
+        product: file or folder name that ``finish`` writes; empty if none.
+        next_command: suggested command after several seeds.
     """
 
     trainer: Callable[[], "type[Training[Any, Any, Any]]"]
@@ -50,15 +51,15 @@ class Told:
     values: Callable[[Any], Values]
     finish: Callable[[Any, Any], None] = lambda trained, config: None
     product: str = ""
-    following: str = "wordcraft-kg compare {}"
+    next_command: str = "wordcraft-kg compare {}"
 
     def is_finished(self, folder: Path) -> bool:
-        """Return whether the folder of a finished run has what comes after a training."""
+        """Return whether a finished run has the ``product``."""
         return (folder / self.product).exists()
 
 
 def train(
-    told: Told,
+    training: TrainingOutput,
     config: RunConfig,
     out: Path | None,
     force: bool,
@@ -70,69 +71,77 @@ def train(
     """Train with one seed or several, print the outcome and return the exit code.
 
     Raises:
-        KeyboardInterrupt: when Ctrl-C ended the training, saying how to go on.
+        KeyboardInterrupt: after Ctrl-C, with an explanation how to resume.
     """
     if seeds is not None:
-        return _train_seeds(told, config, seeds, out, force, trackers, output)
-    if out is not None and (force or told.is_finished(out) or not (out / RUN_FILE).is_file()):
+        return _train_seeds(training, config, seeds, out, force, trackers, output)
+    if out is not None and (force or training.is_finished(out) or not (out / RUN_FILE).is_file()):
         check_run_output(out, force=force)  # before torch takes seconds to import
     from wordcraft_kg.runs.training import train
 
-    trainer = told.trainer()
+    trainer = training.trainer()
     kg = getattr(getattr(config, "settings", None), "kg", None)
     progress = output.progress(f"{kg} graph" if kg else trainer.kind.name, unit=trainer.kind.unit)
 
     def lacks_product(folder: Path) -> bool:
-        return not told.is_finished(folder)
+        return not training.is_finished(folder)
 
     trained = train(trainer, config, out, force=force, keep=lacks_product, trackers=trackers, progress=progress)
     if getattr(trained, "interrupted", False):
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
         raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
-    told.finish(trained, config)
+    training.finish(trained, config)
     following = f"next: wordcraft-kg evaluate-links {trained.folder}"
-    if told.product:
-        following = f"open {trained.folder / told.product / 'index.html'}"
-    output.result(told.values(trained), [*aligned(told.rows(trained)), f"wrote {trained.folder}/   {following}"])
+    if training.product:
+        following = f"open {trained.folder / training.product / 'index.html'}"
+    output.result(
+        training.values(trained), [*aligned(training.rows(trained)), f"wrote {trained.folder}/   {following}"]
+    )
     return 0
 
 
 def _train_seeds(
-    told: Told, config: Any, seeds: str, out: Path | None, force: bool, trackers: Sequence[str], output: Output
+    training: TrainingOutput,
+    config: Any,
+    seeds: str,
+    out: Path | None,
+    force: bool,
+    trackers: Sequence[str],
+    output: Output,
 ) -> int:
     part = "trainer" if hasattr(config, "trainer") else "settings"
     settings = getattr(config, part)
     if settings.seed:
-        raise ConfigError(f"--seed {settings.seed} and --seeds {seeds}: give one of them.")
+        raise ConfigError(f"--seed {settings.seed} and --seeds {seeds} cannot be combined; use only one.")
     configs = {seed: replace(config, **{part: replace(settings, seed=seed)}) for seed in read_seeds(seeds)}
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.runs.training import train_seeds
 
-    trainer = told.trainer()
+    trainer = training.trainer()
     parent = config.default_folder(open_graph(config.graph).graph.name) if out is None else out
 
     def outcomes() -> Iterator[tuple[int, Any]]:
         def progress(seed: int) -> Progress:
             return output.progress(f"seed-{seed}", unit=trainer.kind.unit)
 
-        for seed, one in train_seeds(trainer, configs, parent, force=force, trackers=trackers, progress=progress):
-            if not one.interrupted and not told.is_finished(one.folder):
-                told.finish(one, config)
-            yield seed, one
+        for seed, trained in train_seeds(trainer, configs, parent, force=force, trackers=trackers, progress=progress):
+            if not trained.interrupted and not training.is_finished(trained.folder):
+                training.finish(trained, config)
+            yield seed, trained
 
-    trained = _until_interrupted(outcomes(), len(configs), force)
-    values = {seed: told.values(outcome) for seed, outcome in trained.items()}
-    end = f"wrote {parent}/   next: {told.following.format(parent)}"
-    by_seed = {str(seed): one for seed, one in values.items()}
-    output.result({"out": str(parent), "seeds": by_seed}, [*aligned(told.seed_rows(values)), end])
+    outcome_of = _until_interrupted(outcomes(), len(configs), force)
+    values = {seed: training.values(outcome) for seed, outcome in outcome_of.items()}
+    end = f"wrote {parent}/   next: {training.next_command.format(parent)}"
+    by_seed = {str(seed): outcome for seed, outcome in values.items()}
+    output.result({"out": str(parent), "seeds": by_seed}, [*aligned(training.seed_rows(values)), end])
     return 0
 
 
 def _until_interrupted(outcomes: Iterator[tuple[int, Any]], number: int, force: bool) -> dict[int, Any]:
-    """Train the seeds and return their outcomes.
+    """Train all seeds and return the outcomes.
 
     Raises:
-        KeyboardInterrupt: saying how to go on, if Ctrl-C ended one of them.
+        KeyboardInterrupt: after Ctrl-C, with an explanation how to resume.
     """
     trained: dict[int, Any] = {}
     try:
@@ -141,9 +150,9 @@ def _until_interrupted(outcomes: Iterator[tuple[int, Any]], number: int, force: 
                 raise KeyboardInterrupt
             trained[seed] = outcome
     except KeyboardInterrupt:
-        again = "the same command goes on with the others"
+        again = "repeat the command to train the rest"
         if force:
-            again = "the same command begins again; without --force it keeps seeds that were trained before"
+            again = "with --force the command trains all seeds again; leave out --force to keep finished seeds"
         message = f"interrupted; {len(trained)} of {number} seeds are done, {again}"
         raise KeyboardInterrupt(message) from None
     return trained
@@ -179,29 +188,29 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
         *_learned_from(metrics),
         ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
         ("parameters", f"{metrics.parameters:,}"),
-        ("train MRR", f"{metrics.train_mrr:.3f} on its own training triples (memory)"),
+        ("train MRR", f"{metrics.train_mrr:.3f} on training triples (memory)"),
     ]
     if metrics.choice:
         rows.append(("chosen", str(metrics.choice)))
-    rows += _folds(metrics, "training")
+    rows += _folds(metrics)
     if metrics.valid_mrr is not None:
         rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
     if metrics.choice and not metrics.choice.beats_counting:
         logging.getLogger(__name__).warning(
-            "on held-out train recipes no candidate is better than counting how often an entity occurs; expect no more "
-            "of unseen triples."
+            "on held-out train recipes no candidate is better than the frequency rule; expect the same for unseen "
+            "triples."
         )
     if metrics.train_mrr < 0.1:
         logging.getLogger(__name__).warning(
-            "the model hardly fits its own training triples; try %s.", _how_to_fit(LinksConfig.read(trained.folder))
+            "the model hardly fits the training triples; try %s.", _how_to_fit(LinksConfig.read(trained.folder))
         )
     return rows
 
 
 def _link_seed_rows(values: dict[int, Values]) -> Rows:
     return [
-        (f"seed {seed}", f"train MRR {one['train_mrr']:.3f} (memory), {one['epochs']} epochs")
-        for seed, one in values.items()
+        (f"seed {seed}", f"train MRR {metrics['train_mrr']:.3f} (memory), {metrics['epochs']} epochs")
+        for seed, metrics in values.items()
     ]
 
 
@@ -211,7 +220,7 @@ def _recipe_rows(trained: "TrainedRecipes") -> Rows:
         ("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"),
         *_learned_from(metrics),
         ("time", f"{metrics.seconds:.1f} s"),
-        *_folds(metrics, "the fit"),
+        *_folds(metrics),
     ]
 
 
@@ -234,36 +243,37 @@ def _agent_values(trained: "TrainedAgent") -> Values:
         "out": str(trained.folder),
         "report": str(trained.folder / "report" / "index.html"),
         **as_values(trained.summary),
-        "success": {name: found.mean for name, found in success.items()},
-        "success_ci": {name: [found.ci_low, found.ci_high] for name, found in success.items()},
+        "success": {name: rate.mean for name, rate in success.items()},
+        "success_ci": {name: [rate.ci_low, rate.ci_high] for name, rate in success.items()},
     }
 
 
 def _agent_rows(trained: "TrainedAgent") -> Rows:
     summary = trained.summary
     assert summary is not None
-    train_fraction = f"{summary.curves_share:.1%} of the time spent on the curves"
+    evaluation = f"{summary.curves_share:.1%} of the time spent on the curves"
     return [
         ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
-        ("speed", f"{summary.steps_per_second:,} steps/s; {train_fraction}"),
+        ("speed", f"{summary.steps_per_second:,} steps/s; {evaluation}"),
         *(
             (
                 f"{name} tasks",
-                f"success {found.mean:.3f} [{found.ci_low:.3f}, {found.ci_high:.3f}] greedy, "
-                f"{found.tasks:,} tasks with {found.distractor_seeds} draws of {summary.distractors} distractors",
+                f"success {rate.mean:.3f} [{rate.ci_low:.3f}, {rate.ci_high:.3f}] greedy, "
+                f"{rate.tasks:,} tasks, {counted(rate.distractor_seeds, 'distractor seed')}, "
+                f"{counted(summary.distractors, 'distractor')}",
             )
-            for name, found in summary.success.items()
+            for name, rate in summary.success.items()
         ),
     ]
 
 
 def _agent_seed_rows(values: dict[int, Values]) -> Rows:
-    part = "test" if all("test" in one["success"] for one in values.values()) else "train"
-    found = {seed: one["success"][part] for seed, one in values.items()}
-    spread = f"from {min(found.values()):.3f} to {max(found.values()):.3f}"
+    part = "test" if all("test" in summary["success"] for summary in values.values()) else "train"
+    rates = {seed: summary["success"][part] for seed, summary in values.items()}
+    spread = f"from {min(rates.values()):.3f} to {max(rates.values()):.3f}"
     return [
-        *((f"seed {seed}", f"success {success:.3f} on {part} tasks") for seed, success in found.items()),
-        ("mean", f"success {sum(found.values()) / len(found):.3f}, {spread}"),
+        *((f"seed {seed}", f"success {success:.3f} on {part} tasks") for seed, success in rates.items()),
+        ("mean", f"success {sum(rates.values()) / len(rates):.3f}, {spread}"),
     ]
 
 
@@ -272,21 +282,24 @@ def _learned_from(metrics: "LinkMetrics | RecipeMetrics") -> Rows:
     return [("from", words)] if words else []
 
 
-def _folds(metrics: "LinkMetrics | RecipeMetrics", where: str) -> Rows:
+def _folds(metrics: "LinkMetrics | RecipeMetrics") -> Rows:
     if metrics.fold_mrr is None:
         return []
-    figures = f"{metrics.fold_mrr:.3f} where they were not in {where}, {metrics.fold_in_sample_mrr:.3f} where they were"
-    return [("folds", f"{metrics.folds}; MRR of train triples {figures}")]
+    figures = f"{metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
+    return [("folds", f"{metrics.folds}; MRR on train triples {figures}")]
 
 
 def _how_to_fit(config: LinksConfig) -> str:
-    """Return the options of its command that make a model remember more."""
     settings = config.settings
     if isinstance(settings, ComplExConfig):
         return "more --epochs, a larger --dim, or a smaller --n3"
     return "more --epochs, another --learning-rate" + (", or --loop symmetric" if settings.loop == "slcwa" else "")
 
 
-LINKS = Told(_links_trainer, _link_rows, _link_seed_rows, _metrics, following="wordcraft-kg compare {} ANOTHER")
-RECIPES = Told(_recipes_trainer, _recipe_rows, lambda values: [], _metrics)
-AGENTS = Told(_agent_trainer, _agent_rows, _agent_seed_rows, _agent_values, _write_agent_report, product="report")
+LINKS = TrainingOutput(
+    _links_trainer, _link_rows, _link_seed_rows, _metrics, next_command="wordcraft-kg compare {} ANOTHER"
+)
+RECIPES = TrainingOutput(_recipes_trainer, _recipe_rows, lambda values: [], _metrics)
+AGENTS = TrainingOutput(
+    _agent_trainer, _agent_rows, _agent_seed_rows, _agent_values, _write_agent_report, product="report"
+)

@@ -167,7 +167,7 @@ def _check_alike(reference: Model, contender: Contender) -> None:
                     f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different {what} "
                     f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train all on one graph folder."
                 )
-        if run.asked_for != contender.runs[0].asked_for:
+        if run.comparable_settings != contender.runs[0].comparable_settings:
             raise ConfigError(
                 f"the seeds of '{contender.name}' were trained with different settings; give their folders one by one."
             )

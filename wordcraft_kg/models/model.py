@@ -80,7 +80,7 @@ class Model:
         return self.settings.get("seed") if self.history.is_trained else None
 
     @property
-    def asked_for(self) -> dict[str, Any]:
+    def comparable_settings(self) -> dict[str, Any]:
         """The settings without the seed and the settings chosen by the training."""
         left_out = {*self.history.chosen, *(("seed",) if self.history.is_trained else ())}
         return {name: value for name, value in self.settings.items() if name not in left_out}

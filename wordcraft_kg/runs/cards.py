@@ -1,4 +1,4 @@
-"""Model cards: the ``README.md`` of a model folder, with a header for model hubs."""
+"""Model cards: the ``README.md`` in a model folder, with a header for model hubs."""
 
 from collections.abc import Iterable, Sequence
 
@@ -13,15 +13,15 @@ def front_matter(*tags: str) -> str:
 def scorer_card(
     opened: OpenedGraph, title: str, about: str, points: Sequence[str], closing: str, usage: Iterable[str]
 ) -> str:
-    """Return the card of a scorer.
+    """Return a scorer's model card.
 
     Args:
-        opened: graph and split, described in the line of the first of the ``points``.
+        opened: graph and split, described before the first of the ``points``.
         title: heading.
         about: purpose and training data.
         points: facts, one per line.
-        closing: caveats about the figures.
-        usage: lines of Python that use ``scorer``.
+        closing: caveats about the metrics.
+        usage: Python lines that use ``scorer``.
     """
     graph, split = opened.graph, opened.split.config
     where = f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; split `{split.kind}`, seed {split.seed}"

@@ -1,4 +1,4 @@
-"""Checkpoints of a run: the whole state of its training, in files that survive a power failure."""
+"""Checkpoints: the whole state of a training, in files that survive a power failure."""
 
 import hashlib
 import logging
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 KEPT = 2
-"""Number of kept checkpoints: if the last is damaged, the one before it is used."""
+"""Number of kept checkpoints: a damaged last checkpoint is replaced by the one before."""
 P = TypeVar("P")
 
 
 class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
-    """The JSON record of a checkpoint: the SHA-256 of its tensors, and its progress."""
+    """A checkpoint's JSON record: the SHA-256 of the tensors, and the progress."""
 
     sha256: str
     progress: P
@@ -30,7 +30,7 @@ class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Checkpoint(Generic[P]):
-    """A checkpoint: its number (epoch or step), tensors by name, and progress."""
+    """A checkpoint: number (epoch or step), tensors by name, and progress."""
 
     number: int
     tensors: dict[str, "Tensor"]
@@ -38,26 +38,26 @@ class Checkpoint(Generic[P]):
 
 
 class Checkpoints(Generic[P]):
-    """The last checkpoints of a run: ``checkpoints/epoch-N.safetensors`` with records ``epoch-N.json``.
+    """A run's last checkpoints: ``checkpoints/epoch-N.safetensors`` with records ``epoch-N.json``.
 
     Attributes:
-        folder: folder of the checkpoints.
-        last: number of the checkpoint last saved or loaded, if any.
+        folder: checkpoint folder.
+        last: number of the last saved or loaded checkpoint, if any.
     """
 
     def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
-        """Take the run's folder, the unit of numbers, the type of progress, and how many to keep (None: all)."""
+        """Take the run folder, the unit of numbers, the progress type, and how many to keep (None: all)."""
         self.run_folder, self.unit, self.progress, self.kept = run_folder, unit, progress, kept
         self.folder = run_folder / "checkpoints"
         self.last: int | None = None
 
     def records(self) -> dict[int, Path]:
-        """Return the paths of the records by checkpoint number, latest first."""
+        """Return the record paths by checkpoint number, latest first."""
         matches = ((re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path) for path in self.folder.glob("*.json"))
         return dict(sorted(((int(match[1]), path) for match, path in matches if match), reverse=True))
 
     def save(self, number: int, tensors: Mapping[str, "Tensor"], progress: P) -> None:
-        """Write a checkpoint and its record, then remove older ones."""
+        """Write a checkpoint with a record, then remove older checkpoints."""
         import safetensors.torch
 
         self.folder.mkdir(exist_ok=True)
@@ -78,10 +78,10 @@ class Checkpoints(Generic[P]):
                 old.with_suffix(".safetensors").unlink(missing_ok=True)
 
     def load(self) -> Checkpoint[P]:
-        """Return the last intact checkpoint, and warn of damaged ones after it.
+        """Return the last intact checkpoint, and warn about damaged later checkpoints.
 
         Raises:
-            ArtefactError: if all are missing or damaged.
+            ArtefactError: if all checkpoints are missing or damaged.
         """
         damaged: list[ArtefactError] = []
         for number, path in self.records().items():
@@ -91,7 +91,7 @@ class Checkpoints(Generic[P]):
                 damaged.append(error)
                 continue
             for problem in damaged:
-                logging.getLogger(__name__).warning("%s Resuming from the one before it, %s.", problem, path.stem)
+                logging.getLogger(__name__).warning("%s Resuming from the checkpoint before, %s.", problem, path.stem)
             self.last = number
             return checkpoint
         if damaged:
@@ -103,10 +103,10 @@ class Checkpoints(Generic[P]):
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def read(self, number: int) -> Checkpoint[P]:
-        """Return the checkpoint of a number.
+        """Return a checkpoint by number.
 
         Raises:
-            ArtefactError: if it is missing or damaged.
+            ArtefactError: if the checkpoint is missing or damaged.
         """
         from wordcraft_kg.base.tensors import read_tensors
 
@@ -115,5 +115,5 @@ class Checkpoints(Generic[P]):
         tensors = path.with_suffix(".safetensors")
         data = read_large_file(tensors)
         if hashlib.sha256(data).hexdigest() != record.sha256:
-            raise ArtefactError(f"{tensors} is damaged: its SHA-256 is not the one written.")
+            raise ArtefactError(f"{tensors} is damaged: the SHA-256 differs from the record.")
         return Checkpoint(number, read_tensors(tensors, data), record.progress)

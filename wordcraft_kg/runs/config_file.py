@@ -1,4 +1,4 @@
-"""``config.toml``: all settings of a run in one table, which its command accepts as ``--config``."""
+"""``config.toml``: all run settings in one table, which the training command accepts as ``--config``."""
 
 import json
 import os
@@ -24,11 +24,11 @@ T = TypeVar("T")
 class RunConfig:
     """All settings of a run; nested dataclasses are written into the same table.
 
-    For a union of dataclasses, the name of the table selects the one with this ``command``.
+    In a union of dataclasses, the table name selects the dataclass with this ``command``.
 
     Attributes:
         commands: commands that accept the settings.
-        graph: graph folder, recipe book's file or known book's name.
+        graph: graph folder, recipe book file or known book name.
     """
 
     commands: ClassVar[tuple[str, ...]]
@@ -37,7 +37,7 @@ class RunConfig:
 
     @property
     def command(self) -> str:
-        """The command of these settings."""
+        """The command for these settings."""
         return self.commands[0]
 
     def default_folder(self, graph_name: str) -> Path:
@@ -45,7 +45,7 @@ class RunConfig:
         return Path("models") / f"{graph_name}-{self.command}"
 
     def values(self) -> dict[str, Any]:
-        """Return the settings by option name, without those that are None."""
+        """Return all settings that are not None by option name."""
         return {name: value for name, value in _flat(self).items() if value is not None}
 
     def write(self, folder: Path) -> None:
@@ -57,7 +57,7 @@ class RunConfig:
         """Read ``config.toml``.
 
         Raises:
-            ArtefactError: if it is missing or damaged, or a setting is unknown, missing, mistyped or out of range.
+            ArtefactError: if the file is missing or damaged, or a setting is unknown, missing, mistyped or invalid.
         """
         command, settings = read_config(folder)
         path = folder / CONFIG_FILE
@@ -79,13 +79,13 @@ def _flat(settings: Any) -> dict[str, Any]:
 
 
 def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) -> T:
-    """Remove the settings of a dataclass and its groups from a table, and return the dataclass."""
+    """Move a dataclass's settings, nested groups included, from a table into a new instance."""
     hints = get_type_hints(kind)
     plain, nested = [], dict[str, Any]()
     for field in fields(kind):  # type: ignore[arg-type]
-        groups = [one for one in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(one)]
+        groups = [hint for hint in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(hint)]
         if groups:
-            group = next((one for one in groups if getattr(one, "command", None) == command), groups[0])
+            group = next((group for group in groups if getattr(group, "command", None) == command), groups[0])
             nested[field.name] = _taken(group, settings, command, path)  # type: ignore[arg-type]
         else:
             default = () if field.default is MISSING else (field.default,)
@@ -99,12 +99,12 @@ def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) ->
 
 
 def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> None:
-    """Write the settings that are not None, with paths relative to the folder; keep a file that has this content."""
+    """Write all settings that are not None, with paths relative to the folder; keep a file with this content."""
 
-    def beside(path: str) -> str:
+    def relative(path: str) -> str:
         return os.path.relpath(path, folder) if os.path.exists(path) else path
 
-    lines = (f"{key} = {toml_value(value)}" for key, value in moved(settings, beside).items() if value is not None)
+    lines = (f"{key} = {toml_value(value)}" for key, value in moved(settings, relative).items() if value is not None)
     text = "\n".join([f"[{command}]", *lines]) + "\n"
     path = folder / CONFIG_FILE
     if not path.is_file() or path.read_bytes() != text.encode():
@@ -112,7 +112,7 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> Non
 
 
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
-    """Return the command and the settings in ``config.toml``, with paths relative to the working folder.
+    """Read command and settings from ``config.toml``, with paths relative to the working folder.
 
     Raises:
         ArtefactError: if the file is missing, or not TOML with one table.
@@ -132,7 +132,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return settings with ``change`` applied to paths; :class:`FeatureSpec` recognises paths of features."""
+    """Return settings with ``change`` applied to paths; :class:`FeatureSpec` recognises feature paths."""
     result = dict(settings)
     for key in ("graph", "scorer", "features"):
         value = result.get(key)
@@ -146,5 +146,5 @@ def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str
 
 
 def toml_value(value: Any) -> str:
-    """Return a string or number as TOML; JSON without escaped surrogates agrees with it."""
+    """Return a string or number as TOML, which equals JSON without escaped surrogates."""
     return json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""Reading the files and the graph of a run, checked against the hashes in ``run.json``."""
+"""Verified reading: files and graph of a run must match the hashes in ``run.json``."""
 
 import hashlib
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunFiles:
-    """The files of a run; every method raises ArtefactError if a file is missing, changed or damaged.
+    """Files of a run; every method raises ArtefactError if a file is missing, changed or damaged.
 
     Attributes:
-        folder: folder of the run.
+        folder: run folder.
         run: content of ``run.json``.
     """
 
@@ -30,39 +30,38 @@ class RunFiles:
     run: RunRecord
 
     def bytes(self, name: str) -> bytes:
-        """Return the bytes of an input or output file."""
+        """Read an input or output file."""
         path = self.folder / name
         data = read_large_file(path)
         if hashlib.sha256(data).hexdigest() != self.run.outputs.get(name, self.run.inputs.get(name)):
             raise ArtefactError(
-                f"{path} is damaged or was changed: its SHA-256 is not the one that run.json records. "
-                "Train again, or restore a copy."
+                f"{path} is damaged or was changed: the SHA-256 differs from run.json. Train again, or restore a copy."
             )
         return data
 
     def record(self, name: str, kind: type[T]) -> T:
-        """Return the record of a JSON file."""
+        """Read a JSON file as a record."""
         return parse_record(self.bytes(name), kind, self.folder / name)
 
     def lines(self, name: str, kind: type[T]) -> list[T]:
-        """Return the records of a JSON Lines file."""
+        """Read a JSON Lines file as records."""
         return parse_lines(self.bytes(name), kind, self.folder / name)
 
     def tensors(self, name: str) -> "dict[str, Tensor]":
-        """Return the tensors of a safetensors file."""
+        """Read tensors from a safetensors file."""
         from wordcraft_kg.base.tensors import read_tensors
 
         return read_tensors(self.folder / name, self.bytes(name))
 
     def graph(self, source: str | OpenedGraph) -> OpenedGraph:
-        """Return the graph and split of the training.
+        """Open the training graph with the split.
 
         Args:
-            source: the opened graph, or its path or name.
+            source: opened graph, path or name.
 
         Raises:
-            ArtefactError: if the graph is not found.
-            GraphMismatchError: if the hash of graph or split differs.
+            ArtefactError: if the graph is missing.
+            GraphMismatchError: if the graph hash or split hash differs.
         """
         try:
             opened = open_graph(source) if isinstance(source, str) else source
@@ -70,13 +69,13 @@ class RunFiles:
             raise
         except ValueError as error:
             raise ArtefactError(
-                f"the graph that '{self.folder}' was trained on was not found ({error}) Give its path as `graph`."
+                f"the graph that '{self.folder}' was trained on was not found ({error}) Give the path as `graph`."
             ) from None
         for name, actual in (("graph", opened.graph.hash), ("split", opened.split.hash)):
             expected = self.run.inputs.get(name, "")
             if actual != expected:
                 raise GraphMismatchError(
                     f"'{self.folder}' was trained on {name} {expected[:12]} but '{opened.source}' has {actual[:12]}. "
-                    "Give the right one as `graph`, or train again."
+                    "Give the right graph as `graph`, or train again."
                 )
         return opened

@@ -1,4 +1,4 @@
-"""The folder of a run during training: begin, resume, finish, fail, and replace an earlier folder."""
+"""The run folder during training: begin, resume, finish, fail, and replace an earlier folder."""
 
 import logging
 import os
@@ -19,21 +19,21 @@ from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
 from wordcraft_kg.runs.record import RUN_FILE, RunFacts, RunRecord, Status, end_run, read_run, resume_run, start_run
 
 _BEGUN = ".begun-by-wordcraft-kg"
-"""Marks a new folder until its first record; after a kill before that, the folder can be removed."""
+"""Marks a new folder until the first record; after an earlier kill, the folder can be removed."""
 P = TypeVar("P")
 Progress = Callable[[int, int, dict[str, float]], None]
-"""Called with the number of epochs or steps done, the total, and the latest figures."""
+"""Called with the number of finished epochs or steps, the total, and the latest metrics."""
 
 
 @dataclass(frozen=True)
 class RunKind(Generic[P]):
-    """Constants of one trainer's runs.
+    """Constants for all runs by one trainer.
 
     Attributes:
-        commands: commands that start a run; the ``kind`` of ``run.json`` is one of them.
-        name: label of the progress bar.
-        unit: unit of progress: epoch or step.
-        progress: type of the progress that a checkpoint records.
+        commands: commands that start a run; ``kind`` in ``run.json`` is one of these.
+        name: progress bar label.
+        unit: progress unit: epoch or step.
+        progress: progress type in checkpoints.
     """
 
     commands: tuple[str, ...]
@@ -45,7 +45,7 @@ class RunKind(Generic[P]):
         """Read ``run.json``.
 
         Raises:
-            ArtefactError: if the file is missing, damaged, or of another kind of run.
+            ArtefactError: if the file is missing, damaged, or records another kind of run.
         """
         expected = f"a run of {' or '.join(self.commands)}"
         record = read_run(folder, expected)
@@ -54,16 +54,16 @@ class RunKind(Generic[P]):
         return record
 
     def checkpoints(self, folder: Path) -> Checkpoints[P]:
-        """Return the checkpoints of a run."""
+        """Return a run's checkpoints."""
         return Checkpoints(folder, self.unit, self.progress)
 
 
 class RunFolder(Generic[P]):
-    """A run that this process trains, from :func:`new_run` or :func:`resumed_run`; the process holds its lock.
+    """A run that this process trains and locks, from :func:`new_run` or :func:`resumed_run`.
 
     Attributes:
         path: the folder.
-        checkpoints: the checkpoints of the run.
+        checkpoints: saved checkpoints.
         interrupted: set by the first Ctrl-C.
         is_live: whether this process has recorded the run as running.
     """
@@ -87,8 +87,8 @@ class RunFolder(Generic[P]):
 
         Args:
             config: all settings; ``seed``, ``device`` and ``threads`` are recorded.
-            inputs: hashes of the training data by name.
-            files: names of files in the folder that training never changes.
+            inputs: training data hashes by name.
+            files: names of files that training never changes.
             facts: optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
         """
         config.write(self.path)
@@ -104,8 +104,8 @@ class RunFolder(Generic[P]):
         (self.path / _BEGUN).unlink(missing_ok=True)
         self.is_live = True
 
-    def go_on(self, config: RunConfig) -> None:
-        """Record the run as resumed, with the present paths of its inputs."""
+    def resume(self, config: RunConfig) -> None:
+        """Record the run as resumed, with present input paths."""
         began_with, installed = self.record.versions.get("torch"), version("torch")
         if began_with != installed:
             logging.getLogger(__name__).warning(
@@ -119,7 +119,7 @@ class RunFolder(Generic[P]):
 
     @contextmanager
     def restoring(self) -> Iterator[None]:
-        """Raise errors of restoring a checkpoint as an ArtefactError that names the run."""
+        """Turn checkpoint errors into an ArtefactError that names the run."""
         try:
             yield
         except (KeyError, RuntimeError, TypeError, ValueError, AttributeError, IndexError, OSError) as error:
@@ -132,7 +132,7 @@ class RunFolder(Generic[P]):
         self._end("interrupted")
 
     def finish(self, outputs: Sequence[str], card: str) -> None:
-        """Write the model card, record the run as done, and remove the checkpoints."""
+        """Write the model card, record the run as done, and remove all checkpoints."""
         write_atomically(self.path / "README.md", card)
         for name in outputs:
             with (self.path / name).open("rb+") as file:
@@ -155,7 +155,7 @@ class RunFolder(Generic[P]):
         if isinstance(error, OSError):
             return ArtefactError(
                 f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; free some space, then repeat "
-                "the same command: it goes on from there."
+                "the command to resume from there."
             )
         return error
 
@@ -166,7 +166,7 @@ class RunFolder(Generic[P]):
 
 @contextmanager
 def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[RunFolder[P]]:
-    """Make and lock the folder of a new run.
+    """Make and lock a new run folder.
 
     A replaced folder is moved aside, and restored if the run ends without checkpoint and result.
 
@@ -180,7 +180,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
         _put_aside(out)
         try:
             out.mkdir(parents=True)
-        except FileExistsError:  # it was not there a moment ago
+        except FileExistsError:  # another process has just made the folder
             raise _in_use(out) from None
         except OSError:
             _settle(out)
@@ -198,17 +198,17 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
 
 @contextmanager
 def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
-    """Open and lock the folder of an unfinished run.
+    """Open and lock an unfinished run.
 
     Raises:
-        ArtefactError: if the run is done, of another kind or damaged, or another process is training in the folder.
+        ArtefactError: if the run is done, damaged or has another kind, or another process is training in the folder.
     """
     folder = with_a_name(folder)
     kind.read_record(folder)
     with locked(folder):
-        record = kind.read_record(folder)  # nobody else writes it now
+        record = kind.read_record(folder)  # under the lock, the record cannot change
         if record.status == "done":
-            raise ArtefactError(f"'{folder}' is finished; there is nothing to go on with.")
+            raise ArtefactError(f"'{folder}' is finished and cannot be resumed. Choose an unfinished run.")
         try:
             with first_interrupt() as interrupted, _failing(RunFolder(folder, kind, interrupted, record)) as run:
                 yield run
@@ -217,19 +217,19 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
 
 
 def check_run_output(out: Path, *, force: bool) -> None:
-    """Refuse an existing output, unless the same command may continue its unfinished run.
+    """Refuse an existing output, unless the folder holds an unfinished run that may be resumed.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
-    with suppress(ArtefactError):  # no run, or a damaged one
+    with suppress(ArtefactError):  # without a run, or damaged
         if read_run(out).status != "done":
             return
     check_new_run(out, force=force)
 
 
 def check_new_run(out: Path, *, force: bool) -> None:
-    """Refuse an existing output, unless it is empty or the beginning of a run that was killed before its first record.
+    """Refuse an existing output, unless empty or left by a run that was killed before the first record.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
@@ -253,7 +253,7 @@ def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
 
 @contextmanager
 def locked(folder: Path, use: str = "trained") -> Iterator[None]:
-    """Lock an existing folder against other processes; the lock ends with this process at the latest.
+    """Lock an existing folder against other processes, until this process ends at the latest.
 
     Args:
         folder: the folder.
@@ -274,18 +274,18 @@ def locked(folder: Path, use: str = "trained") -> Iterator[None]:
         except BlockingIOError:
             raise _in_use(folder, use) from None
         if not os.path.exists(folder) or not os.path.samestat(os.fstat(handle), os.stat(folder)):
-            raise _in_use(folder, use)  # another process has replaced the folder since it was opened
+            raise _in_use(folder, use)  # another process has just replaced the folder
         yield
     finally:
         os.close(handle)
 
 
 def _in_use(folder: Path, use: str = "trained") -> ArtefactError:
-    return ArtefactError(f"'{folder}' is being {use} by another process; wait for it, or stop it.")
+    return ArtefactError(f"'{folder}' is being {use} by another process; wait, or stop the process.")
 
 
 def _aside(out: Path) -> Path:
-    """Return the place of a replaced folder until the new run has a checkpoint."""
+    """Return the path that holds a replaced folder until the new run has a checkpoint."""
     return out.with_name(f".{out.name}.replaced-by-wordcraft-kg")
 
 
@@ -312,14 +312,14 @@ def _settle(out: Path) -> None:
 
 
 def _is_beginning(folder: Path) -> bool:
-    """Return whether a folder is empty or belongs to a run without a record."""
+    """Return whether a folder is empty or holds a run without a record."""
     if not folder.is_dir() or (folder / RUN_FILE).exists():
         return False
     return (folder / _BEGUN).exists() or not any(folder.iterdir())
 
 
 def _is_dead(folder: Path) -> bool:
-    """Return whether a folder holds no result and no checkpoint."""
+    """Return whether a folder lacks both results and checkpoints."""
     with suppress(ArtefactError):
         if read_run(folder).status == "done":
             return False

@@ -1,4 +1,4 @@
-"""Ctrl-C as a request to stop."""
+"""Handle Ctrl-C as a request to stop."""
 
 import signal
 import threading
@@ -10,18 +10,18 @@ from typing import Any
 
 @contextmanager
 def first_interrupt() -> Iterator[threading.Event]:
-    """Yield an event that the first Ctrl-C sets; the second Ctrl-C acts at once."""
+    """Yield an event that the first Ctrl-C sets; the second Ctrl-C stops at once."""
     requested = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield requested
         return
     before = signal.getsignal(signal.SIGINT)
 
-    def ask(signum: int, frame: Any) -> None:
+    def request(signum: int, frame: Any) -> None:
         requested.set()
         signal.signal(signal.SIGINT, before)
 
-    signal.signal(signal.SIGINT, ask)
+    signal.signal(signal.SIGINT, request)
     try:
         yield requested
     finally:
@@ -30,7 +30,7 @@ def first_interrupt() -> Iterator[threading.Event]:
 
 @contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
-    """Treat SIGTERM, such as from a cluster or service manager, as Ctrl-C."""
+    """Treat SIGTERM, for example from a cluster or service manager, as Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -46,5 +46,5 @@ def sigterm_as_interrupt() -> Iterator[None]:
 
 
 def interruption_message(folder: Path, unit: str, number: int) -> str:
-    """Return the message about an interrupted run: its checkpoint, and how to resume."""
-    return f"interrupted; {unit} {number:,} is saved in '{folder}'. The same command goes on from there."
+    """Return the message that names the saved checkpoint and explains how to resume."""
+    return f"interrupted; {unit} {number:,} is saved in '{folder}'. Repeat the command to resume from there."

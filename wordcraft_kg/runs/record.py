@@ -1,4 +1,4 @@
-"""Run records (``run.json``): command, inputs, versions and outputs of a run."""
+"""Run records (``run.json``): command, inputs, versions and outputs."""
 
 import os
 import platform
@@ -25,14 +25,14 @@ Status = Literal["running", "interrupted", "failed", "done"]
 
 
 class GitState(Record, frozen=True, kw_only=True):
-    """Commit of the checkout, and whether it had uncommitted changes."""
+    """Checked-out commit, and whether there were uncommitted changes."""
 
     commit: str
     dirty: bool
 
 
 class Resumption(Record, frozen=True, kw_only=True):
-    """Time, command line and versions of a resumption."""
+    """When and how a run was resumed: time, command line and versions."""
 
     started: str
     argv: tuple[str, ...]
@@ -41,21 +41,21 @@ class Resumption(Record, frozen=True, kw_only=True):
 
 
 class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """The content of ``run.json``; keys with default values are left out.
+    """Content of ``run.json``; keys with default values are left out.
 
     Attributes:
-        kind: the command that trains such a run, for example ``train-agent``.
+        kind: training command, for example ``train-agent``.
         argv: command line, with ``~`` for the home folder.
         started: ISO 8601, UTC.
-        ended: end of the last process, None while it runs.
+        ended: ISO 8601, UTC; None while running.
         versions: versions by package.
-        git: state of the checkout, if the package runs from one.
+        git: Git state, if the package runs from a checkout.
         inputs: hashes of ``graph`` and ``split``, and the SHA-256 of files that training never changes.
-        outputs: SHA-256 of the files that training wrote.
-        kg: knowledge graph of an agent's scorer, if any.
-        cross_fitted: number of folds of an agent's scorer; 0 for in-sample scores on train tasks.
-        trackers: names of the trackers.
-        missing_words: words of entity labels without a vector.
+        outputs: SHA-256 of each file that training wrote.
+        kg: knowledge graph that an agent's scorer was trained on, if any.
+        cross_fitted: number of folds in an agent's scorer; 0 for in-sample scores on train tasks.
+        trackers: tracker names.
+        missing_words: words in entity labels without a vector.
         resumed: all resumptions.
     """
 
@@ -119,14 +119,14 @@ def start_run(
 
 
 def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = None) -> RunRecord:
-    """Set the status to ``running``, and record the resumption and changed hashes of inputs."""
+    """Set the status to ``running``, and record the resumption and changed input hashes."""
     again = Resumption(started=_now(), argv=_arguments(), versions=_versions(), git=_git_state())
     changes = {"inputs": {**run.inputs, **(inputs or {})}, "resumed": (*run.resumed, again)}
     return _write(folder, replace(run, status="running", ended=None, **changes))
 
 
 def end_run(folder: Path, run: RunRecord, status: Status, outputs: Sequence[str] = ()) -> RunRecord:
-    """Write the final status and the SHA-256 of the output files."""
+    """Write the final status and the SHA-256 of each output file."""
     hashes = {name: sha256_of(folder / name) for name in outputs}
     return _write(folder, replace(run, status=status, ended=_now(), outputs=hashes))
 
@@ -135,40 +135,40 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
     """Read ``run.json``.
 
     Raises:
-        ArtefactError: if it is missing or damaged, or the folder holds runs of several seeds; the message names
+        ArtefactError: if the file is missing or damaged, or the folder holds several seeds; the message names
             ``expected``.
     """
     if not os.path.lexists(folder / RUN_FILE):
         seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
         if seeds:
             raise ArtefactError(
-                f"'{folder}' holds a run for each of {len(seeds)} seeds; give one, such as {folder / seeds[0]}."
+                f"'{folder}' holds a run for each of {len(seeds)} seeds; give one run, such as {folder / seeds[0]}."
             )
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return read_record(folder / RUN_FILE, RunRecord)
 
 
 def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
-    """Read the record of a finished run.
+    """Read a finished run's record.
 
     Args:
-        folder: folder of the run.
-        expected: description of the run for the error.
-        result: name of an output file that the run must have.
+        folder: run folder.
+        expected: expected kind of run, for the error.
+        result: name of a required output file.
 
     Raises:
-        ArtefactError: if the run is missing, unfinished, or of another kind.
+        ArtefactError: if the run is missing, unfinished, or has another kind.
     """
     run = read_run(folder, expected)
     if run.status != "done":
-        raise ArtefactError(f"'{folder}' is {run.status}, not done. Repeat the command that began it: it goes on.")
+        raise ArtefactError(f"'{folder}' is {run.status}, not done. Repeat the training command to resume.")
     if result not in run.outputs:
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return run
 
 
 def run_folders(path: Path) -> list[Path]:
-    """Return the runs in a folder of seeds by ascending seed; any other path is returned alone."""
+    """Return the runs in a multi-seed folder by ascending seed, or any other path alone."""
     if (path / RUN_FILE).exists() or not path.is_dir():
         return [path]
     seeds = {int(match[1]): run for run in path.iterdir() if (match := _SEED.fullmatch(run.name))}
@@ -176,7 +176,7 @@ def run_folders(path: Path) -> list[Path]:
 
 
 def run_name(folder: Path) -> str:
-    """Return the display name of a run: its folder's name, for a seed with the parent's name before it."""
+    """Return a run's display name: the folder name, for a seed after the parent folder's name."""
     folder = folder.resolve()
     return f"{folder.parent.name}-{folder.name}" if _SEED.fullmatch(folder.name) else folder.name
 
@@ -201,13 +201,12 @@ def _versions() -> dict[str, str]:
     for package in _PACKAGES:
         try:
             versions[package] = version(package)
-        except PackageNotFoundError:  # an optional one
+        except PackageNotFoundError:  # optional
             continue
     return versions
 
 
 def _git_state() -> GitState | None:
-    """Return the state of the checkout that this package runs from, if any."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None

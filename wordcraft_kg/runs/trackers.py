@@ -1,4 +1,4 @@
-"""Trackers log the figures of a running training to local files; see :class:`Tracker` for one of your own."""
+"""Trackers log training metrics to local files; subclass :class:`Tracker` for your own."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,11 +12,11 @@ from wordcraft_kg.runs.folder import RunFolder
 from wordcraft_kg.runs.record import Status
 
 Log = Callable[[int, Mapping[str, float | None]], None]
-"""Takes the number of epochs or steps done, and figures by name, None for a missing value."""
+"""Takes the number of finished epochs or steps, and metrics by name, None for a missing value."""
 
 
 class Tracker(Protocol):
-    """Receives the figures of a training.
+    """Receives training metrics.
 
     Example:
         >>> class Printer:
@@ -33,7 +33,7 @@ class Tracker(Protocol):
     """
 
     def log(self, step: int, values: Mapping[str, float]) -> None:
-        """Log figures by name; ``step``, of epochs or steps, only grows, even over a resumption."""
+        """Log metrics by name; ``step``, in epochs or steps, only grows, also in a resumed run."""
         ...
 
     def close(self, status: Status) -> None:
@@ -42,16 +42,16 @@ class Tracker(Protocol):
 
 
 class TensorBoard:
-    """Event files in ``tensorboard/`` of the run's folder."""
+    """Event files in the run folder's ``tensorboard/``."""
 
     library = "torch.utils.tensorboard"
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], step: int):
-        """Continue from ``step``; remove figures of later steps."""
+        """Continue from ``step``; remove metrics of later steps."""
         writer = import_module(self.library).SummaryWriter
         self._writer = writer(str(folder / "tensorboard"), purge_step=step or None)
 
-    def log(self, step: int, values: Mapping[str, float]) -> None:  # noqa: D102 - of the protocol
+    def log(self, step: int, values: Mapping[str, float]) -> None:  # noqa: D102 - see the protocol
         for name, value in values.items():
             self._writer.add_scalar(name, value, step)
 
@@ -60,9 +60,9 @@ class TensorBoard:
 
 
 class WeightsAndBiases:
-    """An offline run of Weights & Biases in ``wandb/`` of the run's folder, without data about the machine.
+    """An offline Weights & Biases run in the run folder's ``wandb/``, without data about the machine.
 
-    ``wandb sync`` uploads it. A resumed run is a new run of Weights & Biases.
+    Upload with ``wandb sync``. A resumed run is a new Weights & Biases run.
     """
 
     library = "wandb"
@@ -88,15 +88,15 @@ TRACKERS: dict[str, type[TensorBoard] | type[WeightsAndBiases]] = {
     "tensorboard": TensorBoard,
     "wandb": WeightsAndBiases,
 }
-"""Trackers by name; each takes a run's folder, its settings by name, and the first epoch or step."""
+"""Trackers by name; each takes a run folder, settings by name, and the first epoch or step."""
 
 
 def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
-    """Return trackers without duplicates, after checking the named ones.
+    """Check named trackers, and return all trackers without duplicates.
 
     Raises:
         ConfigError: for an unknown name, with the nearest known names.
-        MissingExtraError: if the library of a tracker is not installed.
+        MissingExtraError: if a tracker's library is not installed.
     """
     unique: list[Tracker | str] = []
     for tracker in trackers:
@@ -108,14 +108,13 @@ def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
             import_module(TRACKERS[name].library)
         except ImportError:
             raise MissingExtraError(
-                f"`trackers` {name!r} needs a package that is not installed. Install it: "
-                f"pip install 'wordcraft-kg[{name}]'"
+                f"`trackers` {name!r} needs a package that is not installed. Run: pip install 'wordcraft-kg[{name}]'"
             ) from None
     return unique
 
 
 def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
-    """Return the trackers given by name; a resumed run opens these again."""
+    """Return all trackers given by name; a resumed run opens these again."""
     return tuple(tracker for tracker in trackers if isinstance(tracker, str))
 
 
@@ -123,13 +122,13 @@ def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
 def tracking(
     run: RunFolder[Any], trackers: Sequence[Tracker | str], settings: Mapping[str, Any], step: int = 0
 ) -> Iterator[Log]:
-    """Open trackers, yield a function that logs to all of them, and close them.
+    """Open trackers, yield a function that logs to all trackers, and close them.
 
     Args:
         run: a live run.
-        trackers: from :func:`checked_trackers`.
-        settings: all settings of the run by name.
-        step: number of epochs or steps before a resumption.
+        trackers: result of :func:`checked_trackers`.
+        settings: all settings by name.
+        step: number of epochs or steps before the run was resumed.
     """
     opened: list[Tracker] = []
 

@@ -1,4 +1,4 @@
-"""The template of every training: begin or resume a run, train, finish; for one seed or several."""
+"""The training template: begin or resume a run, train, finish; for one seed or several."""
 
 import os
 from abc import ABC, abstractmethod
@@ -17,23 +17,22 @@ from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_new_run
 from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_run
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 
-_SHOWN_BY_THE_BAR = ("epoch", "seconds", "steps_per_second")
+_SHOWN_BY_TQDM = ("epoch", "seconds", "steps_per_second")
 C = TypeVar("C", bound=RunConfig)
 P = TypeVar("P")
 T = TypeVar("T")
 
 
 class Training(ABC, Generic[C, P, T]):
-    """One training with settings ``C``, checkpoint progress ``P`` and outcome ``T``; a trainer is a subclass.
+    """One training with settings ``C``, checkpoint progress ``P`` and outcome ``T``; trainers are subclasses.
 
-    :func:`train` calls the methods in the order of their definition; for a resumed run, without :meth:`prepare` and
-    :meth:`begin`.
+    :func:`train` calls the methods in definition order; for a resumed run, without :meth:`prepare` and :meth:`begin`.
 
     Attributes:
-        kind: kind of the runs.
-        config_type: type of the settings.
-        decided: names of settings that the training decides if they are None.
-        config: settings, including the decided ones.
+        kind: kind of run.
+        config_type: settings class.
+        decided: names of settings that the training chooses if None.
+        config: settings, including the chosen values.
         opened: graph and split.
     """
 
@@ -45,32 +44,32 @@ class Training(ABC, Generic[C, P, T]):
         self.config, self.opened = config, opened
 
     @classmethod
-    def given(cls, config: C) -> Mapping[str, str | None]:
-        """Return the hash of each input other than the graph, by the name of its setting."""
+    def input_hashes(cls, config: C) -> Mapping[str, str | None]:
+        """Return the hash of each input except the graph, by setting name."""
         return {}
 
     def prepare(self) -> None:
-        """Check inputs and do slow work before the folder of a new run is made."""
+        """Check inputs and do slow work before a new run folder is made."""
 
     @abstractmethod
     def begin(self, run: RunFolder[P], report: Progress | None) -> Mapping[str, Any]:
-        """Write the first files of a new run; return keyword arguments of :meth:`RunFolder.begin`."""
+        """Write the first files of a new run; return keyword arguments for :meth:`RunFolder.begin`."""
 
     def restored(self, run: RunFolder[P]) -> Checkpoint[P] | None:
-        """Return the last checkpoint; None for a training that keeps finished parts instead."""
+        """Return the last checkpoint; None if the training saves finished parts instead."""
         return run.checkpoints.load()
 
     @abstractmethod
-    def go(self, run: RunFolder[P], report: Progress | None, log: Log, checkpoint: Checkpoint[P] | None) -> T:
+    def fit(self, run: RunFolder[P], report: Progress | None, log: Log, checkpoint: Checkpoint[P] | None) -> T:
         """Train to the end or the first Ctrl-C, from the checkpoint if given.
 
-        If ``run`` is not live, call ``run.go_on(config)`` after restoring.
+        If ``run`` is not live, call ``run.resume(config)`` after restoring.
         """
 
     @classmethod
     @abstractmethod
     def outcome(cls, files: RunFiles) -> T:
-        """Return the outcome of a finished run."""
+        """Return a finished run's outcome."""
 
 
 def train(
@@ -83,21 +82,21 @@ def train(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> T:
-    """Train into a folder, or resume its interrupted run of the same settings and data.
+    """Train into a folder, or resume an interrupted run with the same settings and data.
 
     Args:
-        trainer: the trainer.
+        trainer: trainer class.
         config: all settings.
-        out: the folder. Default: :meth:`RunConfig.default_folder`.
+        out: run folder. Default: :meth:`RunConfig.default_folder`.
         force: train anew and replace the folder.
-        keep: whether, or for which folder, to return the outcome of a finished run of the same settings and data.
-        trackers: trackers of the figures, by name or as objects.
+        keep: whether, or for which folder, to return the outcome of a finished run with the same settings and data.
+        trackers: metric trackers, by name or as objects.
         progress: progress callback; True shows a bar.
 
     Raises:
         OutputExistsError: if the folder holds other files or a finished run, and ``force`` is False.
         ConfigError: if an unfinished run has other settings or data, or the settings do not fit the graph or machine.
-        MissingExtraError: if the library of a tracker is not installed.
+        MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if an input belongs to another graph.
         ArtefactError: if an interrupted run is damaged, or another process is training in the folder.
         TrainingError: if the loss is no longer finite.
@@ -108,12 +107,12 @@ def train(
     record = None if force else _earlier(folder, trainer.kind)
     if record is not None and (record.status != "done" or (keep(folder) if callable(keep) else keep)):
         files = RunFiles(folder, record)
-        recorded = _same(files, config, opened, trainer)
+        recorded = _checked_settings(files, config, opened, trainer)
         if record.status == "done":
             return trainer.outcome(files)
         if trainer.kind.checkpoints(folder).records():
-            return _go_on(trainer(recorded, opened), folder, trackers, progress)
-        force = True  # it was killed before its first checkpoint
+            return _resume(trainer(recorded, opened), folder, trackers, progress)
+        force = True  # killed before the first checkpoint
     check_new_run(folder, force=force)
     training = trainer(config, opened)
     training.prepare()
@@ -123,18 +122,18 @@ def train(
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
         run.begin(training.config, inputs=inputs, trackers=names_of(trackers), **begun)
         with tracking(run, trackers, training.config.values()) as log:
-            return training.go(run, report, log, None)
+            return training.fit(run, report, log, None)
 
 
 def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
-    """Return the record of the run in a folder; None without a run of this kind."""
+    """Return the run record in a folder; None without a run of this kind."""
     with suppress(ArtefactError):
         record = read_run(folder)
         return record if record.kind in kind.commands else None
     return None
 
 
-def _go_on(
+def _resume(
     training: Training[C, P, T], folder: Path, trackers: Iterable[Tracker | str], progress: Progress | bool | None
 ) -> T:
     kind = training.kind
@@ -143,24 +142,24 @@ def _go_on(
         everywhere = checked_trackers([*run.record.trackers, *trackers])
         start = 0 if checkpoint is None else checkpoint.number
         with tracking(run, everywhere, training.config.values(), start) as log:
-            return training.go(run, report, log, checkpoint)
+            return training.fit(run, report, log, checkpoint)
 
 
-def _same(files: RunFiles, config: C, opened: OpenedGraph, trainer: type[Training[C, P, T]]) -> C:
-    """Return the settings of a run, with the present paths of its inputs.
+def _checked_settings(files: RunFiles, config: C, opened: OpenedGraph, trainer: type[Training[C, P, T]]) -> C:
+    """Return a run's recorded settings, with present input paths.
 
     Raises:
-        ConfigError: if the settings or inputs of the command differ.
+        ConfigError: if the given settings or inputs differ.
     """
     files.bytes(CONFIG_FILE)
     recorded: C = trainer.config_type.read(files.folder)  # type: ignore[assignment]
     if recorded.command != config.command:
         raise ConfigError(f"'{files.folder}' was written by {recorded.command}, not {config.command}. {_ADVICE}")
-    given = trainer.given(config)
+    given = trainer.input_hashes(config)
     for name, expected in {"graph": opened.graph.hash, "split": opened.split.hash, **given}.items():
         if files.run.inputs.get(name) != expected:
             raise ConfigError(f"'{files.folder}' was trained with another {name}. {_ADVICE}")
-    old, new = (moved(one.values(), os.path.realpath) for one in (recorded, config))
+    old, new = (moved(settings.values(), os.path.realpath) for settings in (recorded, config))
     for name in dict.fromkeys([*new, *old]):
         is_open = name not in new and name in trainer.decided
         if name != "graph" and name not in given and not is_open and old.get(name) != new.get(name):
@@ -184,18 +183,18 @@ def train_seeds(
     trackers: Iterable[Tracker | str] = (),
     progress: Callable[[int], Progress | bool | None] = lambda seed: None,
 ) -> Iterator[tuple[int, T]]:
-    """Train each seed in ``parent/seed-N``, keep finished runs and resume interrupted ones.
+    """Train each seed in ``parent/seed-N``, keep finished runs and resume interrupted runs.
 
     Args:
-        trainer: the trainer.
+        trainer: trainer class.
         configs: settings by seed.
-        parent: folder of the runs.
+        parent: folder for all runs.
         force: train all seeds again.
-        trackers: trackers of the figures, by name or as objects.
-        progress: returns the progress callback of a seed.
+        trackers: metric trackers, by name or as objects.
+        progress: returns the progress callback for a seed.
 
     Yields:
-        Each seed and its outcome.
+        Each seed with the outcome.
 
     Raises:
         OutputExistsError: if ``parent`` is a run.
@@ -203,7 +202,7 @@ def train_seeds(
     """
     if (parent / RUN_FILE).exists():
         raise OutputExistsError(
-            f"'{parent}' is a single run, and seeds need a folder around them. Choose another `out`."
+            f"'{parent}' is a single run; several seeds need a folder for all runs. Choose another `out`."
         )
     trackers = list(trackers)
     for seed, config in configs.items():
@@ -213,7 +212,7 @@ def train_seeds(
 
 @contextmanager
 def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Progress | None]:
-    """Yield the progress callback: the given one, or for True a bar in a terminal or notebook."""
+    """Yield the given progress callback, or for True a bar in a terminal or notebook."""
     if progress is not True:
         yield progress or None
         return
@@ -223,7 +222,7 @@ def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Pr
 
         def show(done: int, total: int, figures: dict[str, float]) -> None:
             bar.total = total
-            shown = {name: f"{value:.4g}" for name, value in figures.items() if name not in _SHOWN_BY_THE_BAR}
+            shown = {name: f"{value:.4g}" for name, value in figures.items() if name not in _SHOWN_BY_TQDM}
             bar.set_postfix(shown, refresh=False)
             bar.update(done - bar.n)
 

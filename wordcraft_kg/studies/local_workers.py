@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from wordcraft_kg.base.settings import MAX_THREADS, whole
-from wordcraft_kg.runs.side_by_side import THREADS_VARIABLES, cores, own_start
+from wordcraft_kg.runs.parallel import THREADS_VARIABLES, cores, isolated_start
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 _Perform = Callable[[Task, Path], Outcome]
@@ -108,7 +108,7 @@ class LocalWorkers:
         own = _cores_of(number, self.places, self._threads)
         arguments = (theirs, self.root, self._perform, own, os.getpid())
         process = context.Process(target=_work, args=arguments)
-        with own_start(), _threads_of(self._threads):
+        with isolated_start(), _threads_of(self._threads):
             process.start()
         theirs.close()
         return _Place(process, ours)

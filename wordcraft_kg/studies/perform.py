@@ -107,7 +107,7 @@ def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: 
 
     with suppress(ArtefactError):
         begun_with = read_run(folder).inputs
-        if any(begun_with.get(name) != found for name, found in trainer.given(config).items()):
+        if any(begun_with.get(name) != found for name, found in trainer.input_hashes(config).items()):
             _clear(folder)  # a damaged scorer was trained again on another machine
     try:
         return train(trainer, config, folder, keep=True)

@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
-from wordcraft_kg.runs.side_by_side import cores
+from wordcraft_kg.runs.parallel import cores
 from wordcraft_kg.studies.study import (
     OF_AGENT,
     OF_GRAPH,

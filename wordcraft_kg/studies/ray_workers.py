@@ -14,7 +14,7 @@ from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError, reason
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.runs.side_by_side import CORES_VARIABLE, THREADS_VARIABLES, cores
+from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES, cores
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 RETRIES = 3

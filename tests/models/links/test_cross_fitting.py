@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
-from going_on import go_on
 from link_helpers import interrupt_after, rewritten, same_files, train
 from refusals import refuses
+from resumption import resume
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError, TrainingError
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -33,7 +33,7 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
-from wordcraft_kg.runs import side_by_side
+from wordcraft_kg.runs import parallel
 
 SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
 FILES = ["folds.json", "folds.safetensors"]
@@ -207,7 +207,7 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     assert len(kept) == (epoch - 5) // 4
     again = []
     monkeypatch.setattr(cross_fitting, "fit", lambda *arguments: again.append(arguments) or fit(*arguments))
-    assert not go_on(trained.folder).interrupted
+    assert not resume(trained.folder).interrupted
     assert len(again) == 3 - len(kept)
     assert same_files(trained.folder, folded)
     assert not (trained.folder / "checkpoints").exists()
@@ -218,7 +218,7 @@ def test_a_damaged_fold_of_an_interrupted_run_is_trained_again(folded, opened_ki
     path = folder / "checkpoints" / "fold-1.safetensors"
     path.write_bytes(path.read_bytes()[:-1] + b"x")
     with caplog.at_level(logging.WARNING):
-        go_on(folder)
+        resume(folder)
     assert "Training fold 1 again" in caplog.text
     assert same_files(folder, folded)
 
@@ -228,7 +228,7 @@ def test_a_kept_fold_of_other_epochs_is_trained_again(folded, opened_kitchen, tm
     path = min((folder / "checkpoints").glob("fold-*.json"))
     record = json.loads(path.read_text())
     path.write_text(json.dumps({**record, "progress": {**record["progress"], "epochs": 1}}))
-    go_on(folder)
+    resume(folder)
     assert same_files(folder, folded)
 
 
@@ -240,7 +240,7 @@ def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(opened_kitchen, tmp_path,
     with pytest.raises(TrainingError, match=r"no longer a finite number\. The checkpoint of epoch 4 is safe"):
         train(opened_kitchen, SHORT, tmp_path / "model")
     monkeypatch.undo()
-    assert not go_on(tmp_path / "model").interrupted
+    assert not resume(tmp_path / "model").interrupted
 
 
 # --- side by side ----------------------------------------------------------------------------------------------------
@@ -251,10 +251,10 @@ from pathlib import Path
 from wordcraft_kg.models.links import cross_fitting
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
-from wordcraft_kg.runs import side_by_side
+from wordcraft_kg.runs import parallel
 
 cross_fitting.LONG = 0.0
-side_by_side.cores = lambda: 2
+parallel.cores = lambda: 2
 print("the program ran")
 config = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
 train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))
@@ -273,11 +273,11 @@ def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_ag
 @pytest.mark.slow
 def test_an_error_and_the_death_of_a_process_are_told(opened_kitchen, tmp_path, monkeypatch):
     folds = make_folds(opened_kitchen.split, 3)
-    monkeypatch.setattr(side_by_side, "cores", lambda: 2)
+    monkeypatch.setattr(parallel, "cores", lambda: 2)
     options = {"seconds": 100.0, "after_epoch": lambda done, total: None}
     with pytest.raises(ConfigError, match="nosuch"):
         cross_fitting.train_folds(tmp_path, folds, LinkModelConfig(model="nosuch", epochs=1), **options)
-    monkeypatch.setattr(side_by_side, "_work", sys.exit)  # its argument is a connection: exit code 1
+    monkeypatch.setattr(parallel, "_work", sys.exit)  # its argument is a connection: exit code 1
     with pytest.raises(TrainingError, match="ended with code 1"):
         cross_fitting.train_folds(tmp_path, folds, SHORT, **options)
 
@@ -285,7 +285,7 @@ def test_an_error_and_the_death_of_a_process_are_told(opened_kitchen, tmp_path, 
 def test_ctrl_c_ends_the_processes_at_once(opened_kitchen, tmp_path, monkeypatch):
     import multiprocessing
 
-    monkeypatch.setattr(side_by_side, "cores", lambda: 2)
+    monkeypatch.setattr(parallel, "cores", lambda: 2)
 
     def press(done: int, total: int) -> None:
         assert len(multiprocessing.active_children()) == 2

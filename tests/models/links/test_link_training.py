@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 import safetensors.torch
 import torch
-from going_on import go_on
 from link_helpers import contents, global_states, interrupt_after, train
 from refusals import refuses
+from resumption import resume
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError
 from wordcraft_kg.base.records import as_values
@@ -261,7 +261,7 @@ def test_training_warns_about_nothing(validated_kitchen, tmp_path, config):
 @EACH
 def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(validated_kitchen, tmp_path, config):
     folder, whole = halved(validated_kitchen, config, tmp_path, 2)
-    assert same(go_on(folder), whole)
+    assert same(resume(folder), whole)
 
 
 @EACH
@@ -269,7 +269,7 @@ def test_a_resumed_run_has_the_optimisers_state_of_an_undisturbed_one(validated_
     config = replace(config, epochs=9, patience=0)
     straight = train(validated_kitchen, config, tmp_path / "straight", progress=interrupt_after(5)).folder
     halves = train(validated_kitchen, config, tmp_path / "halves", progress=interrupt_after(1)).folder
-    go_on(halves, progress=interrupt_after(5))
+    resume(halves, progress=interrupt_after(5))
     expected, resumed = (
         safetensors.torch.load_file(run / "checkpoints/epoch-6.safetensors") for run in (straight, halves)
     )
@@ -292,7 +292,7 @@ def test_a_run_whose_graph_has_moved_goes_on_and_is_opened_with_the_new_place(tm
     graph, moved = Path(shutil.copytree(kitchen_folder, tmp_path / "graph")), tmp_path / "moved"
     folder, whole = halved(open_graph(graph), SHORT, tmp_path, 1)
     graph.rename(moved)
-    assert same(go_on(folder, graph=str(moved)), whole)
+    assert same(resume(folder, graph=str(moved)), whole)
     assert Path(open_model(folder).opened.source).resolve() == moved.resolve()
 
 
@@ -304,7 +304,7 @@ def test_an_interruption_in_the_last_epoch_finishes_the_run(opened_kitchen, tmp_
 def test_resuming_on_another_split_is_an_error(tmp_path, opened_kitchen, kitchen_folder):
     stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1))
     with pytest.raises(ConfigError, match="another split"):
-        go_on(stopped.folder, graph=str(kitchen_folder))
+        resume(stopped.folder, graph=str(kitchen_folder))
 
 
 @pytest.fixture
@@ -335,7 +335,7 @@ def damage(path, how):
 def test_going_on_with_a_damaged_file_is_an_error_that_says_where(unfinished, name, how):
     damage(unfinished / name, how)
     with pytest.raises(ArtefactError, match=re.escape(str(unfinished))):
-        go_on(unfinished)
+        resume(unfinished)
 
 
 # --- early stopping --------------------------------------------------------------------------------------------------
@@ -378,7 +378,7 @@ def test_without_patience_the_last_epoch_is_kept(validated_kitchen, tmp_path):
 @pytest.mark.parametrize("epoch", [1, 2])
 def test_a_resumed_run_stops_early_at_the_same_epoch(validated_kitchen, tmp_path, epoch):
     folder, whole = halved(validated_kitchen, PATIENT, tmp_path, epoch)
-    assert same(go_on(folder), whole)
+    assert same(resume(folder), whole)
 
 
 @SCRIPTED
@@ -401,7 +401,7 @@ def test_a_run_that_fails_at_the_end_is_marked_failed_and_can_go_on(opened_kitch
         with pytest.raises(RuntimeError, match="no more"):
             train(opened_kitchen, SHORT, tmp_path / "model")
     assert read_run(tmp_path / "model").status == "failed"
-    assert weights(go_on(tmp_path / "model")) == weights(whole)
+    assert weights(resume(tmp_path / "model")) == weights(whole)
 
 
 def test_a_run_that_fails_before_its_first_checkpoint_leaves_nothing_behind(opened_kitchen, tmp_path, monkeypatch):

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from going_on import go_on
 from link_helpers import interrupt_after, random_graph, train
+from resumption import resume
 
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -157,7 +157,7 @@ def test_a_resumed_run_does_not_choose_again(opened_kitchen, tmp_path, monkeypat
     undisturbed = train(opened_kitchen, settings, tmp_path / "undisturbed")
     assert train(opened_kitchen, settings, tmp_path / "model", progress=interrupt_after(4)).interrupted
     monkeypatch.setattr(link_training, "choose", lambda *arguments: pytest.fail("chosen again"))
-    resumed = go_on(tmp_path / "model")
+    resumed = resume(tmp_path / "model")
     assert resumed.metrics.choice == undisturbed.metrics.choice is not None
     weights = [(folder / "model.safetensors").read_bytes() for folder in (resumed.folder, undisturbed.folder)]
     assert weights[0] == weights[1]

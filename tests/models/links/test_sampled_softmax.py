@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from going_on import go_on
 from link_helpers import contents, interrupt_after, random_graph, train
 from link_oracles import equation_2, n3
 from refusals import refuses
+from resumption import resume
 from torch.nn.functional import cross_entropy
 
 from wordcraft_kg.base.errors import ConfigError
@@ -185,5 +185,5 @@ def test_a_resumed_training_ends_bit_for_bit_like_one_without_interruption(opene
     whole = train(opened_kitchen, config, tmp_path / "whole")
     cut = train(opened_kitchen, config, tmp_path / "cut", progress=interrupt_after(2))
     assert cut.interrupted
-    resumed = go_on(cut.folder)
+    resumed = resume(cut.folder)
     assert contents(resumed.folder)["model.safetensors"] == contents(whole.folder)["model.safetensors"]

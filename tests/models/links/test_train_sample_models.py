@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import safetensors.torch
 import torch
-from going_on import go_on
 from link_helpers import interrupt_after, rewritten, same_files, train
 from refusals import refuses
+from resumption import resume
 
 from wordcraft_kg.agents import training as agents
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
@@ -209,7 +209,7 @@ def test_weights_are_chosen_on_the_dose(opened_kitchen, tmp_path):
 def test_an_interrupted_run_goes_on_with_the_same_dose(with_train_sample, opened_kitchen, tmp_path):
     run = train(opened_kitchen, SHORT, tmp_path / "run", progress=interrupt_after(2))
     assert run.interrupted
-    assert same_files(go_on(run.folder).folder, with_train_sample)
+    assert same_files(resume(run.folder).folder, with_train_sample)
 
 
 def test_other_link_predictors_learn_from_a_dose(opened_kitchen, tmp_path):

@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 import pytest
 import torch
-from going_on import go_on
 from refusals import refuses
+from resumption import resume
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.agents.agent_folder import open_agent
@@ -271,7 +271,7 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(fold
     whole = train_agent(frequent, tmp_path / "again").folder
     interrupted = train_agent(frequent, tmp_path / "resumed", progress=press)
     assert interrupted.interrupted
-    resumed = go_on(interrupted.folder).folder
+    resumed = resume(interrupted.folder).folder
     assert (resumed / "policy.safetensors").read_bytes() == (whole / "policy.safetensors").read_bytes()
 
 

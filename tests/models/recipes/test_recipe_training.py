@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from going_on import go_on
 from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
+from resumption import resume
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -27,7 +27,7 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
-from wordcraft_kg.runs import side_by_side
+from wordcraft_kg.runs import parallel
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
@@ -72,11 +72,11 @@ def test_the_same_settings_give_the_same_bytes(book, small):
 
 @pytest.mark.slow
 def test_fits_side_by_side_are_those_of_one_after_the_other(book, small, monkeypatch):
-    started, together = [], side_by_side.side_by_side
+    started, together = [], parallel.train_in_processes
     monkeypatch.setattr(training, "ALONE", 0)
-    monkeypatch.setattr(side_by_side, "cores", lambda: 2)
+    monkeypatch.setattr(parallel, "cores", lambda: 2)
     monkeypatch.setattr(
-        side_by_side, "side_by_side", lambda jobs, *options: started.append(len(jobs)) or together(jobs, *options)
+        parallel, "train_in_processes", lambda jobs, *options: started.append(len(jobs)) or together(jobs, *options)
     )
     assert same_files(small, train_recipes(RecipesConfig(str(book), SMALL), small.parent / "side-by-side").folder)
     assert started == [4]
@@ -97,7 +97,7 @@ def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(book, small, 
         "fit_recipe_scorer",
         lambda *args, **options: fitted.append(options["left_out"]) or fit(*args, **options),
     )
-    go_on(folder)
+    resume(folder)
     assert 0 < len(fitted) < 4
     assert () not in fitted
     assert same_files(folder, small)

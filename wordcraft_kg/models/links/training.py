@@ -143,7 +143,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
         self.config = replace(self.config, settings=settings.fixed())
 
-    def go(  # noqa: D102 - inherited
+    def fit(  # noqa: D102 - inherited
         self,
         run: RunFolder[LinkProgress],
         report: Progress | None,
@@ -159,7 +159,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if checkpoint is not None:
                 with run.restoring():
                     epochs.restore(loop, checkpoint)
-                run.go_on(self.config)
+                run.resume(self.config)
             if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
                 seed_everything(settings.seed, loop._epoch + 1)
                 train_epochs(loop, factory, settings, epochs, is_resumed=checkpoint is not None)

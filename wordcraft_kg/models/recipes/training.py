@@ -34,7 +34,7 @@ from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.side_by_side import not_done, train_jobs
+from wordcraft_kg.runs.parallel import not_done, train_jobs
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training, train
 
@@ -186,14 +186,14 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     def restored(self, run: RunFolder[FitDone]) -> None:
         """Return no checkpoint: finished fits are saved instead."""
 
-    def go(  # noqa: D102 - inherited
+    def fit(  # noqa: D102 - inherited
         self, run: RunFolder[FitDone], report: Progress | None, log: Log, checkpoint: Checkpoint[FitDone] | None
     ) -> TrainedRecipes:
         settings, folds = self.config.settings, self.folds
         if not run.is_live:
             if self.features != run.record.inputs["features"]:
                 raise ArtefactError(f"`features` {settings.features} have changed since '{run.path}' was begun.")
-            run.go_on(self.config)
+            run.resume(self.config)
         began, is_partial = time.perf_counter(), settings.kg == "partial"
         jobs = [_Job(run.path, number, folds, self.text, settings) for number in range(1 + folds.count * is_partial)]
         kept = _kept(run.path)

@@ -1,12 +1,12 @@
-"""Going on with a run as a program does: by training into its folder again, with its own settings."""
+"""Resume a run as a program does: train into the folder again with the recorded settings."""
 
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 
-def go_on(folder: Path, *, graph: str | None = None, **options: Any) -> Any:
-    """Train the run of a folder again; ``graph`` says where its graph is now, if it has moved."""
+def resume(folder: Path, *, graph: str | None = None, **options: Any) -> Any:
+    """Train into a run folder again; ``graph`` is the present path of a moved graph."""
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.models.links.config import LinksConfig

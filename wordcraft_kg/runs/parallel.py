@@ -1,4 +1,4 @@
-"""Parallel processes for the parts of a training."""
+"""Parallel processes for parts of a training, such as folds."""
 
 import logging
 import multiprocessing
@@ -17,38 +17,38 @@ from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGEr
 from wordcraft_kg.runs.checkpoints import Checkpoints
 
 CORES_VARIABLE = "WORDCRAFT_KG_CORES"
-"""Environment variable: number of cores for a process that is not bound to cores."""
+"""Environment variable: number of cores for a process without core affinity."""
 THREADS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 """Environment variables: number of threads, read by libraries at import."""
 
 
 class Job(Protocol):
-    """A part of a training, such as a fold, which saves its result among the run's checkpoints."""
+    """A part of a training, such as a fold, that saves a result among the run's checkpoints."""
 
     @property
     def fold(self) -> int:
-        """Number of the part."""
+        """The part number."""
 
     @property
     def done(self) -> Any:
-        """Expected record of the result; other results are discarded."""
+        """The expected record of the result; other results are discarded."""
 
     def train(self, after: Callable[[int], None]) -> None:
-        """Train; call ``after`` with the number of steps done."""
+        """Train, and call ``after`` with the number of finished steps."""
 
 
 J = TypeVar("J", bound=Job)
 
 
 def cores() -> int:
-    """Return the number of cores for this process."""
+    """Return the number of cores that this process may use."""
     if (given := os.environ.get(CORES_VARIABLE, "")).isdecimal():
         return max(int(given), 1)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
-    """Return the jobs without an intact result."""
+    """Return all jobs without an intact result."""
 
     def is_done(job: J) -> bool:
         try:
@@ -65,25 +65,25 @@ def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, 
 
     Args:
         jobs: the jobs.
-        threads: CPU threads of each job.
-        note: called with a job's number and steps, and regularly without arguments.
-        is_long: whether parallel processes are worth their start.
+        threads: CPU threads per job.
+        note: called with job number and steps, and regularly without arguments.
+        is_long: whether parallel processes are worth the start-up time.
 
     Raises:
         TrainingError: if a process dies.
     """
     workers = min(len(jobs), max(cores() // threads, 1))
     if is_long and workers > 1:
-        side_by_side(jobs, workers, note)
+        train_in_processes(jobs, workers, note)
         return
     for job in jobs:
         job.train(partial(note, job.fold))
 
 
-def side_by_side(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -> None:
-    """Run jobs in processes, because PyKEEN seeds global generators, which threads would share.
+def train_in_processes(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -> None:
+    """Run jobs in processes: PyKEEN seeds global generators, which threads would share.
 
-    After an error or Ctrl-C all processes are terminated at once: an epoch may take minutes.
+    After an error or Ctrl-C all processes are terminated at once, because an epoch may take minutes.
     """
     running = dict(_started(jobs[number::workers]) for number in range(workers))
     try:
@@ -92,13 +92,13 @@ def side_by_side(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -
                 assert isinstance(ready, Connection)
                 try:
                     message = ready.recv()
-                except EOFError:  # it is done, or was killed
+                except EOFError:  # finished or killed
                     process = running.pop(ready)
                     process.join()
                     if process.exitcode:
                         raise TrainingError(
-                            f"a process that trained folds ended with code {process.exitcode}; perhaps there is too "
-                            "little memory for several at once. Take more `threads`, or fewer `folds`."
+                            f"a process that trained folds ended with code {process.exitcode}; perhaps the "
+                            "memory is too small for several at once. Use more `threads`, or fewer `folds`."
                         ) from None
                     continue
                 if isinstance(message, Exception):
@@ -112,22 +112,22 @@ def side_by_side(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -
 
 
 def _started(jobs: Sequence[Job]) -> tuple[Connection, BaseProcess]:
-    """Start a process for jobs; return the receiver of its messages, and the process."""
+    """Start a process for jobs; return its message receiver and the process."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(sender, jobs), daemon=True)
-    with own_start():
+    with isolated_start():
         process.start()
     sender.close()
     return receiver, process
 
 
 @contextmanager
-def own_start() -> Iterator[None]:
-    """Hide the caller's program and Ctrl-C from processes that start in this block.
+def isolated_start() -> Iterator[None]:
+    """Hide the main program and Ctrl-C from processes that start in this block.
 
     A new process would import the main program, and so run a program without a ``__main__`` guard. Ctrl-C on a terminal
-    reaches all processes; only the parent handles it and ends the others.
+    reaches all processes; only the parent handles the signal and stops its workers.
     """
     program = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -142,8 +142,8 @@ def own_start() -> Iterator[None]:
 
 
 def _work(connection: Connection, jobs: Sequence[Job]) -> None:
-    """Run jobs in this process; send fold and number of each epoch, or the final error."""
-    with suppress(BrokenPipeError):  # nobody is there any more
+    """Run jobs in this process; send fold and epoch numbers, or the final error."""
+    with suppress(BrokenPipeError):  # the parent has ended
         try:
             for job in jobs:
                 job.train(lambda epoch, fold=job.fold: connection.send((fold, epoch)))  # type: ignore[misc]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, TrainingError
-from wordcraft_kg.runs.side_by_side import side_by_side
+from wordcraft_kg.runs.parallel import train_in_processes
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Light:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_all_jobs_are_done_and_say_how_far_they_are(workers):
     noted: list[tuple[int, ...]] = []
-    side_by_side([Light(0), Light(1), Light(2)], workers, lambda *message: noted.append(message))
+    train_in_processes([Light(0), Light(1), Light(2)], workers, lambda *message: noted.append(message))
     assert sorted(filter(None, noted)) == [(fold, epoch) for fold in range(3) for epoch in (1, 2)]
 
 
@@ -47,7 +47,7 @@ def test_all_jobs_are_done_and_say_how_far_they_are(workers):
 )
 def test_an_error_and_the_death_of_a_process_are_told_and_end_the_others(how, kind, said):
     with pytest.raises(kind, match=said):
-        side_by_side([Light(0, how), Light(1, "takes long")], 2, lambda *_: None)
+        train_in_processes([Light(0, how), Light(1, "takes long")], 2, lambda *_: None)
     assert not multiprocessing.active_children()
 
 
@@ -58,5 +58,5 @@ def test_an_interruption_ends_the_processes_at_once():
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        side_by_side([Light(0, "takes long"), Light(1, "takes long")], 2, press)
+        train_in_processes([Light(0, "takes long"), Light(1, "takes long")], 2, press)
     assert not multiprocessing.active_children()

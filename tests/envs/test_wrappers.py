@@ -169,15 +169,15 @@ def test_text_says_what_there_is_and_words_are_actions():
     text, _ = env.reset(seed=0)
     assert env.observation_space.contains(text)
     names = [env.unwrapped.world.graph.entities[entity] for entity in env.unwrapped.state.table]
-    assert f"On the table: {numbered(names)}" in text
-    assert "In hand: nothing" in text
+    assert f"Table: {numbered(names)}" in text
+    assert "First pick: nothing" in text
     text, *_ = env.step(f" {names[1].upper()} ")
-    assert f"In hand: {names[1]}" in text
+    assert f"First pick: {names[1]}" in text
     text, *_ = env.step("1")
     assert "Attempts left: 1" in text
     assert env.parse("1") == 0
     before = env.unwrapped.state.table.copy()
-    with pytest.raises(ActionError, match=f"'unicorn': expected 1 to {len(before)}, one of the words"):
+    with pytest.raises(ActionError, match=f"unknown item 'unicorn': expected 1 to {len(before)}, an item name"):
         env.step("unicorn")
     assert (env.unwrapped.state.table, env.unwrapped.state.attempts_left) == (before, 1)
 
@@ -188,13 +188,13 @@ def test_the_open_ended_world_takes_pairs_of_words():
     assert env.observation_space.contains(text)
     world = env.unwrapped
     labels = world.graph.labels(world.discovery.known)
-    assert text == f"Known, {len(labels)} things: {numbered(labels)}\nAttempts left: 5"
+    assert text == f"Known items ({len(labels)}): {numbered(labels)}\nAttempts left: 5"
     pair = next(pair for pair in world.graph.outcomes if {*pair} <= {*world.discovery.known})
     one, other = world.graph.labels(pair)
     text, reward, *_ = env.step(f"combine the {one.upper()} with {other}")
     assert reward == len(world.graph.outcomes[pair])
     assert world.graph.labels(world.graph.outcomes[pair])[0] in text
-    with pytest.raises(ActionError, match="expected two things, such as"):
+    with pytest.raises(ActionError, match="expected two items, such as"):
         env.step(one)
     assert world.discovery.tried == {pair}
 

@@ -56,13 +56,14 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
         choices = (f"{labels[place]} ({place + 1})" if by_number else labels[place] for place in meant)
         shown = ", ".join(islice(choices, _MOST_CHOICES))
         more = f" and {len(meant) - _MOST_CHOICES} more" if len(meant) > _MOST_CHOICES else ""
-        way = "; write more of the word" + ", or the number" * by_number
-        raise ActionError(f"'{_shown(text)}' could be {shown}{more}{way}.")
-    ways = [f"1 to {len(labels)}"] * by_number + ["one of the words"] + ["the beginning of one"] * by_beginning
-    expected = "expected " + (", ".join(ways[:-1]) + ", or " + ways[-1] if len(ways) > 1 else ways[0])
+        remedy = "Write more of the name" + ", or the number" * by_number
+        raise ActionError(f"'{_shown(text)}' is ambiguous: {shown}{more}. {remedy}.")
+    forms = [f"1 to {len(labels)}"] * by_number
+    forms += ["an item name"] + ["the start of a name"] * by_beginning
+    expected = "expected " + (", ".join(forms[:-1]) + ", or " + forms[-1] if len(forms) > 1 else forms[0])
     if not text:
-        raise ActionError(f"nothing written: {expected}.")
-    raise ActionError(f"{_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}")
+        raise ActionError(f"no answer: {expected}.")
+    raise ActionError(f"unknown item {_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}")
 
 
 class LabelIndex:
@@ -128,12 +129,12 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     """
     text = " ".join(written.split())
     if not labels:
-        raise ActionError("there is nothing to combine.")
-    expected = f"expected two things, such as '{labels[0]} + {labels[-1]}'"
+        raise ActionError("there are no items to combine.")
+    expected = f"expected two items, such as '{labels[0]} + {labels[-1]}'"
     if not text:
-        raise ActionError(f"nothing written: {expected}.")
+        raise ActionError(f"no answer: {expected}.")
     if len(text) > _MOST_WRITTEN:
-        raise ActionError(f"{len(text):,} characters: {expected}, in one short line.")
+        raise ActionError(f"the answer has {len(text):,} characters: {expected}, on one short line.")
     unread: list[str] = []
     bare = text.strip(_MARKS)
     readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
@@ -141,12 +142,12 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
         pairs = _pairs_in(reading, labels, unread)
         if len({tuple(sorted(pair)) for pair in pairs}) > 1:
             ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in pairs)
-            raise ActionError(f"'{_shown(text)}' could be {ways}; write the numbers, such as '1 2'.")
+            raise ActionError(f"'{_shown(text)}' is ambiguous: {ways}. Write the numbers, such as '1 2'.")
         if pairs:
             return pairs[0]
     if unread:
         read_label(unread[0], labels)  # raises the error for that half
-    raise ActionError(f"{_shown(text)!r}: {expected}.")
+    raise ActionError(f"cannot parse {_shown(text)!r}: {expected}.")
 
 
 def last_line(message: str) -> str:

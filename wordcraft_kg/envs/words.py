@@ -1,7 +1,7 @@
-"""The crafting worlds in words, for people, programs and language models.
+"""Crafting games as text, for people, programs and language models.
 
-Entities are numbered from 1 in table order; :mod:`wordcraft_kg.base.labels` reads answers. Results record the hash of
-:data:`TEXTS`, because other prompts make another experiment.
+Entities are numbered from 1 in table order; :mod:`wordcraft_kg.base.labels` parses answers. Results record the hash of
+:data:`PROMPTS`, because different prompts make a different experiment.
 """
 
 import hashlib
@@ -12,56 +12,61 @@ from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 
 NOTHING = "nothing"
-TEXTS = {
+PROMPTS = {
     "rules": (
-        "This is a game of crafting. An attempt combines two things, or one thing with itself; what they make comes to "
-        "the table, and nothing is used up. Most pairs make nothing."
+        "This is a crafting game. In each attempt, you combine two items, or one item with itself. Any item you make "
+        "becomes available, and ingredients are never used up. Most combinations make nothing."
     ),
-    "goal": "Make the goal within the attempts. The goal can be made from what is on the table.",
+    "goal": ("Make the goal item before you run out of attempts. It can always be made from the items on the table."),
     "discover": (
-        "There is no goal: you know a few things at the start, and whatever you make becomes known for good. Discover "
-        "as many different things as you can within the attempts."
+        "There is no goal item. You start with a few known items, and every item you make becomes known. Discover as "
+        "many different items as you can before you run out of attempts."
     ),
     "answer": (
-        "Answer with the two things, as in: first + second. You may think aloud before, but only the last line of an "
-        "answer counts."
+        "Answer with the two items in this format: first + second. You may reason first, but only the last line of "
+        "your answer counts."
     ),
-    "pick": "An attempt is two picks: answer with one thing at a time, by its word or its number.",
     "look_up": (
-        "Instead of an attempt you may look a thing up, as in: look up water. It costs no attempt; you may do it "
-        "{look_ups} times."
+        "Instead of making an attempt, you may look up an item in this format: look up water. A look-up does not use "
+        "up an attempt. You have {look_ups}."
     ),
-    "task": "Make: {goal}\nOn the table: {table}\nAttempts left: {attempts_left}",
-    "held": "Make: {goal}\nOn the table: {table}\nIn hand: {held}\nAttempts left: {attempts_left}",
-    "world": "Known, {known} things: {table}\nAttempts left: {attempts_left}",
-    "made": "{one} + {other} -> {made}",
-    "tried": " (tried before)",
-    "goal_made": "You made {goal}.",
-    "not_made": "No attempt is left; {goal} was not made.",
-    "all_known": "Everything that can be made is known.",
-    "no_attempt_left": "No attempt is left; {known} things are known.",
-    "ended": "The game was ended.",
-    "refused": "Not understood: {why} Nothing was lost; answer again.",
-    "lost": "Not understood: {why} The attempt is lost.",
-    "found": "Of {entity} is known:\n{facts}",
-    "nothing_found": "Of {entity} nothing is known.",
-    "no_look_ups": "No look-up is left; combine two things.",
+    "task": "Goal: {goal}\nTable: {table}\nAttempts left: {attempts_left}",
+    "selection": "Goal: {goal}\nTable: {table}\nFirst pick: {selection}\nAttempts left: {attempts_left}",
+    "world": "Known items ({known}): {table}\nAttempts left: {attempts_left}",
+    "made": "{first} + {second} -> {made}",
+    "nothing_new": "nothing new",
+    "tried": " (already tried)",
+    "goal_made": "You made the goal: {goal}.",
+    "not_made": "You have no attempts left. You did not make {goal}.",
+    "all_known": "You have discovered every item.",
+    "no_attempt_left": "You have no attempts left. You know {known}.",
+    "ended": "The game was ended early.",
+    "invalid": "Invalid answer: {reason} This did not use up an attempt. Please answer again.",
+    "attempt_lost": "Invalid answer: {reason} This used up an attempt.",
+    "known_recipes": "Known recipes with {entity}:\n{facts}",
+    "more_recipes": "and {more}",
+    "likely_links": "Likely links of {entity}:\n{facts}",
+    "likely_partners": "on this table, most likely combines with: {entities}",
+    "likely_results": "most likely an ingredient of: {entities}",
+    "likely_ingredients": "most likely ingredients: {entities}",
+    "no_facts": "Nothing is known about {entity}.",
+    "no_look_ups": "You have no look-ups left. Combine two items.",
 }
-"""All texts for players."""
+"""The prompt template: all texts for players, except errors and tool descriptions."""
 
 
-def texts_hash() -> str:
-    """Return the hash of the texts, the prompt version."""
-    return hashlib.sha256(json.dumps(TEXTS, sort_keys=True).encode()).hexdigest()
+def prompt_hash() -> str:
+    """Return the SHA-256 of the prompt template, in hexadecimal."""
+    return hashlib.sha256(json.dumps(PROMPTS, sort_keys=True).encode()).hexdigest()
 
 
-def told(name: str, **values: object) -> str:
-    """Return a text of :data:`TEXTS`, filled with values."""
-    return TEXTS[name].format(**values)
+def prompt_text(name: str, **values: object) -> str:
+    """Return a text from :data:`PROMPTS`, filled with values."""
+    return PROMPTS[name].format(**values)
 
 
 def numbered(labels: Iterable[str]) -> str:
-    """Return labels with numbers.
+    """Return numbered labels.
 
     Example:
         >>> numbered(["water", "earth"])
@@ -70,15 +75,15 @@ def numbered(labels: Iterable[str]) -> str:
     return ", ".join(f"{place} {label}" for place, label in enumerate(labels, start=1)) or NOTHING
 
 
-def combined(picks: Sequence[str], made: Sequence[str], otherwise: str = NOTHING) -> str:
-    """Return an attempt in words.
+def combined(pair: Sequence[str], made: Sequence[str], otherwise: str = NOTHING) -> str:
+    """Return an attempt and its result as text.
 
     Example:
         >>> combined(("water", "earth"), ("mud",))
         'water + earth -> mud'
     """
-    one, other = picks
-    return told("made", one=one, other=other, made=", ".join(made) or otherwise)
+    first, second = pair
+    return prompt_text("made", first=first, second=second, made=", ".join(made) or otherwise)
 
 
 def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]:
@@ -87,11 +92,11 @@ def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]
 
 
 def results_of(env: WordCraftEnv, one: Entity, other: Entity) -> tuple[str, ...]:
-    """Return the results of a pair in an environment, possibly empty."""
+    """Return the results of a pair, possibly empty."""
     a, b = sorted(map(env.world.graph.id_of, (one, other)))
     return env.world.graph.labels(env.world.outcomes.get((a, b), ()))
 
 
 def characters(graph: RecipeGraph) -> frozenset[str]:
-    """Return all characters in texts about a graph."""
-    return frozenset("0123456789").union(*TEXTS.values(), *graph.entities)
+    """Return all characters in prompts about a graph."""
+    return frozenset("0123456789").union(*PROMPTS.values(), *graph.entities)

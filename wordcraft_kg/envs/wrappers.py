@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.labels import read_label, read_pair
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
-from wordcraft_kg.envs.words import NOTHING, characters, numbered, told
+from wordcraft_kg.envs.words import NOTHING, characters, numbered, prompt_text
 from wordcraft_kg.envs.world import World
 
 _ID_KEYS = ("goal", "selection", "table")
@@ -227,14 +227,14 @@ class TextObservation(_Masked):
         left, nothing = int(observation["attempts_left"]), self._graph.num_entities
         if self._is_open:
             self._ids = [*self.env.get_wrapper_attr("discovery").known]
-            return told("world", known=len(self._ids), table=self._table(), attempts_left=left)
+            return prompt_text("world", known=len(self._ids), table=self._table(), attempts_left=left)
         self._ids = [entity for entity in observation["table"].tolist() if entity < nothing]
-        held = int(observation["selection"])
-        return told(
-            "held",
+        selection = int(observation["selection"])
+        return prompt_text(
+            "selection",
             goal=self._graph.entities[observation["goal"]],
             table=self._table(),
-            held=self._graph.entities[held] if held < nothing else NOTHING,
+            selection=self._graph.entities[selection] if selection < nothing else NOTHING,
             attempts_left=left,
         )
 

@@ -101,7 +101,7 @@ def test_prompts_contain_labels_and_no_recipe(opened, config):
     assert [goal for prompt in prompts for goal in prompt.goals] == list(opened.graph.entities)
     (system,) = {prompt.request.messages[0].content for prompt in prompts}  # one prefix, which servers cache
     words = "\n".join([system, *(prompt.request.messages[1].content for prompt in prompts)]).split("\n")
-    assert [line for line in words if "+" in line] == ["thing: first + second"]
+    assert [line for line in words if "+" in line] == ["item: first + second"]
     free = make_prompts(config(), [f"thing {number}" for number in range(LISTED + 1)])
     assert "thing 17" not in free[0].request.messages[0].content
 

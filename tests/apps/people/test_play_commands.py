@@ -284,9 +284,9 @@ def test_a_torn_last_line_of_a_game_is_dropped(typed: Run, path: Path, caplog: p
 
 def test_a_beginning_that_many_things_have_names_only_some(typed: Run):
     shown = typed(["a"], "play", "everyday", "--distractors", "300", "--seed", "0").out
-    line = next(line for line in shown.splitlines() if "could be" in line)
+    line = next(line for line in shown.splitlines() if "is ambiguous" in line)
     assert line.count("(") == 8
-    assert re.search(r" and \d+ more; write more of the word", line)
+    assert re.search(r" and \d+ more\. Write more of the name", line)
 
 
 def test_the_protocol_shows_the_answer_of_train_tasks_only(typed: Run, path: Path):

@@ -44,7 +44,7 @@ def test_a_program_plays_all_tasks_and_the_result_is_the_view(play, games):
     lines = outcome.out.splitlines()
     assert f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]" in lines[1]
     assert "63 test tasks of depth 1, 2 distractors, 1 distractor seed each" in lines[2]
-    assert lines[-1].endswith("reference kitchen --part test --depth 1 --distractors 2 --beside out")
+    assert lines[-1].endswith("reference kitchen --part test --depth 1 --distractors 2 --external-results out")
     before = lines_of(games)
     assert len(before) == 64
     assert sum(json.loads(line)["success"] for line in before[1:]) == round(success.mean * 63)
@@ -95,7 +95,7 @@ def test_the_open_ended_world_is_played_as_often_as_configured(play):
         (["kitchen", "--attempts", "0"], "attempts", "expected a whole number, 1 to 1000"),
         (["kitchen", "--distractor-seeds", "0"], "distractor_seeds", "expected a whole number, 1 or more"),
         (["kitchen", "--tasks", "0"], "tasks", "expected a whole number, 1 or more"),
-        (["kitchen", "--refusals", "-1"], "refusals", "expected a whole number, 0 or more"),
+        (["kitchen", "--max_invalid", "-1"], "max_invalid", "expected a whole number, 0 or more"),
         (["kitchen", "--timeout", "0"], "timeout", "--timeout 0"),
         (["kitchen", "--base", "water"], "base", "add --open-ended"),
         (["kitchen", "--open-ended", "--depth", "2"], "open_ended", "no tasks"),

@@ -16,7 +16,7 @@ from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, Score
 from wordcraft_kg.apps.text_agents.playing import append_game, open_games
 from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask, PlayedWorld
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games_result, record_of, result_of
-from wordcraft_kg.apps.text_agents.settings import REFUSALS, GameSettings
+from wordcraft_kg.apps.text_agents.settings import MAX_INVALID, GameSettings
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -58,24 +58,25 @@ def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_
 def test_a_player_of_the_texts_alone_makes_every_goal(games: TaskGames, kitchen: OpenedGraph):
     def answer(prompt: str) -> str:
         lines = dict(line.split(": ", 1) for line in prompt.splitlines() if ": " in line)
-        table = {thing.split(" ", 1)[1] for thing in lines["On the table"].split(", ")}
+        table = {thing.split(" ", 1)[1] for thing in lines["Table"].split(", ")}
         recipes = kitchen.graph.recipe_labels()
-        return next(f"{a} + {b}" for a, b, result in recipes if result == lines["Make"] and {a, b} <= table)
+        return next(f"{a} + {b}" for a, b, result in recipes if result == lines["Goal"] and {a, b} <= table)
 
     played = play_all(games, 1, lambda task, distractor_seed: answer)
     assert all(one.success for one in played)
-    assert played[0].messages[-1].endswith(f"You made {played[0].goal}.")
+    assert played[0].messages[-1].endswith(f"You made the goal: {played[0].goal}.")
 
 
 def test_an_invalid_message_costs_nothing_until_there_are_too_many(games: TaskGames):
     talk = Conversation(games.begin(0))
     before = talk.game.state
-    for _ in range(REFUSALS):
+    for _ in range(MAX_INVALID):
         reply = talk.hear("unicorn + dragon")
-        assert reply.startswith("Not understood: 'unicorn': expected 1 to 5")
+        assert reply.startswith("Invalid answer: unknown item 'unicorn': expected 1 to 5")
         assert reply.endswith(before)
-    assert "The attempt is lost." in talk.hear("unicorn + dragon")
-    assert (talk.is_over, talk.refused, talk.lost, talk.game.is_made) == (True, REFUSALS + 1, 1, False)
+    assert "This used up an attempt." in talk.hear("unicorn + dragon")
+    assert (talk.invalid_actions, talk.lost_attempts) == (MAX_INVALID + 1, 1)
+    assert (talk.is_over, talk.game.is_made) == (True, False)
     with pytest.raises(EpisodeError):
         talk.hear("1 2")
     assert record_of(talk, []).termination == "no_recipe"
@@ -83,7 +84,7 @@ def test_an_invalid_message_costs_nothing_until_there_are_too_many(games: TaskGa
 
 def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen: OpenedGraph):
     games = TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3, max_attempts=4)))
-    talk = Conversation(games.begin(0), refusals=1)
+    talk = Conversation(games.begin(0), max_invalid=1)
     for message, left in (("nonsense", 4), ("1 1", 3), ("nonsense", 3), ("nonsense", 2)):
         talk.hear(message)
         assert talk.game.attempts_left == left
@@ -102,7 +103,7 @@ def test_many_games_at_once_do_not_touch_each_other(games: TaskGames):
 def test_a_game_that_is_given_up_takes_no_attempt_more(games: TaskGames):
     game = games.begin(0)
     game.end()
-    assert (game.is_over, game.state, game.is_made) == (True, "The game was ended.", False)
+    assert (game.is_over, game.state, game.is_made) == (True, "The game was ended early.", False)
     with pytest.raises(EpisodeError):
         game.combine(0, 1)
 
@@ -117,15 +118,15 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
     pair = next(pair for pair in kitchen.graph.outcomes if {*pair} <= {*games.env.discovery.base})
     words = " with ".join(kitchen.graph.labels(pair))
     assert " -> " in talk.hear(words)
-    assert "nothing new (tried before)" in talk.hear(words)
-    for _ in range(REFUSALS + 1):
+    assert "nothing new (already tried)" in talk.hear(words)
+    for _ in range(MAX_INVALID + 1):
         talk.hear("?")
     talk.hear("1 1")
     assert talk.is_over
     known = base + len(kitchen.graph.outcomes[pair])
     played = record_of(talk, [])
     assert played.known_after[:3] == (known,) * 3
-    assert (played.repeated, played.lost, len(other.game.labels)) == (1, 1, base)
+    assert (played.repeated, played.lost_attempts, len(other.game.labels)) == (1, 1, base)
     settings = PlayedSettings.of_world(games.env, kitchen.split)
     result = result_of("somebody", settings, [played, msgspec.structs.replace(played, known_after=())])
     assert result.known == {1: (known + base) / 2, 4: (played.known_after[-1] + base) / 2}
@@ -168,19 +169,19 @@ def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
 
 
 def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games: TaskGames, kitchen: OpenedGraph):
-    talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, refusals=0)
-    assert "look up water. It costs no attempt; you may do it 2 times" in talk.opening
-    assert talk.hear("Look up: the Bread").startswith("Of bread is known:\n")
+    talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, max_invalid=0)
+    assert "look up water. A look-up does not use up an attempt. You have 2 look-ups." in talk.opening
+    assert talk.hear("Look up: the Bread").startswith("Known recipes with bread:\n")
     talk.hear("look up bread")
-    assert (talk.look_ups, talk.game.attempts_left, talk.refused) == (2, 1, 0)
-    assert "No look-up is left" in talk.hear("look up bread")
+    assert (talk.look_ups, talk.game.attempts_left, talk.invalid_actions) == (2, 1, 0)
+    assert "You have no look-ups left" in talk.hear("look up bread")
     assert talk.is_over
 
 
 def test_without_knowledge_nothing_can_be_looked_up(games: TaskGames):
     talk = Conversation(games.begin(0))
     assert "look up" not in talk.opening
-    assert talk.hear("look up bread").startswith("Not understood")
+    assert talk.hear("look up bread").startswith("Invalid answer")
 
 
 def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGames, kitchen: OpenedGraph):
@@ -189,11 +190,11 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGa
     game = games.begin(0)
     entity = kitchen.graph.id_of(game.labels[0])
     partners, parts_of, made_of = knowledge.facts(entity, game)
-    assert partners.startswith("combines best, of what is at hand, with: ")
+    assert partners.startswith("on this table, most likely combines with: ")
     assert all(label in partners for label in game.labels[1:])
     assert f" {game.labels[0]} (" not in partners
     best = scorer.top(None, "componentOf", entity)[0]
-    assert made_of.startswith(f"is most likely made of: {best[0]} (")
+    assert made_of.startswith(f"most likely ingredients: {best[0]} (")
     assert parts_of.count("(") == 10
     train = TaskGames(World(kitchen, WordCraftConfig(part="train"))).begin(0)
     with pytest.raises(LeakError):
@@ -212,9 +213,11 @@ def test_knowledge_needs_a_scorer_if_and_only_if_it_is_one(given: dict[str, Any]
 
 def test_look_ups_are_refused_without_knowledge_and_for_unknown_things(games: TaskGames, kitchen: OpenedGraph):
     talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split))
-    with pytest.raises(ActionError, match="No look-up is left"):
-        Conversation(games.begin(0)).facts(0)
-    assert talk.hear("look up unicorn").startswith("Not understood: 'unicorn': expected one of the words")
+    with pytest.raises(ActionError, match="You have no look-ups left"):
+        Conversation(games.begin(0)).look_up(0)
+    assert talk.hear("look up unicorn").startswith(
+        "Invalid answer: unknown item 'unicorn': expected an item name, or the start of a name."
+    )
     assert talk.look_ups == 0
 
 

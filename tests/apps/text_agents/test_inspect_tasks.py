@@ -30,7 +30,7 @@ from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.words import texts_hash
+from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -136,9 +136,9 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
 
     result = read_inspect_log(log.location)
     assert (result.success, result.outcomes, result.games) == (figures, expected.shares(), expected.success.size)
-    assert (result.player, result.refused) == ("mockllm/model", 0)
+    assert (result.player, result.invalid_actions) == ("mockllm/model", 0)
     assert result.settings == PlayedSettings.of_tasks(world, distractor_seeds=distractor_seeds, tasks=tasks)
-    assert log.eval.task_version == texts_hash()[:12]
+    assert log.eval.task_version == prompt_hash()[:12]
 
 
 def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(kitchen: OpenedGraph):
@@ -146,13 +146,13 @@ def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stay
     assert (sample.id, sample.target) == ("test-21-0", World(kitchen, WordCraftConfig(part="test")).tasks[21].goal)
     system, user = sample.input
     assert (system.role, user.role) == ("system", "user")
-    assert system.text.startswith("This is a game of crafting.")
-    assert user.text.startswith(f"Make: {sample.target}\nOn the table: 1 ")
+    assert system.text.startswith("This is a crafting game.")
+    assert user.text.startswith(f"Goal: {sample.target}\nTable: 1 ")
     assert sample.metadata["graph_hash"] == kitchen.graph.hash
 
 
 def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play: Play):
-    task = crafting("kitchen", tasks=4, depth=2, refusals=1)
+    task = crafting("kitchen", tasks=4, depth=2, max_invalid=1)
     answers = ("", "unicorn + [dragon]", "1 + 2\nthat is all", "1 + 1")
     answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
     log = play(task, lambda messages: answer_to[messages[1].text], message_limit=7)
@@ -160,14 +160,14 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play: P
     # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the limit leaves 6.
     for score in invalid:
         assert (score.value, score.metadata["unfinished"]) == (0, True)
-        assert (score.metadata["refused"], score.metadata["lost"]) == (3, 1)
+        assert (score.metadata["invalid_actions"], score.metadata["lost_attempts"]) == (3, 1)
     assert (valid.metadata["unfinished"], valid.metadata["termination"]) == (False, "same_twice")
     metrics = metrics_of(log)
-    assert [metrics[key] for key in ("success", "unfinished", "refused", "lost")] == [0, 3, 9, 3]
+    assert [metrics[key] for key in ("success", "unfinished", "invalid_actions", "lost_attempts")] == [0, 3, 9, 3]
     result = read_inspect_log(log.location)
-    assert (result.games, result.refused, result.lost) == (4, 9, 3)
+    assert (result.games, result.invalid_actions, result.lost_attempts) == (4, 9, 3)
     prompts = [message.text for message in log.samples[0].messages if message.role == "user"]
-    assert prompts[1].startswith("Not understood: nothing written")
+    assert prompts[1].startswith("Invalid answer: no answer")
 
 
 def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play: Play):
@@ -176,14 +176,14 @@ def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play: Play):
 
     log = play(crafting("kitchen", tasks=2, knowledge="partial", look_ups=1), answer)
     messages = [message.text for message in log.samples[0].messages]
-    assert "you may do it 1 times" in messages[0]
-    assert messages[3].startswith("Of bread is known:\n")
-    assert "No look-up is left" in messages[5]
+    assert "You have 1 look-up." in messages[0]
+    assert messages[3].startswith("Known recipes with bread:\n")
+    assert "You have no look-ups left" in messages[5]
     result = read_inspect_log(log.location)
-    assert (result.look_ups, result.refused, result.settings.look_ups) == (2, 2, 1)
+    assert (result.look_ups, result.invalid_actions, result.settings.look_ups) == (2, 2, 1)
 
     without = read_inspect_log(play(crafting("kitchen", tasks=2), answer).location)
-    assert (without.look_ups, without.refused, without.settings.knowledge) == (0, 4, "none")
+    assert (without.look_ups, without.invalid_actions, without.settings.knowledge) == (0, 4, "none")
 
 
 def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_path: Path, kitchen: OpenedGraph):
@@ -223,7 +223,7 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play: Pla
     (row,) = rows_beside(kitchen, TaskPlay("test", 1, 1), [1, 2], [Path(log.location)])
     assert (row.player, row.kind, row.tasks) == ("mockllm/model", "language model", 3)
     assert (row.figures["2"].value, row.figures["2"].low) == (success.mean, success.ci_low)
-    with pytest.raises(ConfigError, match="is of crafting tasks"):
+    with pytest.raises(ConfigError, match="was recorded on tasks"):
         rows_beside(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
 
 
@@ -281,7 +281,7 @@ def test_other_logs_and_files_are_refused(play: Play, tmp_path: Path):
         (crafting, {"depth": "two"}, "depth", "expected a whole number, 1 to 5"),
         (crafting, {"distractor_seeds": 0}, "distractor_seeds", "0"),
         (crafting, {"tasks": 0}, "tasks", "expected a whole number, 1 or more"),
-        (crafting, {"refusals": -1}, "refusals", "-1"),
+        (crafting, {"max_invalid": -1}, "max_invalid", "-1"),
         (crafting, {"knowledge": "full"}, "knowledge", "'full'"),
         (crafting, {"knowledge": "scorer"}, "knowledge", "name the scorer's model folder"),
         (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "", "models/none"),

@@ -38,7 +38,7 @@ def test_a_program_plays_game_after_game_in_one_process(games: TaskGames):
     with LinePlayer(program(ORACLE)) as player:
         for task in range(10):
             talk = let_play(player, games.begin(task))
-            assert (talk.game.is_made, talk.refused) == (True, 0)
+            assert (talk.game.is_made, talk.invalid_actions) == (True, 0)
 
 
 def test_a_line_has_all_that_a_program_needs(games: TaskGames, tmp_path: Path):
@@ -47,7 +47,7 @@ def test_a_line_has_all_that_a_program_needs(games: TaskGames, tmp_path: Path):
     text, labels = Conversation(first).opening, list(first.labels)
     with LinePlayer(program(echo)) as player:
         for game in (first, games.begin(1), DiscoveryGames("kitchen", attempts=2).begin()):
-            let_play(player, game, refusals=0)
+            let_play(player, game, max_invalid=0)
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
     expected = {"game": 1, "new": True, "text": text, "goal": first.goal, "table": labels, "attempts_left": 1}
     assert lines[0] == expected
@@ -92,7 +92,7 @@ def test_bytes_outside_utf_8_are_an_invalid_answer(games: TaskGames):
     code = "import os\nwhile True: input(); os.write(1, bytes([255, 254, 10]))"
     with LinePlayer(program(code)) as player:
         talk = let_play(player, games.begin(0))
-    assert (talk.lost, talk.game.is_made) == (1, False)
+    assert (talk.lost_attempts, talk.game.is_made) == (1, False)
 
 
 def test_a_command_that_cannot_be_started_is_refused_without_its_arguments():
@@ -120,4 +120,4 @@ def test_the_examples_play(games: TaskGames, script: str, chat_server: str):
         assert player.name == script
         for task in range(3):
             talk = let_play(player, games.begin(task))
-            assert (talk.refused, talk.game.attempts_left) == (0, 0)
+            assert (talk.invalid_actions, talk.game.attempts_left) == (0, 0)

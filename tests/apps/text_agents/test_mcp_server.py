@@ -25,6 +25,7 @@ from mcp.client.stdio import StdioServerParameters
 from tests.apps.text_agents.scripted import assert_same, picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_distinct
+from wordcraft_kg.apps.text_agents import mcp_server
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
@@ -34,6 +35,7 @@ from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games, rec
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.web.serving import listen
 from wordcraft_kg.base.errors import ArtefactError, EpisodeError
+from wordcraft_kg.envs.words import PROMPTS
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 
@@ -53,7 +55,7 @@ def world(games: TaskGames) -> World:
 
 def hosted(**options: Any) -> HostedGames:
     settings = GameSettings(**({"distractors": 3} if "open_ended" not in options else {}), **options)
-    return HostedGames(Play.open("kitchen", settings, refusals=NEVER, texts=tools_hash()))
+    return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER, prompt_hash=tools_hash()))
 
 
 def connect(server: Any, use: Callable[[Client], Any], mode: str = "auto") -> Any:
@@ -109,7 +111,7 @@ def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_di
         for task in range(len(world.tasks)):
             _, begun = await call("begin", task=task)
             one, other = slots[task, 0]
-            _, over = await call("combine", game=begun["game"], first=one + 1, second=begun["things"][other])
+            _, over = await call("combine", game=begun["game"], first=one + 1, second=begun["items"][other])
             assert over["is_over"]
 
     play_by_tools(host, play, mode)
@@ -128,21 +130,21 @@ def test_a_game_has_texts_and_values(world: World, mode: str):
         assert text.endswith("Attempts left: 1")
         game = begun["game"]
         text, listed = await call("state", game=game)
-        assert ", ".join(f"{number} {thing}" for number, thing in enumerate(begun["things"], 1)) in text
+        assert ", ".join(f"{number} {thing}" for number, thing in enumerate(begun["items"], 1)) in text
         assert (listed["success"], listed["is_over"]) == (None, False)
         text, made = await call("combine", game=game, first=f"the {one.upper()}", second=other)
-        assert text == f"{one} + {other} -> {results}\n\nYou made {goal}."
+        assert text == f"{one} + {other} -> {results}\n\nYou made the goal: {goal}."
         assert (made["success"], made["attempts_left"], made["is_over"]) == (True, 0, True)
-        assert await call("state", game=game) == (f"You made {goal}.", {key: made[key] for key in listed})
+        assert await call("state", game=game) == (f"You made the goal: {goal}.", {key: made[key] for key in listed})
 
     play_by_tools(hosted(), play, mode)
 
 
 def test_an_invalid_call_is_a_tools_error_that_costs_nothing():
     invalid = (
-        ("combine", {"first": "unicorn", "second": 1}, "'unicorn': expected 1 to 5"),
-        ("combine", {"first": 6, "second": 1}, "'6': expected 1 to 5"),
-        ("combine", {"first": "", "second": 1}, "nothing written: expected 1 to 5"),
+        ("combine", {"first": "unicorn", "second": 1}, "unknown item 'unicorn': expected 1 to 5"),
+        ("combine", {"first": 6, "second": 1}, "unknown item '6': expected 1 to 5"),
+        ("combine", {"first": "", "second": 1}, "no answer: expected 1 to 5"),
         ("combine", {"first": True, "second": 1}, "'first': Input should be a valid string"),
         ("combine", {"first": ["1"], "second": 1}, "'first': Input should be a valid string"),
         ("combine", {"first": 10**40, "second": 1}, "'first': Input should be a valid string"),
@@ -152,7 +154,7 @@ def test_an_invalid_call_is_a_tools_error_that_costs_nothing():
         ("begin", {"task": -1}, "greater than or equal to 0"),
         ("begin", {"task": 1.5}, "a valid integer"),
         ("begin", {"task": None}, "a valid integer"),
-        ("state", {"game": "elsewhere"}, "There is no game 'elsewhere': expected the id that `begin` returned"),
+        ("state", {"game": "elsewhere"}, "Unknown game id 'elsewhere': expected an id returned by `begin`"),
         ("fly", {}, "Unknown tool: fly"),
     )
 
@@ -161,13 +163,23 @@ def test_an_invalid_call_is_a_tools_error_that_costs_nothing():
         for tool, arguments, expected in invalid:
             text, values = await call(tool, **({} if tool == "begin" else {"game": game}) | arguments)
             assert (expected in text, "pydantic" in text, values) == (True, False, None), text
-            assert text.endswith("Nothing was lost; answer again.") == (tool in ("combine", "begin"))
+            assert text.endswith("Please answer again.") == (tool in ("combine", "begin"))
         assert (await call("state", game=game))[1]["attempts_left"] == 1
         await call("end", game=game)
         over = await call("combine", game=game, first=1, second=2)
-        assert over == ("This game is over. The game was ended. Begin another one.", None)
+        assert over == ("This game is over. The game was ended early. Start a new game.", None)
 
     play_by_tools(hosted(), play)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [(PROMPTS, "likely_partners", "x"), (vars(mcp_server), "MAX_SIZE", 7), (vars(mcp_server), "_INSTRUCTIONS", "x")],
+)
+def test_the_hash_covers_game_prompts_tool_schemas_and_instructions(monkeypatch, table, key, value):
+    before = tools_hash()
+    monkeypatch.setitem(table, key, value)
+    assert tools_hash.__wrapped__() != before
 
 
 def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen: OpenedGraph):
@@ -182,9 +194,9 @@ def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen: OpenedGraph):
         attempt = {"game": begun["game"], "first": one, "second": other}
         _, made = await called(client, "combine", **attempt)
         assert made["new"] == list(kitchen.graph.labels(kitchen.graph.outcomes[pair]))
-        assert made["things"] == begun["things"] + made["new"]
+        assert made["items"] == begun["items"] + made["new"]
         text, again = await called(client, "combine", **attempt)
-        assert text.startswith(f"{one} + {other} -> nothing new (tried before)")
+        assert text.startswith(f"{one} + {other} -> nothing new (already tried)")
         assert again["new"] == []
 
     connect(make_server(hosted(open_ended=True, attempts=4)), play)
@@ -196,12 +208,12 @@ def test_look_ups_cost_no_attempt_are_counted_and_only_offered_with_knowledge():
 
     async def play(call: Call) -> None:
         game = (await call("begin", task=0))[1]["game"]
-        text, facts = await call("look_up", game=game, thing="the Bread")
-        assert text == "Of bread is known:\n" + "\n".join(facts["facts"])
-        assert (facts["thing"], facts["look_ups_left"]) == ("bread", 1)
-        assert "expected one of the words" in (await call("look_up", game=game, thing="unicorn"))[0]
-        assert (await call("look_up", game=game, thing="water"))[1]["look_ups_left"] == 0
-        assert (await call("look_up", game=game, thing="water"))[1] is None
+        text, facts = await call("look_up", game=game, item="the Bread")
+        assert text == "Known recipes with bread:\n" + "\n".join(facts["facts"])
+        assert (facts["item"], facts["look_ups_left"]) == ("bread", 1)
+        assert "expected an item name" in (await call("look_up", game=game, item="unicorn"))[0]
+        assert (await call("look_up", game=game, item="water"))[1]["look_ups_left"] == 0
+        assert (await call("look_up", game=game, item="water"))[1] is None
         assert (await call("state", game=game))[1]["attempts_left"] == 1
 
     without, with_knowledge = hosted(), hosted(knowledge="partial", look_ups=2)
@@ -246,12 +258,12 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
         host.begin(7).end()
     one, two = games_of(path)
     thing = one.table[0]
-    assert (one.task, one.distractor_seed, one.success, one.termination, one.refused) == (5, 2, False, "same_twice", 1)
-    refusal = "'unicorn': expected 1 to 5, one of the words, or the beginning of one."
-    assert one.messages[1:4] == ("unicorn + 1", refusal, "1 + 1")
+    assert (one.task, one.distractor_seed, one.invalid_actions, one.termination) == (5, 2, 1, "same_twice")
+    error = "unknown item 'unicorn': expected 1 to 5, an item name, or the start of a name."
+    assert one.messages[1:4] == ("unicorn + 1", error, "1 + 1")
     assert one.messages[4].startswith(f"{thing} + {thing} -> ")
-    assert one.messages[4].endswith(f"No attempt is left; {one.goal} was not made.")
-    assert (two.task, two.actions, two.messages[1:]) == (7, 0, ("end", "The game was ended."))
+    assert one.messages[4].endswith(f"You have no attempts left. You did not make {one.goal}.")
+    assert (two.task, two.actions, two.messages[1:]) == (7, 0, ("end", "The game was ended early."))
 
 
 def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -265,7 +277,7 @@ def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path:
         with monkeypatch.context() as patched:
             patched.setattr("os.fsync", full)
             text, values = await call("combine", game=game, first=1, second=1)
-        assert "its record could not be written: No space left on device" in text
+        assert "its record could not be saved: No space left on device" in text
         assert (values, path.read_bytes()) == (None, before)
         await call("end", game=game)
 

@@ -11,21 +11,21 @@ from wordcraft_kg.base.records import Record
 LISTED = 1_500
 """Entities in a prompt, at most; for a larger graph, the model names things freely."""
 TASK = """\
-In a crafting game, two things are combined and make another thing, as in the real world or in a play on words.
-A thing may be combined with itself.
-For each thing that you are asked about, name up to {pairs} pairs of things that could make it, the likeliest first.
-Write a line for each pair, exactly like this, and nothing else:
-thing: first + second
+In a crafting game, players combine two items to make a new item. Recipes follow common sense or wordplay.
+An item may be combined with itself.
+For each item in the question, list up to {pairs} pairs of items that could make it, most likely first.
+Write one line per pair in exactly this format, and nothing else:
+item: first + second
 """
-THINGS = """
-These are all things of the game. Use no others, and write them as they are written here:
-{things}
+ITEMS = """
+These are all the items in the game. Use only these items, spelled exactly as shown:
+{items}
 """
 QUESTION = """\
-Which pairs make these things?
+Which pairs of items make each of these items?
 {goals}
 """
-TEMPLATE_HASH = hashlib.sha256("\0".join((TASK, THINGS, QUESTION)).encode()).hexdigest()
+TEMPLATE_HASH = hashlib.sha256("\0".join((TASK, ITEMS, QUESTION)).encode()).hexdigest()
 """Prompt version: the template's SHA-256."""
 _CHARACTERS_PER_TOKEN = 4  # approximately, for English
 
@@ -78,7 +78,7 @@ def make_prompts(config: OpinionsConfig, entities: Sequence[str]) -> list[Prompt
     settings = config.settings
     task = TASK.format(pairs=settings.pairs)
     if len(entities) <= LISTED:
-        task += THINGS.format(things="\n".join(entities))
+        task += ITEMS.format(items="\n".join(entities))
     return [
         _prompt(config, task, tuple(entities[begin : begin + settings.goals_per_prompt]))
         for begin in range(0, len(entities), settings.goals_per_prompt)

@@ -8,10 +8,11 @@ from typing import Any, Self
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
 from wordcraft_kg.apps.text_agents.knowledge import Knowledge, open_knowledge
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
-from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, LOOK_UPS, REFUSALS, GameSettings
+from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, LOOK_UPS, MAX_INVALID, EvaluationSettings, GameSettings
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.labels import last_line, read_label, read_pair
-from wordcraft_kg.envs.words import told
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.words import prompt_text
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph
 
@@ -26,31 +27,36 @@ class Conversation:
 
     Attributes:
         game: the game.
-        refused: invalid messages.
-        lost: attempts lost by invalid messages.
+        invalid_actions: invalid messages.
+        lost_attempts: attempts lost by invalid messages.
         look_ups: look-ups so far.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
         >>> talk = Conversation(games.begin(task=0))
         >>> talk.opening.splitlines()[-1], talk.hear("1 + unicorn").splitlines()[0][:15], talk.game.attempts_left
-        ('Attempts left: 1', 'Not understood:', 1)
+        ('Attempts left: 1', 'Invalid answer:', 1)
     """
 
     def __init__(
-        self, game: Game, knowledge: Knowledge | None = None, *, refusals: int = REFUSALS, look_ups: int = LOOK_UPS
+        self,
+        game: Game,
+        knowledge: Knowledge | None = None,
+        *,
+        max_invalid: int = MAX_INVALID,
+        look_ups: int = LOOK_UPS,
     ):
-        """Begin a conversation; see ``settings.EvaluationSettings`` for ``refusals`` and ``look_ups``."""
-        self.game, self._knowledge, self._refusals, self._most_look_ups = game, knowledge, refusals, look_ups
-        self.refused = self.lost = self.look_ups = 0
+        """Begin a conversation; see ``settings.EvaluationSettings`` for ``max_invalid`` and ``look_ups``."""
+        self.game, self._knowledge, self._max_invalid, self._most_look_ups = game, knowledge, max_invalid, look_ups
+        self.invalid_actions = self.lost_attempts = self.look_ups = 0
         self._in_a_row = 0
 
     @property
     def rules(self) -> str:
         """Game rules and answer format."""
-        parts = [self.game.rules, told("answer")]
+        parts = [self.game.rules, prompt_text("answer")]
         if self._knowledge is not None and self._most_look_ups:
-            parts.append(told("look_up", look_ups=self._most_look_ups))
+            parts.append(prompt_text("look_up", look_ups=counted(self._most_look_ups, "look-up")))
         return "\n".join(parts)
 
     @property
@@ -65,45 +71,40 @@ class Conversation:
 
     def hear(self, message: str) -> str:
         """Return the reply to a message: outcome and new state."""
-        line, entities = last_line(message), self.game.graph.entities
+        line = last_line(message)
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         try:
             if look_up is not None:
-                entity = read_label(look_up[1], entities, by_number=False)
-                outcome = facts_in_words(entities[entity], self.facts(entity))
+                entity = read_label(look_up[1], self.game.graph.entities, by_number=False)
+                outcome = self.look_up(entity)[1]
             else:
                 outcome = self.game.combine(*read_pair(line, self.game.labels))
             self._in_a_row = 0
         except ActionError as error:
-            outcome = self._refuse(str(error))
+            outcome = self._reject(str(error))
         return f"{outcome}\n\n{self.game.state}"
 
-    def facts(self, entity: int) -> list[str]:
-        """Return the facts about an entity, and count the look-up.
+    def look_up(self, entity: int) -> tuple[list[str], str]:
+        """Return the facts about an entity, also as one text, and count the look-up.
 
         Raises:
             ActionError: without a look-up left.
         """
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
-            raise ActionError(told("no_look_ups"))
+            raise ActionError(prompt_text("no_look_ups"))
         facts = self._knowledge.facts(entity, self.game)
         self.look_ups += 1
-        return facts
+        return facts, self._knowledge.reply(self.game.graph.entities[entity], facts)
 
-    def _refuse(self, why: str) -> str:
-        self.refused += 1
+    def _reject(self, reason: str) -> str:
+        self.invalid_actions += 1
         self._in_a_row += 1
-        if self._in_a_row <= self._refusals:
-            return told("refused", why=why)
+        if self._in_a_row <= self._max_invalid:
+            return prompt_text("invalid", reason=reason)
         self.game.lose_attempt()
-        self.lost += 1
+        self.lost_attempts += 1
         self._in_a_row = 0
-        return told("lost", why=why)
-
-
-def facts_in_words(label: str, facts: list[str]) -> str:
-    """Return the reply to a look-up."""
-    return told("found", entity=label, facts="\n".join(facts)) if facts else told("nothing_found", entity=label)
+        return prompt_text("attempt_lost", reason=reason)
 
 
 def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
@@ -140,6 +141,8 @@ class Play:
         opened = open_graph(graph)
         knowledge = open_knowledge(settings, opened)
         rules |= {"knowledge": settings.knowledge, "look_ups": settings.look_ups}
+        if isinstance(settings, EvaluationSettings):
+            rules |= {name: getattr(settings, name) for name in ("distractor_seeds", "tasks", "max_invalid")}
         if knowledge is not None:
             rules |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
         if settings.open_ended:
@@ -156,4 +159,4 @@ class Play:
         """
         rules = self.settings
         game = self.games.begin(task, distractor_seed)
-        return Conversation(game, self.knowledge, refusals=rules.refusals, look_ups=rules.look_ups)
+        return Conversation(game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups)

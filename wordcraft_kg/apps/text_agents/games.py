@@ -5,10 +5,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
 from wordcraft_kg.base.errors import EpisodeError
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.envs.words import combined, numbered, results_of, told
+from wordcraft_kg.envs.words import PROMPTS, combined, numbered, prompt_text, results_of
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
@@ -32,7 +33,7 @@ class Game(ABC):
     def __init__(self, graph: RecipeGraph, aim: str):
         """Begin a game; ``aim`` is the key of the aim's text."""
         self.graph = graph
-        self.rules = f"{told('rules')} {told(aim)}"
+        self.rules = f"{prompt_text('rules')} {prompt_text(aim)}"
         self._is_ended = False
 
     @property
@@ -53,7 +54,7 @@ class Game(ABC):
     @property
     def state(self) -> str:
         """The state as a prompt; the outcome once the game is over."""
-        return told("ended") if self._is_ended else self._termination() or self._ongoing()
+        return prompt_text("ended") if self._is_ended else self._termination() or self._ongoing()
 
     def combine(self, one: int, other: int) -> str:
         """Make an attempt and describe the result."""
@@ -71,7 +72,7 @@ class Game(ABC):
 
     def _check(self) -> None:
         if self.is_over:
-            raise EpisodeError("the game is over; begin another one.")
+            raise EpisodeError("the game is over; start a new game.")
 
     @abstractmethod
     def _entities(self) -> Iterable[int]: ...
@@ -128,10 +129,10 @@ class TaskGame(Game):
     def _termination(self) -> str | None:
         if self._env.state.outcome == "in_progress":
             return None
-        return told("goal_made" if self.is_made else "not_made", goal=self.goal)
+        return prompt_text("goal_made" if self.is_made else "not_made", goal=self.goal)
 
     def _ongoing(self) -> str:
-        return told("task", goal=self.goal, table=numbered(self.labels), attempts_left=self.attempts_left)
+        return prompt_text("task", goal=self.goal, table=numbered(self.labels), attempts_left=self.attempts_left)
 
     def _combine(self, one: int, other: int) -> str:
         table = self.labels
@@ -142,7 +143,7 @@ class TaskGame(Game):
         self.last = pair
         self.is_made, self.by_plan = info["outcome"] == "goal", info["by_plan"]
         key = tuple(sorted(pair))
-        text = combined(pair, results_of(self._env, *pair)) + (told("tried") if key in self._tried else "")
+        text = combined(pair, results_of(self._env, *pair)) + (prompt_text("tried") if key in self._tried else "")
         self._tried.add(key)
         return text
 
@@ -202,12 +203,13 @@ class DiscoveryGame(Game):
 
     def _termination(self) -> str | None:
         if self._env.discovery.is_complete:
-            return told("all_known")
-        return None if self.attempts_left else told("no_attempt_left", known=len(self._entities()))
+            return prompt_text("all_known")
+        known = counted(len(self._entities()), "item")
+        return None if self.attempts_left else prompt_text("no_attempt_left", known=known)
 
     def _ongoing(self) -> str:
         table, known = numbered(self.labels), len(self._entities())
-        return told("world", known=known, table=table, attempts_left=self.attempts_left)
+        return prompt_text("world", known=known, table=table, attempts_left=self.attempts_left)
 
     def _combine(self, one: int, other: int) -> str:
         known = self._entities()
@@ -215,8 +217,8 @@ class DiscoveryGame(Game):
         *_, info = self._env.step([*pair])
         self.known_after.append(len(self._entities()))
         self.repeated += info["repeated"]
-        text = combined(self.graph.labels(pair), self.graph.labels(info["new_entities"]), "nothing new")
-        return text + (told("tried") if info["repeated"] else "")
+        text = combined(self.graph.labels(pair), self.graph.labels(info["new_entities"]), PROMPTS["nothing_new"])
+        return text + (prompt_text("tried") if info["repeated"] else "")
 
     def _lose(self) -> None:
         unknown = next(entity for entity in range(self.graph.num_entities) if entity not in self._env.discovery.known)

@@ -17,7 +17,7 @@ from wordcraft_kg.base.settings import MAX_SIZE
 from wordcraft_kg.runs.folder import locked
 
 NEVER = MAX_SIZE
-"""Value of ``refusals`` at which invalid messages never cost an attempt: clients read a tool's error and call again."""
+"""Value of ``max_invalid`` without a limit: invalid tool calls never cost an attempt."""
 _MOST_GAMES = 1_000
 """Remembered games: ten per player for a hundred players, in less than 100 MiB."""
 _MOST_MESSAGES = 10_000
@@ -46,19 +46,19 @@ class HostedGame:
         """Make an attempt and describe the result."""
         game = self.talk.game
         with self._hearing(message := f"{first} + {second}"):
-            result = game.combine(*(read_label(thing, game.labels) for thing in (first, second)))
+            result = game.combine(*(read_label(item, game.labels) for item in (first, second)))
         self._note(message, result)
         self._keep_if_over()
         return result
 
-    def look_up(self, thing: str) -> tuple[str, list[str]]:
-        """Return an entity's label and facts."""
+    def look_up(self, item: str) -> tuple[str, list[str], str]:
+        """Return an entity's label and facts, and the facts as text."""
         entities = self.talk.game.graph.entities
-        with self._hearing(message := f"look up {thing}"):
-            entity = read_label(thing, entities, by_number=False)
-            facts = self.talk.facts(entity)
+        with self._hearing(message := f"look up {item}"):
+            entity = read_label(item, entities, by_number=False)
+            facts, reply = self.talk.look_up(entity)
         self._note(message, "\n".join(facts))
-        return entities[entity], facts
+        return entities[entity], facts, reply
 
     def end(self) -> None:
         """Give up an unfinished game."""
@@ -70,11 +70,11 @@ class HostedGame:
     @contextmanager
     def _hearing(self, message: str) -> Iterator[None]:
         if self.talk.is_over:
-            raise EpisodeError(f"This game is over. {self.talk.game.state} Begin another one.")
+            raise EpisodeError(f"This game is over. {self.talk.game.state} Start a new game.")
         try:
             yield
         except ActionError as error:
-            self.talk.refused += 1
+            self.talk.invalid_actions += 1
             self._note(message, str(error))
             raise
 
@@ -122,8 +122,8 @@ class HostedGames:
         """
         if name not in self._hosted:
             raise EpisodeError(
-                f"There is no game '{name[:40]}': expected the id that `begin` returned, of one of the last "
-                f"{self._most:,} games. Begin another one."
+                f"Unknown game id '{name[:40]}': expected an id returned by `begin`; the server keeps the last "
+                f"{self._most:,} games. Start a new game."
             )
         self._hosted.move_to_end(name)
         return self._hosted[name]

@@ -73,7 +73,7 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
     """Return the record of each game; raise an ArtefactError unless all games were played."""
     scores = []
     for sample in log.samples or []:
-        for name in ("goal_made", "things_known"):
+        for name in ("goal_made", "known_items"):
             if sample.error is None and sample.scores and name in sample.scores:
                 scores.append(sample.scores[name].metadata or {})
     progress = f"{len(scores):,} of {games:,} games were played"

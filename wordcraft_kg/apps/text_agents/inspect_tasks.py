@@ -14,7 +14,7 @@ from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.inspect_log import METADATA, UNFINISHED, VERDICT, LoggedTask, played_of
 from wordcraft_kg.apps.text_agents.records import PlayedTask, PlayedWorld
-from wordcraft_kg.apps.text_agents.results import chosen_tasks, evaluation_of, mean_known, record_of
+from wordcraft_kg.apps.text_agents.results import COUNTS, chosen_tasks, evaluation_of, mean_known, record_of
 from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownSettingError, WordCraftKGError
 from wordcraft_kg.base.extras import missing_extra
@@ -36,7 +36,7 @@ except ModuleNotFoundError:
 _F = TypeVar("_F", bound=Callable[..., Any])
 _PLAYED = "wordcraft_kg_played"
 """Key of a game's record in a sample's store."""
-_RULES = ("knowledge", "scorer", "look_ups", "refusals")
+_RULES = ("knowledge", "scorer", "look_ups", "max_invalid")
 
 
 class InspectTaskError(ConfigError, PrerequisiteError):
@@ -111,7 +111,7 @@ def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **se
         rules = play.settings
         about = {"attempts": rules.attempts, "known_at_start": len(rules.base)}
         samples = [_sample(f"world-{game}", play, distractor_seed=game, **about) for game in range(games)]
-        return _task(play, samples, rules.graph, things_known())
+        return _task(play, samples, rules.graph, known_items())
 
 
 def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> Play:
@@ -125,14 +125,12 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
         raise refuse("graph", graph, "a graph folder, a recipe book's file, or the name of a known book")
     scorer = given.get("scorer")
     settings = EvaluationSettings(**{**given, **own, "scorer": scorer and Path(str(scorer))})
-    return Play.open(
-        graph, settings, distractor_seeds=settings.distractor_seeds, tasks=settings.tasks, refusals=settings.refusals
-    )
+    return Play.open(graph, settings)
 
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
     talk = play.begin(about.get("task", 0), about["distractor_seed"])
-    hashes = {name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "texts")}
+    hashes = {name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "prompt_hash")}
     opening: list[ChatMessage] = [ChatMessageSystem(content=talk.rules), ChatMessageUser(content=talk.game.state)]
     return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
 
@@ -142,7 +140,7 @@ def _task(play: Play, samples: list[Sample], name: str, scorer: Scorer) -> Task:
         dataset=MemoryDataset(samples, name=name),
         solver=conversation(play),
         scorer=scorer,
-        version=play.settings.texts[:12],
+        version=play.settings.prompt_hash[:12],
         metadata={METADATA: as_values(LoggedTask(settings=play.settings, games=len(samples)))},
     )
 
@@ -233,7 +231,7 @@ def _played(score: SampleScore, kind: type[Any]) -> Any:
 
 def _counts(scores: list[SampleScore]) -> dict[str, int]:
     values = [one.score.metadata or {} for one in scores]
-    return {name: sum(one.get(name, 0) for one in values) for name in ("refused", "lost", "look_ups", UNFINISHED)}
+    return {name: sum(one.get(name, 0) for one in values) for name in (*COUNTS, UNFINISHED)}
 
 
 @scorer(metrics=[crafting_figures()])
@@ -249,7 +247,7 @@ def goal_made() -> Scorer:
 
 
 @scorer(metrics=[discovery_figures()])
-def things_known() -> Scorer:
+def known_items() -> Scorer:
     """Score a game in the open-ended world with the final number of known entities."""
 
     async def score(state: TaskState, target: Target) -> Score:

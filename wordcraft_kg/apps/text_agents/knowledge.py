@@ -2,13 +2,15 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from wordcraft_kg.apps.text_agents.games import Game
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.words import combined, prompt_text
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.splits import Split
@@ -33,10 +35,15 @@ class Knowledge(ABC):
 
     scorer: str | None = None
     kg: TrainedOn | None = None
+    _prompt: ClassVar[str]
 
     @abstractmethod
     def facts(self, entity: int, game: Game) -> list[str]:
         """Return the facts about an entity, one per line, the most relevant to the game first."""
+
+    def reply(self, label: str, facts: list[str]) -> str:
+        """Return the reply to a look-up."""
+        return prompt_text(self._prompt if facts else "no_facts", entity=label, facts="\n".join(facts))
 
 
 class PartialGraphKnowledge(Knowledge):
@@ -44,6 +51,8 @@ class PartialGraphKnowledge(Knowledge):
 
     Facts are listed in this order: recipes that make the entity, uses with an entity on the table, remaining uses.
     """
+
+    _prompt = "known_recipes"
 
     def __init__(self, split: Split):
         self.graph = split.graph
@@ -65,8 +74,9 @@ class PartialGraphKnowledge(Knowledge):
         rows = {*graph.recipes_of(entity).tolist(), *graph.uses_of(entity).tolist()}
         known = [row for row in rows if self._is_known[row] and tuple(pairs[row].tolist()) not in solving]
         known.sort(key=rank)
-        facts = [f"{a} + {b} -> {c}" for a, b, c in graph.recipe_labels(graph.recipes[known[:_MOST_FACTS]])]
-        return facts + ([f"and {len(known) - _MOST_FACTS} more"] if len(known) > _MOST_FACTS else [])
+        facts = [combined((a, b), (c,)) for a, b, c in graph.recipe_labels(graph.recipes[known[:_MOST_FACTS]])]
+        more = counted(len(known) - _MOST_FACTS, "more recipe")
+        return facts + ([prompt_text("more_recipes", more=more)] if len(known) > _MOST_FACTS else [])
 
 
 class ScorerKnowledge(Knowledge):
@@ -75,6 +85,8 @@ class ScorerKnowledge(Knowledge):
     On a train task, the cross-fitted model without the task's recipes answers. Self-combinations are omitted, because
     link predictors score almost all high.
     """
+
+    _prompt = "likely_links"
 
     def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: TrainedOn | None = None):
         """Take a scorer, the weights hash and the training triples.
@@ -101,16 +113,16 @@ class ScorerKnowledge(Knowledge):
         others = np.delete(np.arange(self.graph.num_entities), entity)
         at_hand = np.array([self.graph.id_of(label) for label in game.labels])
         at_hand = at_hand[at_hand != entity]
-        for about, ids, (head, relation, tail) in (
-            ("combines best, of what is at hand, with", at_hand, (entity, COMBINES_WITH, at_hand)),
-            ("is most likely a component of", others, (entity, COMPONENT_OF, others)),
-            ("is most likely made of", others, (others, COMPONENT_OF, entity)),
+        for prompt, ids, (head, relation, tail) in (
+            ("likely_partners", at_hand, (entity, COMBINES_WITH, at_hand)),
+            ("likely_results", others, (entity, COMPONENT_OF, others)),
+            ("likely_ingredients", others, (others, COMPONENT_OF, entity)),
         ):
             if len(ids):
                 scores = scorer.score(head, relation, tail).cpu().numpy()
                 best = np.argsort(-scores, kind="stable")[:_MOST_LINKS].tolist()
                 links = (f"{self.graph.entities[ids[index]]} ({scores[index]:.2f})" for index in best)
-                yield f"{about}: {', '.join(links)}"
+                yield prompt_text(prompt, entities=", ".join(links))
 
     def _answering(self, game: Game) -> "TripleScorer | None":
         """Return the model without the task's recipes; None if every model knows some."""

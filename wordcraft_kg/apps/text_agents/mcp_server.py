@@ -1,11 +1,12 @@
-"""The crafting worlds as a server of the Model Context Protocol, whose tools play games.
+"""A Model Context Protocol server with tools for crafting games.
 
 Connections have no memory in the present protocol, so ``begin`` returns an id for each game.
 """
 
 import hashlib
 import json
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from functools import lru_cache
 from typing import Annotated, Any, Self
 
 from mcp.server import MCPServer
@@ -17,57 +18,54 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 from starlette.types import ASGIApp
 
 from wordcraft_kg import __version__
-from wordcraft_kg.apps.text_agents.conversation import facts_in_words
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import HostedGame, HostedGames
 from wordcraft_kg.apps.web.guard import LONGEST_BODY, LOOPBACK
-from wordcraft_kg.base.errors import ActionError, WordCraftKGError
+from wordcraft_kg.base.errors import ActionError, EpisodeError, WordCraftKGError
 from wordcraft_kg.base.settings import MAX_SIZE
-from wordcraft_kg.envs.words import texts_hash, told
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.words import prompt_hash, prompt_text
 
 _LONGEST = 200
 """Characters of a label or a game's id."""
 PATH = "/mcp"
 _TOOLS = {
-    "begin": "Begin a game and return its id, the rules and the state. Task {first} to {last}; draw chooses what else "
-    "is on the table. The same task and draw are always the same game.",
-    "begin_world": "Begin a game and return its id, the rules and the state. There is one world, the same for all.",
-    "state": "Show where a game stands: the goal if there is one, what can be combined, and the attempts left.",
-    "combine": "Make an attempt: combine two things, or a thing with itself. Give each by its word or its number. What "
-    "is not understood is refused and costs nothing.",
-    "look_up": "Look up what is known of a thing, by its word. It costs no attempt; {look_ups} times a game.",
-    "end": "Give a game up.",
+    "begin": "Start a game. Returns the game id, the rules and the current state. Tasks are numbered 0 to {last}; "
+    "`distractor_seed` selects the distractor items on the table. The same task and seed always give the same game.",
+    "begin_world": "Start a game in the open-ended world. Returns the game id, the rules and the current state. All "
+    "games start from the same items.",
+    "state": "Get the current state of a game: the goal (if any), the available items, and the attempts left.",
+    "combine": "Make an attempt: combine two items, or one item with itself. Refer to each item by name or number. "
+    "Invalid input is rejected and does not use up an attempt.",
+    "look_up": "Look up {known} an item by name. Does not use up an attempt; limited to {look_ups} per game.",
+    "end": "End a game early.",
 }
-"""Descriptions of the tools for language models, in addition to :data:`~wordcraft_kg.envs.words.TEXTS`."""
-_INSTRUCTIONS = "Call begin, then combine until the game is over."
+_INSTRUCTIONS = "Call `begin`, then call `combine` until the game is over."
 _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 _PLAYS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=False, open_world_hint=False)
 _ENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False)
 
 
-def tools_hash() -> str:
-    """Return the hash for all MCP prompts: game texts, tool descriptions and instructions."""
-    return hashlib.sha256(json.dumps([texts_hash(), _TOOLS, _INSTRUCTIONS], sort_keys=True).encode()).hexdigest()
-
-
 class Position(BaseModel, frozen=True):
-    """Where a game stands."""
+    """The current state of a game."""
 
-    game: str = Field(description="id of the game")
-    goal: str | None = Field(description="what is to be made; null if there is no goal")
-    things: list[str] = Field(description="what can be combined, in the order of its numbers from 1")
+    game: str = Field(description="game id")
+    goal: str | None = Field(description="the goal item; null in the open-ended world")
+    items: list[str] = Field(description="available items, in the order of their numbers, starting at 1")
     attempts_left: int = Field(description="attempts left")
     is_over: bool = Field(description="whether the game is over")
-    success: bool | None = Field(description="whether the goal was made; null before the end, or if there is no goal")
+    success: bool | None = Field(
+        description="whether the goal was made; null while the game is running or without a goal"
+    )
 
     @classmethod
     def of(cls, hosted: HostedGame, **more: Any) -> Self:
-        """Return a hosted game's position."""
+        """Return the state of a hosted game."""
         game = hosted.talk.game
         return cls(
             game=hosted.name,
             goal=game.goal,
-            things=list(game.labels),
+            items=list(game.labels),
             attempts_left=game.attempts_left,
             is_over=game.is_over,
             success=game.is_made if isinstance(game, TaskGame) and game.is_over else None,
@@ -76,33 +74,34 @@ class Position(BaseModel, frozen=True):
 
 
 class Begun(Position, frozen=True):
-    """A game that begins."""
+    """A new game."""
 
-    rules: str = Field(description="the rules")
+    rules: str = Field(description="the rules of the game")
 
 
 class Combined(Position, frozen=True):
-    """What came of an attempt."""
+    """The result of an attempt."""
 
-    result: str = Field(description="the attempt in words, such as 'water + earth -> mud'")
-    new: list[str] = Field(description="things that can be combined now and could not before")
+    result: str = Field(description="the attempt and its result, such as 'water + earth -> mud'")
+    new: list[str] = Field(description="items added by this attempt")
 
 
 class Facts(BaseModel, frozen=True):
-    """What is known of a thing."""
+    """Facts about an item."""
 
-    game: str = Field(description="id of the game")
-    thing: str = Field(description="the thing")
-    facts: list[str] = Field(description="what is known of it, what concerns the game most first")
-    look_ups_left: int = Field(description="how often something may still be looked up in this game")
+    game: str = Field(description="game id")
+    item: str = Field(description="the item")
+    facts: list[str] = Field(description="known facts, most relevant to this game first")
+    look_ups_left: int = Field(description="look-ups left in this game")
 
 
 def _as_text(value: Any) -> Any:
     return str(value) if type(value) is int and abs(value) < 10**9 else value  # models write a number either way
 
 
-_GameName = Annotated[str, Field(max_length=_LONGEST, description="id of the game, from begin")]
-_Thing = Annotated[str, Field(max_length=_LONGEST, description="word or number of a thing"), BeforeValidator(_as_text)]
+_GameName = Annotated[str, Field(max_length=_LONGEST, description="game id returned by `begin`")]
+_Item = Annotated[str, Field(max_length=_LONGEST, description="name or number of an item"), BeforeValidator(_as_text)]
+_Label = Annotated[str, Field(max_length=_LONGEST, description="name of an item")]
 
 
 class _Server(MCPServer[Any]):
@@ -123,85 +122,109 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
     if isinstance(error, ValidationError):
         details = error.errors(include_url=False, include_context=False, include_input=False)
         each = (f"'{'.'.join(map(str, one['loc']))}': {one['msg']}" for one in details)
-        return told("refused", why="; ".join(each) + ".")
+        return prompt_text("invalid", reason="; ".join(each) + ".")
     if isinstance(error, ActionError):
-        return told("refused", why=str(error))
+        return prompt_text("invalid", reason=str(error))
     if isinstance(error, OSError):
         return (
-            f"The game is over, but its record could not be written: {error.strerror or error}. `state` tells how it "
-            "ended, and `end` tries again to write it."
+            f"The game is over, but its record could not be saved: {error.strerror or error}. Call `state` to see the "
+            "outcome, or `end` to try saving again."
         )
     return str(error)
+
+
+def _no_games() -> HostedGames:
+    raise EpisodeError("this server only lists its tools.")
 
 
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
     """Return a game server for any transport."""
     games, settings = hosted.play.games, hosted.play.settings
-    rules, about_look_ups = games.begin().rules, _TOOLS["look_up"].format(look_ups=settings.look_ups)
-    if settings.look_ups:
-        rules = f"{rules}\n{about_look_ups}"
+    last = len(games.world.tasks) - 1 if isinstance(games, TaskGames) else None
+    return _server(games.begin().rules, last, settings.look_ups, settings.knowledge == "scorer", lambda: hosted)
+
+
+@lru_cache(1)
+def tools_hash() -> str:
+    """Return the SHA-256 of all MCP prompts: game texts, instructions and the complete tool lists of both modes."""
+    lists = []
+    for last, has_scorer in ((0, False), (None, True)):
+        listing = _server("", last, 2, has_scorer).list_tools()
+        try:
+            listing.send(None)  # the coroutine awaits nothing, so no event loop is needed
+        except StopIteration as done:
+            lists.append([tool.model_dump(mode="json") for tool in done.value])
+    prompts = [prompt_hash(), _TOOLS, _INSTRUCTIONS, lists]
+    return hashlib.sha256(json.dumps(prompts, sort_keys=True).encode()).hexdigest()
+
+
+def _server(
+    rules: str, last: int | None, look_ups: int, has_scorer: bool, hosted: Callable[[], HostedGames] = _no_games
+) -> MCPServer[Any]:
+    """Return a server for tasks 0 to ``last``, or for the open-ended world with ``last`` None."""
+    known = "the likely links of" if has_scorer else "the known recipes of"
+    about_look_ups = _TOOLS["look_up"].format(known=known, look_ups=counted(look_ups, "look-up"))
     server = _Server(
         "wordcraft-kg",
-        title="Crafting worlds of wordcraft-kg",
-        instructions=f"{rules}\n{_INSTRUCTIONS}",
+        title="wordcraft-kg crafting games",
+        instructions="\n".join([rules, *([about_look_ups] if look_ups else []), _INSTRUCTIONS]),
         version=__version__,
         log_level="WARNING",
     )
-    if isinstance(games, TaskGames):
-        _add_begin_task(server, hosted, last=len(games.world.tasks) - 1)
-    else:
+    _add_begin(server, last, hosted)
 
-        @server.tool(title="Begin a game", description=_TOOLS["begin_world"], annotations=_PLAYS)
-        async def begin() -> Annotated[CallToolResult, Begun]:
-            return _begun(hosted.begin())
-
-    @server.tool(title="State of a game", description=_TOOLS["state"], annotations=_READS)
+    @server.tool(title="Get the game state", description=_TOOLS["state"], annotations=_READS)
     async def state(game: _GameName) -> Annotated[CallToolResult, Position]:
-        playing = hosted.game(game)
+        playing = hosted().game(game)
         return _result(playing.talk.game.state, Position.of(playing))
 
-    @server.tool(title="Combine two things", description=_TOOLS["combine"], annotations=_PLAYS)
-    async def combine(game: _GameName, first: _Thing, second: _Thing) -> Annotated[CallToolResult, Combined]:
-        playing = hosted.game(game)
+    @server.tool(title="Combine two items", description=_TOOLS["combine"], annotations=_PLAYS)
+    async def combine(game: _GameName, first: _Item, second: _Item) -> Annotated[CallToolResult, Combined]:
+        playing = hosted().game(game)
         before = set(playing.talk.game.labels)
         result = playing.combine(first, second)
         new = [label for label in playing.talk.game.labels if label not in before]
         return _result(f"{result}\n\n{playing.talk.game.state}", Combined.of(playing, result=result, new=new))
 
-    if settings.look_ups:
+    if look_ups:
 
-        @server.tool(title="Look a thing up", description=about_look_ups, annotations=_PLAYS)
-        async def look_up(
-            game: _GameName, thing: Annotated[str, Field(max_length=_LONGEST, description="word of a thing")]
-        ) -> Annotated[CallToolResult, Facts]:
-            playing = hosted.game(game)
-            label, facts = playing.look_up(thing)
-            left = settings.look_ups - playing.talk.look_ups
-            return _result(facts_in_words(label, facts), Facts(game=game, thing=label, facts=facts, look_ups_left=left))
+        @server.tool(title="Look up an item", description=about_look_ups, annotations=_PLAYS)
+        async def look_up(game: _GameName, item: _Label) -> Annotated[CallToolResult, Facts]:
+            playing = hosted().game(game)
+            label, facts, reply = playing.look_up(item)
+            left = look_ups - playing.talk.look_ups
+            return _result(reply, Facts(game=game, item=label, facts=facts, look_ups_left=left))
 
     @server.tool(title="End a game", description=_TOOLS["end"], annotations=_ENDS)
     async def end(game: _GameName) -> Annotated[CallToolResult, Position]:
-        playing = hosted.game(game)
+        playing = hosted().game(game)
         playing.end()
         return _result(playing.talk.game.state, Position.of(playing))
 
     return server
 
 
-def _add_begin_task(server: MCPServer[Any], hosted: HostedGames, last: int) -> None:
-    which = Field(ge=0, le=last, description=f"number of the task, 0 to {last}")
-    what = Field(ge=0, le=MAX_SIZE, description="number of the draw of what else is on the table")
+def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], HostedGames]) -> None:
+    if last is None:
 
-    @server.tool(title="Begin a game", description=_TOOLS["begin"].format(first=0, last=last), annotations=_PLAYS)
-    async def begin(
-        task: Annotated[int, which], distractor_seed: Annotated[int, what] = 0
+        @server.tool(title="Start a game", description=_TOOLS["begin_world"], annotations=_PLAYS)
+        async def begin() -> Annotated[CallToolResult, Begun]:
+            return _begun(hosted().begin())
+
+        return
+    number = Field(ge=0, le=last, description=f"task number, 0 to {last}")
+    seed = Field(ge=0, le=MAX_SIZE, description="distractor seed; selects the other items on the table")
+
+    @server.tool(name="begin", title="Start a game", description=_TOOLS["begin"].format(last=last), annotations=_PLAYS)
+    async def begin_task(
+        task: Annotated[int, number], distractor_seed: Annotated[int, seed] = 0
     ) -> Annotated[CallToolResult, Begun]:
-        return _begun(hosted.begin(task, distractor_seed))
+        return _begun(hosted().begin(task, distractor_seed))
 
 
 def _begun(hosted: HostedGame) -> CallToolResult:
     game = hosted.talk.game
-    return _result(f"Game {hosted.name}\n{game.rules}\n\n{game.state}", Begun.of(hosted, rules=game.rules))
+    return _result(f"Game id: {hosted.name}\n{game.rules}\n\n{game.state}", Begun.of(hosted, rules=game.rules))
 
 
 def _result(text: str, values: BaseModel) -> CallToolResult:

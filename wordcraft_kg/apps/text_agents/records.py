@@ -3,17 +3,17 @@
 from typing import Any, Literal
 
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
-from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, REFUSALS, KnowledgeKind
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, KnowledgeKind
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
-from wordcraft_kg.envs.words import texts_hash
+from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
 
-GamesFormat = Literal["wordcraft-kg games in words 1"]
+GamesFormat = Literal["wordcraft-kg text games 1"]
 RESULT_FILE, GAMES_FILE = "result.json", "games.jsonl"
 
 
@@ -27,7 +27,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
         base: initial entities in the open-ended world; empty for tasks.
         scorer: the scorer's weights hash.
         kg: the scorer's training triples.
-        texts: prompt hash, see :func:`~wordcraft_kg.envs.words.texts_hash`.
+        prompt_hash: prompt hash, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
     """
 
     graph: str
@@ -44,8 +44,8 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     scorer: Hash | None = None
     kg: TrainedOn | None = None
     look_ups: Count = LOOK_UPS
-    refusals: Count = REFUSALS
-    texts: Hash
+    max_invalid: Count = MAX_INVALID
+    prompt_hash: Hash
 
     @property
     def is_open_ended(self) -> bool:
@@ -69,14 +69,14 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     def _of(cls, graph: RecipeGraph, split: Split, **rules: Any) -> "PlayedSettings":
         if rules.get("knowledge", "none") == "none":
             rules["look_ups"] = 0
-        rules = {"texts": texts_hash(), **rules}  # a server has texts of its own
+        rules = {"prompt_hash": prompt_hash(), **rules}  # a server has texts of its own
         return cls(graph=graph.name, graph_hash=graph.hash, split_hash=split.hash, **rules)
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):
     """First ``games.jsonl`` line, before the games."""
 
-    format: GamesFormat = "wordcraft-kg games in words 1"
+    format: GamesFormat = "wordcraft-kg text games 1"
     player: str
     settings: PlayedSettings
 
@@ -91,8 +91,8 @@ class PlayedTask(Record, frozen=True, kw_only=True):
         by_plan: whether a plan's last pair made the goal.
         actions: picks until the end.
         last: the last combined pair; None after a lost attempt.
-        refused: invalid messages.
-        lost: attempts lost by invalid messages.
+        invalid_actions: invalid messages.
+        lost_attempts: attempts lost by invalid messages.
         look_ups: look-ups in the game.
         messages: all prompts and answers in turn.
     """
@@ -106,8 +106,8 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     actions: Count
     termination: TerminationReason
     last: tuple[str, str] | None
-    refused: Count
-    lost: Count
+    invalid_actions: Count
+    lost_attempts: Count
     look_ups: Count
     messages: tuple[str, ...]
 
@@ -124,8 +124,8 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
     game: Count
     known_after: tuple[Count, ...]
     repeated: Count
-    refused: Count
-    lost: Count
+    invalid_actions: Count
+    lost_attempts: Count
     look_ups: Count
     messages: tuple[str, ...]
 
@@ -140,13 +140,13 @@ class TextResult(Record, frozen=True, kw_only=True):
         known: mean number of known entities by attempts; empty for tasks.
     """
 
-    format: Literal["wordcraft-kg words 1"] = "wordcraft-kg words 1"
+    format: Literal["wordcraft-kg text result 1"] = "wordcraft-kg text result 1"
     player: str
     settings: PlayedSettings
     games: Count
     success: Success | None
     outcomes: dict[TerminationReason, Share]
     known: dict[int, float]
-    refused: Count
-    lost: Count
+    invalid_actions: Count
+    lost_attempts: Count
     look_ups: Count

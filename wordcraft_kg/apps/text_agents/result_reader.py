@@ -43,8 +43,10 @@ def _open_rows(paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay) -> Se
         result = _result(path, opened)
         settings = result.settings
         if not settings.is_open_ended or settings.base != play.base:
-            its = f"begins with {', '.join(settings.base)}" if settings.is_open_ended else "is of crafting tasks"
-            raise ConfigError(f"--beside: '{path}' {its}, and the table is about play from {', '.join(play.base)}.")
+            start = f"starts from {', '.join(settings.base)}" if settings.is_open_ended else "was recorded on tasks"
+            raise ConfigError(
+                f"--external-results: '{path}' {start}; expected open-ended mode from {', '.join(play.base)}."
+            )
         known: dict[int, Estimate] = {attempts: (value, None, None) for attempts, value in result.known.items()}
         rows.append(_row(path, result, play, figures_of(known), measure="entities known", runs=result.games))
     return rows
@@ -61,12 +63,14 @@ def _task_rows(
         check_hash(path, "split", settings.split_hash, opened.split.hash)
         success, amount = result.success, settings.distractors
         if settings.part is None or settings.depth is None or amount is None or success is None:
-            raise ConfigError(f"--beside: '{path}' is of the open-ended world; add --open-ended, or leave it out.")
+            raise ConfigError(
+                f"--external-results: '{path}' was recorded in open-ended mode; add --open-ended, or omit the path."
+            )
         check_tasks(path, TaskPlay(settings.part, settings.depth, settings.attempts), play)
         if amount not in columns:
             raise ConfigError(
-                f"--beside: '{path}' has {counted(amount, 'distractor')}, which are no column of the table; "
-                f"add them to --distractors {','.join(map(str, columns))}."
+                f"--external-results: '{path}' has {counted(amount, 'distractor')}, but the columns are "
+                f"{','.join(map(str, columns))}; add {amount} to --distractors."
             )
         figures = figures_of({amount: (success.mean, success.ci_low, success.ci_high)})
         row = _row(
@@ -96,7 +100,7 @@ def _row(
     settings, success = result.settings, result.success
     notes = (
         f"an even sample of {counted(success.tasks, 'task')}" if success and settings.tasks is not None else "",
-        f"{counted(result.lost, 'attempt')} lost by messages that were not understood" if result.lost else "",
+        f"{counted(result.lost_attempts, 'attempt')} lost by invalid actions" if result.lost_attempts else "",
         f"its scorer {SEEN}" if settings.kg == "full" else "",
     )
     look_ups = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}

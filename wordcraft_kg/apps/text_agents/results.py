@@ -26,7 +26,8 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
 
-_COUNTS = ("refused", "lost", "look_ups")
+COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
+"""Counted fields of a game."""
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
@@ -43,7 +44,7 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
 def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
     """Return a finished game's record; ``number`` is the game index in the open-ended world."""
     game = talk.game
-    counts = {**{name: getattr(talk, name) for name in _COUNTS}, "messages": tuple(messages)}
+    counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages)}
     if isinstance(game, DiscoveryGame):
         return PlayedWorld(game=number, known_after=tuple(game.known_after), repeated=game.repeated, **counts)
     assert isinstance(game, TaskGame)
@@ -111,7 +112,7 @@ def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[
 
 def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]) -> TextResult:
     """Return a player's result."""
-    counts = {name: sum(getattr(one, name) for one in played) for name in _COUNTS}
+    counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
     worlds = [one for one in played if isinstance(one, PlayedWorld)]
     tasks = [one for one in played if isinstance(one, PlayedTask)]
     evaluation = None if settings.is_open_ended else evaluation_of(tasks)

@@ -16,7 +16,7 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 KnowledgeKind = Literal["none", "partial", "scorer"]
 """Look-up source: nothing, the train recipes, or a trained scorer's best links."""
-REFUSALS = 3
+MAX_INVALID = 3
 LOOK_UPS = 10
 TIMEOUT = 60.0
 """Seconds."""
@@ -96,12 +96,12 @@ class EvaluationSettings(GameSettings):
     Attributes:
         distractor_seeds: distractor draws per task; number of games with --open-ended.
         tasks: maximum task count, evenly spaced over the part. Default: all.
-        refusals: consecutive invalid answers without cost; the next one costs the attempt.
+        max_invalid: consecutive invalid answers without cost; the next one costs the attempt.
     """
 
     distractor_seeds: int = 1
     tasks: int | None = None
-    refusals: int = REFUSALS
+    max_invalid: int = MAX_INVALID
     _of_tasks: ClassVar[tuple[str, ...]] = (*GameSettings._of_tasks, "tasks")
 
     def __post_init__(self) -> None:
@@ -109,4 +109,4 @@ class EvaluationSettings(GameSettings):
         whole("distractor_seeds", self.distractor_seeds, 1, MAX_SIZE)
         if self.tasks is not None:
             whole("tasks", self.tasks, 1, MAX_SIZE)
-        whole("refusals", self.refusals, 0, MAX_SIZE)
+        whole("max_invalid", self.max_invalid, 0, MAX_SIZE)

@@ -57,8 +57,7 @@ def evaluate_text(
 
     if name is not None and (not name.strip() or not name.isprintable() or len(name) > _LONGEST_NAME):
         raise ConfigError(f"--name {name[:_LONGEST_NAME]!r}: expected 1 to {_LONGEST_NAME} characters on one line.")
-    rules = {"distractor_seeds": settings.distractor_seeds, "tasks": settings.tasks, "refusals": settings.refusals}
-    play = Play.open(graph, settings, **rules)
+    play = Play.open(graph, settings)
     with LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
         folder = out or Path("text-agents") / (re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player")
@@ -88,13 +87,15 @@ def _prepare(folder: Path, force: bool) -> None:
 def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
     settings = result.settings
     rows = [("player", result.player), *_figures(result)]
-    rows.append(("answers", f"{result.refused:,} not understood, {counted(result.lost, 'attempt')} lost by them"))
+    invalid = counted(result.invalid_actions, "invalid action")
+    rows.append(("answers", f"{invalid}, {counted(result.lost_attempts, 'attempt')} lost"))
     if settings.knowledge != "none":
-        rows.append(("looked up", f"{counted(result.look_ups, 'thing')} ({settings.knowledge})"))
+        rows.append(("look-ups", f"{result.look_ups:,} ({settings.knowledge})"))
     yield from aligned(rows)
     if settings.kg == "full":
         yield "the scorer was trained on all recipes: it remembers the answers."
-    yield f"wrote {folder}/   next: wordcraft-kg reference {graph} {_beside(settings)} --beside {folder}"
+    options = f"{_reference_options(settings)} --external-results {folder}"
+    yield f"wrote {folder}/   next: wordcraft-kg reference {graph} {options}"
 
 
 def _figures(result: "TextResult") -> list[tuple[str, str]]:
@@ -115,7 +116,7 @@ def _figures(result: "TextResult") -> list[tuple[str, str]]:
     ]
 
 
-def _beside(settings: "PlayedSettings") -> str:
+def _reference_options(settings: "PlayedSettings") -> str:
     if settings.is_open_ended:
         return f"--open-ended --base {shlex.quote(','.join(settings.base))}"
     options = f"--part {settings.part} --depth {settings.depth} --distractors {settings.distractors}"

@@ -61,7 +61,7 @@ def mcp(
 
     with ExitStack() as stack:
         listening = stack.enter_context(listen(host, port)) if transport == "http" else None  # before the work
-        hosted = HostedGames(Play.open(graph, settings, refusals=NEVER, texts=tools_hash()))
+        hosted = HostedGames(Play.open(graph, settings, max_invalid=NEVER, prompt_hash=tools_hash()))
         if out is not None:
             header = GamesHeader(player="MCP clients", settings=hosted.play.settings)
             hosted.keep = stack.enter_context(kept_games(out, header))

@@ -107,7 +107,7 @@ def test_bad_input_is_asked_again_and_changes_nothing(typed: Run, bad: str):
 def test_thousands_of_bad_lines_are_answered_one_by_one(typed: Run):
     outcome = typed(["zzz"] * 3_000, *PLAY)
     assert outcome.code == 0
-    assert outcome.out.count("'zzz': expected 1 to 10") == 3_000
+    assert outcome.out.count("'zzz': expected 1 to ") == 3_000
 
 
 @pytest.mark.parametrize("lines", [[], ["q"], ["Q"], ["1", "q"], ["1"], [" q "]])

@@ -242,7 +242,7 @@ def test_baselines_prints_a_table_of_players_and_distractors(run):
     oracle = next(line for line in lines if line.startswith("recipe oracle"))
     assert oracle.count("1.000 [") == 2
     assert lines[-1] == (
-        "63 test tasks of depth 1, each with 2 draws of distractors; intervals: 95 %, bootstrap over tasks"
+        "63 test tasks of depth 1, each with 2 distractor seeds; intervals: 95 %, bootstrap over tasks"
     )
 
 

@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from quick import build
+from quick import build, text_of
 
 from wordcraft_kg.cli import ALL, command_in, make_app, manual_of
 from wordcraft_kg.cli.console import aligned
-from wordcraft_kg.cli.failures import with_options
+from wordcraft_kg.cli.failures import RENAMED, with_options
 from wordcraft_kg.runs.record import end_run, start_run
 
 HELPED = ["train-complex", "train-links", "tune-links", "score"]
@@ -24,10 +24,11 @@ HELPED = ["train-complex", "train-links", "tune-links", "score"]
     ("arguments", "error", "usage"),
     [
         ("evaluate-links", "MODEL is missing", "evaluate-links MODEL"),
-        ("score", "MODEL is missing", "score MODEL [HEAD] [RELATION] [TAIL] REST..."),
+        ("score", "MODEL is missing", "score MODEL [HEAD] [RELATION] [TAIL] [REST...]"),
         ("export kitchen", "--format is missing", "export GRAPH --format FORMAT --out OUT"),
         ("build-graph kitchen --train-ratio", "--train-ratio needs a value", "build-graph [BOOK]"),
         ("train-complex", "GRAPH is missing", "train-complex GRAPH"),
+        ("compare --no-such", "Unknown option: --no-such", "compare RUNS..."),
         ("train-complex kitchen --epoch 3", "Unknown option: --epoch. Did you mean --epochs?", "train-complex GRAPH"),
         ("describe kitchen everyday", "unexpected argument 'everyday'", "describe GRAPH"),
     ],
@@ -45,6 +46,32 @@ def test_misuse_is_said_plainly_with_usage_and_an_example(run, arguments, error,
 def test_a_value_of_the_wrong_kind_is_misuse(refused, value):
     name, given = value.split()
     refused("train-complex", "kitchen", name, given, says=["Invalid value", name, f'"{given}"'], code=2)
+
+
+@pytest.mark.parametrize("old", [old for old in RENAMED if not old.startswith("--") and old not in ALL])
+def test_a_former_command_is_refused_with_the_new_one(refused, old):
+    error = refused(old, "kitchen", code=2, kind="UnknownCommandError")
+    suggestion = f'error: Unknown command "{old}". Did you mean {RENAMED[old]}?'
+    assert error.splitlines() == [suggestion, "`wordcraft-kg --help` lists all commands."]
+    assert old == "resume" or any(name.split()[0] == RENAMED[old].split()[0] for name in ALL)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *(f"{name} --share .5" for name in ("train-complex kitchen", "train-links kitchen", "train-recipes kitchen")),
+        *("train-complex kitchen --noise=.1", "evaluate-agent kitchen --draws 2", "compare runs --draws 2"),
+        "reference kitchen --beside runs",
+    ],
+)
+def test_a_former_option_is_refused_with_the_new_one(refused, tmp_path, command):
+    name, argument, option, *_ = command.replace("=", " ").split()
+    says = f"Unknown option: {option}. Did you mean {RENAMED[option]}?\nusage: "
+    refused(*command.split(), says=says, code=2, kind="UnknownOptionError")
+    (tmp_path / "old.toml").write_text(f"[{name}]\n{option.strip('-')} = 2\n")
+    says = f"from {tmp_path / 'old.toml'}. Did you mean {RENAMED[option]}?\n"
+    refused(name, argument, "--config", tmp_path / "old.toml", says=says, code=2)
+    assert f" {RENAMED[option]} " in text_of(name, "--help")
 
 
 @pytest.mark.parametrize(
@@ -186,7 +213,7 @@ def test_tables_have_aligned_columns_and_no_empty_ones(rows, numbers, lines):
 
 def test_help_is_wrapped_for_the_terminal_not_for_the_source_file(run):
     text = run("check-book", "--help").out
-    assert "Default: the book's own, or else the entities without a recipe." in text
+    assert "Default: the book's base, or else entities without a recipe." in text
     text = run("tune-links", "--help").out
     assert "(or `train-links --config`). Test triples are never used" in text
     assert "\n\nThe folder holds" in text

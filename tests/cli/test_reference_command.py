@@ -140,7 +140,7 @@ def test_open_ended_play_from_another_base_is_measured(printed, pack):
 
 
 def test_an_agent_beside_has_the_figures_of_its_evaluation(printed, run, pack, world):
-    (row,) = own(printed(*TWO, "--beside", world / "plain"))
+    (row,) = own(printed(*TWO, "--external-results", world / "plain"))
     assert (row["player"], row["seeds"]) == ("plain", 2)
     seeds = (world / "plain" / "seed-0", world / "plain" / "seed-1")
     of_seeds = [printed("evaluate-agent", seed, "--distractors", "1,4")["success"] for seed in seeds]
@@ -149,11 +149,11 @@ def test_an_agent_beside_has_the_figures_of_its_evaluation(printed, run, pack, w
         figure = row["figures"][amount]
         assert figure["value"] == pytest.approx(mean, abs=1e-6)
         assert figure["low"] <= mean <= figure["high"]
-    assert "plain (yours)" in run(*TWO, "--beside", world / "plain").out
+    assert "plain (yours)" in run(*TWO, "--external-results", world / "plain").out
 
 
 def test_people_beside_have_the_share_of_their_right_answers(printed, pack, tmp_path):
-    (row,) = own(printed(*TWO, "--beside", session(tmp_path / "one.jsonl", right=3, wrong=2)))
+    (row,) = own(printed(*TWO, "--external-results", session(tmp_path / "one.jsonl", right=3, wrong=2)))
     assert (row["kind"], row["people"], figures(row)) == ("people", 1, {"4": 0.6})
     assert "one person" in row["interval"]
 
@@ -181,14 +181,14 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(
 ):
     four = result(tmp_path / "four", PlayedSettings.of_tasks(kitchen_world), success(0.3))
     one = result(tmp_path / "one", PlayedSettings.of_tasks(kitchen_world.variant(num_distractors=1)), success(0.5))
-    (row,) = own(printed(*TWO, "--beside", four, "--beside", one))
+    (row,) = own(printed(*TWO, "--external-results", four, "--external-results", one))
     assert figures(row) == {"4": 0.3, "1": 0.5}
     assert (row["player"], row["tasks"], row["distractor_seeds"]) == ("parrot", 63, 1)
-    assert "2 attempts lost by messages" in run(*TWO, "--beside", four).out
-    refused(*TWO[:3], "2", "--beside", four, says="has 4 distractors, which are no column of the table")
-    refused(*TWO, "--depth", "2", "--beside", four, says="give --part test --depth 1, or leave it out")
-    refused("reference", "everyday", *TWO[2:], "--beside", four, kind="GraphMismatchError")
-    refused(*OPEN, "--beside", four, says="is of crafting tasks")
+    assert "2 attempts lost by messages" in run(*TWO, "--external-results", four).out
+    refused(*TWO[:3], "2", "--external-results", four, says="has 4 distractors, which are no column of the table")
+    refused(*TWO, "--depth", "2", "--external-results", four, says="give --part test --depth 1, or leave it out")
+    refused("reference", "everyday", *TWO[2:], "--external-results", four, kind="GraphMismatchError")
+    refused(*OPEN, "--external-results", four, says="is of crafting tasks")
 
 
 def test_results_with_several_attempts_are_compared_with_the_same_number_only(
@@ -196,8 +196,8 @@ def test_results_with_several_attempts_are_compared_with_the_same_number_only(
 ):
     settings = PlayedSettings.of_tasks(kitchen_world.variant(max_attempts=3), tasks=50)
     tries = result(tmp_path / "tries", settings, success(0.3))
-    refused(*TWO, "--beside", tries, says="give --part test --depth 1 --attempts 3")
-    text = run(*TWO, "--attempts", 3, "--beside", tries).out
+    refused(*TWO, "--external-results", tries, says="give --part test --depth 1 --attempts 3")
+    text = run(*TWO, "--attempts", 3, "--external-results", tries).out
     assert "test tasks of depth 1, 3 attempts" in text
     assert "an even sample of 63 tasks, 2 attempts lost" in text
 
@@ -207,7 +207,7 @@ def test_a_player_that_has_played_the_same_twice_has_two_rows(printed, pack, kit
     other = PlayedSettings.of_tasks(kitchen_world.variant(num_distractors=1))
     played = {"first": (settings, 0.3), "second": (settings, 0.35), "other": (other, 0.3)}
     folders = [result(tmp_path / name, one, success(mean)) for name, (one, mean) in played.items()]
-    rows = own(printed(*TWO, *(option for folder in folders for option in ("--beside", folder))))
+    rows = own(printed(*TWO, *(option for folder in folders for option in ("--external-results", folder))))
     assert [figures(row) for row in rows] == [{"4": 0.3, "1": 0.3}, {"4": 0.35}]
 
 
@@ -222,17 +222,17 @@ def test_a_log_of_inspect_is_the_row_of_a_language_model(printed, pack, tmp_path
     log.write_bytes(b"")
     # Logs have tests of their own, which need Inspect AI.
     monkeypatch.setattr(result_reader, "read_inspect_log", {log: read_record(folder / RESULT_FILE, TextResult)}.get)
-    (row,) = own(printed(*OPEN, "--beside", log))
+    (row,) = own(printed(*OPEN, "--external-results", log))
     assert (row["kind"], row["source"], figures(row)["10"]) == ("language model", str(log), 7.0)
 
 
 def test_a_player_that_uses_words_stands_in_open_ended_play(printed, refused, pack, tmp_path):
     folder = open_result(tmp_path / "open", {1: 5.5, 10: 7.25, 20: 9.0})
-    (row,) = own(printed(*OPEN, "--beside", folder))
+    (row,) = own(printed(*OPEN, "--external-results", folder))
     assert (figures(row), row["runs"]) == ({"1": 5.5, "10": 7.25, "20": 9.0}, 10)
     other = ",".join(pack.rows[-1].play.base[1:])
-    refused(*OPEN, "--base", other, "--beside", folder, says="and the table is about play from")
-    refused("reference", "kitchen", "--beside", folder, says="add --open-ended")
+    refused(*OPEN, "--base", other, "--external-results", folder, says="and the table is about play from")
+    refused("reference", "kitchen", "--external-results", folder, says="add --open-ended")
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_a_player_that_uses_words_stands_in_open_ended_play(printed, refused, pa
 )
 def test_results_that_the_table_cannot_show_are_refused(refused, pack, tmp_path, make, options, says):
     make(tmp_path / "one.jsonl")
-    refused("reference", "kitchen", *options.split(), "--beside", tmp_path / "one.jsonl", says=says)
+    refused("reference", "kitchen", *options.split(), "--external-results", tmp_path / "one.jsonl", says=says)
 
 
 def test_a_report_of_agents_shows_the_pack_apart_and_has_the_same_figures(run, world, monkeypatch, tmp_path, pack):

@@ -111,7 +111,7 @@ def test_new_only_lists_the_best_that_the_book_does_not_have(printed, trained):
 
 
 def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run, trained):
-    note = "trained on the full graph: it has seen test triples too"
+    note = "trained on the full graph, test triples included"
     triple = next(triple for triple, part in parts_of(trained / "graph").items() if part == "test")
     assert note in run("score", trained / "full", *triple).out
     assert note not in run("score", trained / "one", *triple).out

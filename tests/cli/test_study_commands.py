@@ -62,13 +62,13 @@ def test_a_sweep_trains_missing_runs_and_writes_its_results(printed, run, study,
     assert [row["variant"] for row in results["runs"]] == ["none", "none", "guided", "guided"]
     again = run("reproduce", study, "--out", out, "--seeds", 1)
     assert again.code == 0
-    assert "0 tasks done, 4 were there, 0 failed" in again.out
+    assert "0 tasks done, 4 already done, 0 failed" in again.out
 
 
 def test_a_dry_run_lists_everything_and_does_nothing(run, study, tmp_path):
     found = run("reproduce", study, "--out", tmp_path / "results", "--dry-run")
     assert found.code == 0
-    assert "1 graph, 4 runs, 1 scorer; about 0.0 hours of one core" in found.out
+    assert "1 graph, 4 runs, 1 scorer; about 0.0 core hours" in found.out
     assert "guided, seed 1" in found.out
     assert not (tmp_path / "results").exists()
 

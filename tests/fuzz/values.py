@@ -19,7 +19,7 @@ from .spoiling import toml_of
 
 GIVEN = {
     **dict.fromkeys(("a folder", "model folder", "result folder"), "in/model"),
-    **dict.fromkeys(("beside folder", "run folder", "runs folder"), "in/agent"),
+    **dict.fromkeys(("external_results folder", "run folder", "runs folder"), "in/agent"),
     **dict.fromkeys(("book", "folder folder", "graph"), "in/graph"),
     **dict.fromkeys(("dim", "embedding_size", "key_size", "value_size"), "4"),
     **dict.fromkeys(("checkpoint_every", "log_every"), "1000"),

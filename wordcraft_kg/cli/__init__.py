@@ -1,9 +1,10 @@
 """The command line: one thin module per command; results on stdout, log and progress on stderr.
 
-A new command is a module with a function of its own name and ``EXAMPLES``, and an entry in :data:`CORE`. An app adds
-commands by entry points of the group ``wordcraft_kg.commands``: the name of the command, with a dot between two words,
-and ``module:function``; its module has ``EXAMPLES`` and ``GROUP``, the group of the help. One of the commands with the
-same first word has ``SUBJECT``, the help of that word. Heavy imports go inside the function, so that help stays fast.
+To add a command, write a module with ``EXAMPLES`` and a function named after the command, and list the command in
+:data:`CORE`. Apps add commands by entry points in the group ``wordcraft_kg.commands``: the command's name, with a dot
+between two words, and ``module:function``. The module has ``EXAMPLES`` and ``GROUP``, the group in the help. If several
+commands share the first word, one module has ``SUBJECT``, the help text for this word. Import heavy packages inside the
+function: help stays fast.
 """
 
 import gc
@@ -32,19 +33,19 @@ from wordcraft_kg.cli.failures import Manual, failure_of
 from wordcraft_kg.cli.flowing_help import FlowingHelp
 
 CORE = {
-    "Graphs": ["build-graph", "describe", "check-book", "books", "export"],
+    "Recipe books and graphs": ["build-graph", "describe", "check-book", "books", "export"],
     "Link prediction": ["train-recipes", "train-complex", "train-links", "tune-links", "evaluate-links", "score"],
     "Agents": ["train-agent", "evaluate-agent", "explain"],
-    "Comparisons": ["compare", "reference", "reproduce"],
+    "Comparisons and studies": ["compare", "reference", "reproduce"],
     "Tasks and play": ["tasks", "discover"],
 }
-"""Commands of the core, by group of the help."""
+"""Core commands, by help group."""
 APPS = {point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")}
-"""Commands of apps: their entry points."""
+"""App commands and their entry points."""
 ALL = [name for names in CORE.values() for name in names] + sorted(APPS)
 PROGRAM = "wordcraft-kg"
 
-ABOUT = """Recipe graphs of crafting worlds, link prediction on them, agents, and honest reports. Start here:
+ABOUT = """Build recipe graphs of crafting worlds, predict links, train agents, and report the results. Start here:
 
   wordcraft-kg build-graph everyday --out graph
   wordcraft-kg train-recipes graph --out model
@@ -53,12 +54,12 @@ ABOUT = """Recipe graphs of crafting worlds, link prediction on them, agents, an
   wordcraft-kg explain run
   wordcraft-kg explore graph --model model --run run
 
-train-complex trains the paper's model in place of train-recipes, and compare tells runs or models apart."""
+train-complex trains the paper's model instead; compare tests the differences between runs or between models."""
 CONFIGURED = "Options can also be set in a TOML file, --config FILE, in a table named after the command."
 
 
 def make_app() -> App:
-    """Build the application with all its commands."""
+    """Build the application with all commands."""
     app = App(
         name=PROGRAM,
         help=ABOUT,
@@ -71,7 +72,7 @@ def make_app() -> App:
         suppress_keyboard_interrupt=False,
     )
     app.register_install_completion_command(
-        help="Install completion for bash, zsh or fish: a script, and the line in ~/.bashrc or ~/.zshrc that loads it.",
+        help="Install completion for bash, zsh or fish: a script, and a line in ~/.bashrc or ~/.zshrc.",
         help_epilogue="",
     )
     for rank, (title, commands) in enumerate(commands_by_group().items()):
@@ -86,13 +87,13 @@ def make_app() -> App:
                 sort_key=place,
                 usage=f"Usage: {manual.usage}",
                 help_epilogue=_examples(manual.module),
-                synonym=tuple(word.split("-")),  # "train" is no command, but three commands train something
+                synonym=tuple(word.split("-")),  # "train" is not a command, but suggests the training commands
             )
     return app
 
 
 def _subject(app: App, words: list[str], group: Group) -> App:
-    """Return the application of the commands with the same first word; of no word, ``app``."""
+    """Return the application for commands with the same first word; ``app`` if there is no such word."""
     if not words:
         return app
     (word,) = words
@@ -108,7 +109,7 @@ def _examples(*modules: ModuleType) -> str:
 
 
 def commands_by_group() -> dict[str, list[str]]:
-    """Return the names of all commands by group of the help, the core's first."""
+    """Return all command names by help group, core groups first."""
     groups = {title: list(names) for title, names in CORE.items()}
     for name in sorted(APPS):
         groups.setdefault(manual_of(name).module.GROUP, []).append(name)
@@ -116,7 +117,7 @@ def commands_by_group() -> dict[str, list[str]]:
 
 
 def manual_of(name: str) -> Manual:
-    """Return the manual of a command."""
+    """Return a command's manual."""
     if name in APPS:
         function = APPS[name].load()
         return Manual(f"{PROGRAM} {name}", function, sys.modules[function.__module__])
@@ -126,7 +127,7 @@ def manual_of(name: str) -> Manual:
 
 
 def command_in(tokens: Sequence[str]) -> str | None:
-    """Return the name of the first command that a command line names, None if there is none."""
+    """Return the first command in a command line, or None."""
     for place, token in enumerate(tokens):
         for name in (token, " ".join(tokens[place : place + 2])):
             if name in ALL:
@@ -135,16 +136,16 @@ def command_in(tokens: Sequence[str]) -> str | None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code: 0 done, 1 bad input or a failed check, 2 misuse, 130 interrupted."""
-    # A large book makes millions of small objects that all stay: collecting garbage would take longer than making them.
+    """Run a command and return the exit code: 0 done, 1 bad input or a failed check, 2 misuse, 130 interrupted."""
+    # A large book creates millions of small, long-lived objects: garbage collection would take longer than the work.
     gc.set_threshold(200_000, 20, 100)
     tokens = list(sys.argv[1:] if arguments is None else arguments)
-    tokens = ["→" if token == "->" else token for token in tokens]  # of a recipe; it is no option
+    tokens = ["→" if token == "->" else token for token in tokens]  # the arrow in a recipe, not an option
     if tokens[:1] == ["help"]:
         tokens = [*tokens[1:3], "--help"]
     name = command_in(tokens)
     manual = manual_of(name) if name else None
-    output = Output(json="--json" in tokens)  # until the options are known
+    output = Output(json="--json" in tokens)  # until the options are parsed
     try:
         _check_decodable(tokens)
         app = make_app()
@@ -158,7 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1
     except BrokenPipeError:
-        # The reader of the output has gone, as with `| head`: not an error, but Python must not flush into it at exit.
+        # The reader has closed the pipe, as `| head` does: not an error, but Python must not flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (Exception, KeyboardInterrupt) as error:
@@ -169,7 +170,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _check_decodable(tokens: Sequence[str]) -> None:
-    """Refuse file names that are not UTF-8: records and reports are."""
+    """Refuse file names that are not UTF-8, because records and reports are UTF-8."""
     for token in tokens:
         try:
             token.encode()
@@ -178,7 +179,7 @@ def _check_decodable(tokens: Sequence[str]) -> None:
 
 
 def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Refuse a fraction for a whole number, which the option parser would round."""
+    """Refuse fractions for integer options; the option parser would round."""
     for argument in arguments:
         if int in (argument.hint, *get_args(argument.hint)):
             for token in argument.tokens:
@@ -206,9 +207,9 @@ def _read_toml(path: str, command: str | None) -> dict[str, Any]:
     if command is None:
         return {}
     if command not in tables:
-        names = ", ".join(tables).replace(" ", ".") or "nothing"
-        raise ConfigError(f"--config {path}: no table [{command.replace(' ', '.')}]; found {names}.")
-    # A run's own config.toml gives paths relative to itself.
+        given = ", ".join(tables).replace(" ", ".") or "no table"
+        raise ConfigError(f"--config {path}: no table [{command.replace(' ', '.')}]; found {given}.")
+    # Paths in a run's config.toml are relative to the file.
     from wordcraft_kg.runs.config_file import moved
 
     def resolved(value: str) -> str:
@@ -219,7 +220,7 @@ def _read_toml(path: str, command: str | None) -> dict[str, Any]:
 
 
 def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the tables of a file by command: [people.serve] is of ``people serve``."""
+    """Yield the tables in a file by command: [people.serve] configures ``people serve``."""
     subjects = {name.partition(" ")[0] for name in ALL if " " in name}
     for name, options in content.items():
         if name in subjects and options and isinstance(options, dict):

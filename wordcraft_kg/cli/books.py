@@ -33,17 +33,17 @@ def books(
     clear_cache: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """List the recipe books known by name, download a published one, or look after the cache.
+    """List the recipe books known by name, download a published book, or manage the cache.
 
-    A book's name works wherever a path of a recipe book does.
+    Commands accept a book's name in place of a path.
 
     Args:
-        fetch: book to download into the cache, checked against its pinned SHA-256.
-        show_cache: list the files kept outside the folders that commands are given.
-        clear_cache: remove the fetched books and the answers of language models; PyKEEN's folder is left alone.
+        fetch: book to download into the cache; the SHA-256 is checked.
+        show_cache: list the cache folders with sizes.
+        clear_cache: remove downloaded books and language models' answers; PyKEEN's folder is kept.
     """
     if (fetch is not None) + (show_cache or clear_cache) > 1:
-        raise ConfigError("`fetch` and the options of the cache cannot be combined; give one of them.")
+        raise ConfigError("`fetch` cannot be combined with the cache options; leave out either.")
     if fetch is not None:
         path, book = fetch_book(fetch), FETCHABLE[fetch]
         values = {"book": fetch, "path": str(path), "sha256": book.sha256, "url": book.url, "note": book.note}

@@ -33,7 +33,7 @@ def build_graph(
     *,
     base: Base = None,
     base_file: Path | None = None,
-    split: Annotated[SplitName, Parameter(help=f"what is held out: {_kinds()}.")] = SplitConfig.kind,
+    split: Annotated[SplitName, Parameter(help=f"held-out recipes: {_kinds()}.")] = SplitConfig.kind,
     train_ratio: float = SplitConfig.train_ratio,
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
@@ -44,17 +44,17 @@ def build_graph(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Turn a recipe book into a graph folder: graph, split, triples and audit.
+    """Build a graph folder from a recipe book: graph, split, triples and audit.
 
     Args:
         book: recipe book: a .csv, .tsv or .json file, or a known book's name.
         base_file: text file with one base entity per line.
-        train_ratio: share of the pairs (or goals, or groups of recipes) kept for training, between 0 and 1.
-        valid_ratio: share kept for validation; the rest is the test part.
-        seed: seed of the split.
-        keep_self_results: keep rows whose result is one of their own ingredients.
-        name: what reports call the graph, and after which models are named. Default: the name of the folder.
-        out: folder to write. Default: graphs/<name, or else the book's name>.
+        train_ratio: training share (pairs, goals or recipe groups), between 0 and 1.
+        valid_ratio: validation share; the rest is the test part.
+        seed: split seed.
+        keep_self_results: keep recipes with an ingredient as the result.
+        name: graph name in reports and model folders. Default: the folder's name.
+        out: folder to write. Default: graphs/<name>, or graphs/<book's name>.
     """
     from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.evaluation.graphs import view_build
@@ -71,20 +71,20 @@ def build_graph(
     graph = RecipeGraph.from_book(recipes, _base(base, base_file))
     graph.name = book_name(folder.resolve() / "graph.json") if name is None else check_label(name, "`name`")
     drawn = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
-    found = write_graph_folder(folder, recipes, drawn, force=force)
-    if found.reachability.unreachable:
-        _warn(graph, found.reachability, inferred=base is None and base_file is None and recipes.base is None)
-    view = view_build(found, folder)
+    audited = write_graph_folder(folder, recipes, drawn, force=force)
+    if audited.reachability.unreachable:
+        _warn(graph, audited.reachability, inferred=base is None and base_file is None and recipes.base is None)
+    view = view_build(audited, folder)
     full = " --kg full" if split == "none" else ""
     following = f"wrote {folder}/   next: wordcraft-kg train-recipes {folder}{full}"
     output.result(view, [*lines_of(view), following])
 
 
-def _warn(graph: "RecipeGraph", found: "Reachability", *, inferred: bool) -> None:
-    which = f"{found.unreachable:,} of {graph.num_entities:,} entities"
+def _warn(graph: "RecipeGraph", reachability: "Reachability", *, inferred: bool) -> None:
+    which = f"{reachability.unreachable:,} of {graph.num_entities:,} entities"
     reason = ", which was inferred as the entities without a recipe; name it with --base" if inferred else ""
     base = f"the base ({names(graph.base, len(graph.base))}){reason}"
-    unreachable = names(found.unreachable_entities, found.unreachable)
+    unreachable = names(reachability.unreachable_entities, reachability.unreachable)
     logging.getLogger(__name__).warning("%s cannot be made from %s: %s", which, base, unreachable)
 
 
@@ -104,5 +104,5 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
             raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
         labels += [line for line in text.splitlines() if line.strip()]
     if not labels:
-        raise ConfigError("`base`: the list is empty; name at least one entity, or leave the option out to infer them.")
+        raise ConfigError("`base`: the list is empty; name an entity, or leave the option out to infer the base.")
     return labels

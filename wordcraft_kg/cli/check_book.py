@@ -27,14 +27,14 @@ def check_book(
     all: Flag = False,
     output: Output = Output(),
 ) -> int:
-    """Check a recipe book while you write it: list all findings with their lines, and counts. The book is not changed.
+    """Check a recipe book: list problems and notes with line numbers, and count recipes and entities.
 
-    The exit code is 1 if there is a problem. Notes are worth a look, but are not failures.
+    The book is not changed. The exit code is 1 if there are problems; notes are not failures.
 
     Args:
         book: recipe book: a .csv, .tsv or .json file, or a known book's name.
-        against: another book; the share of this one's recipes that are in it too is reported.
-        limit: most findings of a kind to show; the others are counted. The JSON has all of them.
+        against: another book; report the share of recipes that both books have.
+        limit: findings to show for each kind; the rest are counted. The JSON lists all findings.
         all: show all findings.
     """
     from wordcraft_kg.base.settings import whole

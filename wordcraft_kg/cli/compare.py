@@ -32,9 +32,9 @@ class AgentOptions:
     """Options for agents.
 
     Attributes:
-        distractors: comma-separated numbers of distractors. Default: 1, 8 and those trained with.
-        distractor_seeds: draws of distractors for each task.
-        episodes: number of episodes to explain for each agent.
+        distractors: comma-separated numbers of distractors. Default: 1, 8 and the training value.
+        distractor_seeds: distractor seeds for each task.
+        episodes: episodes to explain for each agent.
     """
 
     part: Part = "test"
@@ -48,8 +48,8 @@ class LinkOptions:
     """Options for link predictors.
 
     Attributes:
-        resamples: number of bootstrap resamples.
-        seed: seed of the bootstrap, and of the sample of very many queries.
+        resamples: bootstrap resamples.
+        seed: seed for the bootstrap, and for the sample if there are very many queries.
     """
 
     resamples: int = 2_000
@@ -67,17 +67,17 @@ def compare(
 ) -> None:
     """Compare agents on the same tables, or link predictors on the same unseen triples, with a paired bootstrap.
 
-    Agents that differ only in the seed count as one, and a report of them is written.
+    Runs that differ only in the seed count as the same agent. Agents also get a report.
 
     Args:
-        runs: run folders of agents, or model folders, on one graph and split; or folders of seeds (--seeds). The others
-            are compared with the first one.
-        out: folder of the agents' report (default: reports/<the agents' names>), or HTML page of link predictors.
+        runs: agents' run folders, or model folders, for the same graph and split; or folders written with --seeds. The
+            first is the reference.
+        out: report folder for agents (default: reports/<agents' names>), or HTML page for link predictors.
     """
     from wordcraft_kg.runs.record import read_run, run_folders
 
     if not runs:
-        raise ConfigError("compare needs run folders of agents, or folders of link predictors.")
+        raise ConfigError("compare needs run folders (agents) or model folders (link predictors).")
     folders = [run_folders(run) for run in runs]
     kinds = [read_run(seeds[0], "a run of an agent or a link predictor").kind for seeds in folders]
     agent = next((run for run, kind in zip(runs, kinds, strict=True) if kind == AGENT), None)
@@ -86,10 +86,10 @@ def compare(
         both = f"'{agent}' is an agent and '{predictor}' is a link predictor"
         raise ConfigError(f"{both}: they cannot be compared. Give agents only, or link predictors only.")
     if agent:
-        refuse_given(links, "link predictors, and these are agents")
+        refuse_given(links, "link predictors, but agents are compared")
         _compare_agents([folder for seeds in folders for folder in seeds], agents, graph, out, force, output)
     else:
-        refuse_given(agents, "agents, and these are link predictors")
+        refuse_given(agents, "agents, but link predictors are compared")
         _compare_links(list(zip(runs, folders, strict=True)), links, graph, out, force, output)
 
 
@@ -187,9 +187,9 @@ def _links_text(view: "LinkComparison") -> Iterator[str]:
         if model.has_seen_the_test_recipes:
             yield f"note: {model.name} was trained on all recipes: it has seen these triples"
     if view.best is not None:
-        level = f"; not told apart from it: {', '.join(view.not_told_apart)}" if view.not_told_apart else ""
+        level = f"; no significant difference: {', '.join(view.not_told_apart)}" if view.not_told_apart else ""
         yield f"best: {view.best}{level}"
-    widened = f"; those of differences are widened for {view.pairs} pairs of models (Bonferroni)"
+    widened = f"; intervals for differences are widened for {view.pairs} pairs of models (Bonferroni)"
     yield "95 % intervals over recipes" + (widened if view.pairs > 1 else "")
     if view.out:
         yield f"wrote {view.out}"

@@ -1,4 +1,4 @@
-"""Options of every command, results as text or JSON, and small parsers."""
+"""Common options, results as text or JSON, and small parsers."""
 
 import json
 import logging
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 @Parameter(name="*", group="Output and configuration")
 @dataclass(frozen=True)
 class Output:
-    """Options of every command.
+    """Common options.
 
     Attributes:
-        json: print one JSON object on stdout instead of text; if the command fails, {"error": {"kind", "message"}}.
+        json: print a JSON object on stdout instead of text; after a failure, {"error": {"kind", "message"}}.
         quiet: no progress on stderr.
-        verbose: log on stderr how long each stage takes, and show where an error comes from.
+        verbose: log stage durations and error tracebacks on stderr.
         config: TOML file with options in a table named after the command; the command line takes precedence.
     """
 
@@ -39,8 +39,8 @@ class Output:
     config: Path | None = None
 
     def result(self, view: "Record | dict[str, Any]", text: Iterable[str]) -> None:
-        """Print the result of a command, as one JSON object or as lines of text."""
-        Progress.close_current()  # a training may end before its last epoch
+        """Print a command's result as a JSON object or as text lines."""
+        Progress.close_current()  # training may end before the last epoch
         if self.json:
             from wordcraft_kg.base.records import as_values
 
@@ -50,13 +50,13 @@ class Output:
                 print(line)
 
     def progress(self, what: str, unit: str = "epoch") -> Progress:
-        """Return a reporter of a training's progress in epochs or another unit."""
-        Progress.close_current()  # a training that stopped early has not reported its end
+        """Return a progress reporter that counts epochs or another unit."""
+        Progress.close_current()  # a training that stopped early has not reported the end
         return Progress(what, unit=unit, hidden=self.quiet)
 
     @contextmanager
     def session(self) -> Iterator[None]:
-        """Show warnings and the stages of the work on stderr while a command runs; no bar is left behind."""
+        """Show warnings and work stages on stderr while a command runs; clear the bar at the end."""
         logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Stderr()])
         logging.captureWarnings(True)
         logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
@@ -65,7 +65,7 @@ class Output:
 
 
 class _Stderr(logging.Handler):
-    """Writes to stderr as it is at that moment: a bar on the terminal moves down for it."""
+    """Writes to the current ``sys.stderr``: a bar on the terminal moves down."""
 
     def emit(self, record: logging.LogRecord) -> None:
         print(f"{record.levelname.lower()}: {self.format(record)}", file=sys.stderr)
@@ -76,12 +76,12 @@ Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 
 
 def split_labels(values: Sequence[str]) -> list[str]:
-    """Split comma-separated labels; a label that contains a comma has to come from a file."""
+    """Split comma-separated labels; labels with commas must come from a file."""
     return [label for value in values for part in value.split(",") if (label := part.strip())]
 
 
 def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
-    """Return comma-separated whole numbers, each once; raise a ConfigError that names the option for anything else."""
+    """Return distinct comma-separated integers; raise a ConfigError that names the option for other text."""
     try:
         numbers = list(dict.fromkeys(int(value) for value in split_labels(values)))
     except ValueError:
@@ -92,20 +92,20 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
 
 
 def refuse_given(options: Any, about: str) -> None:
-    """Raise a ConfigError that names the first option of a dataclass without its default, which is for ``about``."""
+    """Raise a ConfigError that names the first option without the default value; the options are for ``about``."""
     for field in fields(options):
         if getattr(options, field.name) != getattr(type(options)(), field.name):
             raise ConfigError(f"`{field.name}` is for {about}; leave it out.")
 
 
 def check_file(out: Path | None, *, force: bool) -> None:
-    """Raise an OutputExistsError if a file exists and is not to be replaced, before any work is done."""
+    """Raise an OutputExistsError before any work if a file exists and must not be replaced."""
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
 
 
 def write_file(out: Path, content: str | Iterable[str], *, force: bool) -> None:
-    """Write a file whole or not at all."""
+    """Write a file atomically."""
     from wordcraft_kg.base.artefacts import staged_file, write_atomically
 
     with staged_file(out, force=force) as file:
@@ -116,10 +116,10 @@ MOST_SEEDS = 1_000
 
 
 def read_seeds(text: str) -> list[int]:
-    """Return the seeds of a list of numbers and ranges, each once: 0-2,7 is 0, 1, 2 and 7.
+    """Parse distinct seeds from numbers and ranges: 0-2,7 gives 0, 1, 2 and 7.
 
     Raises:
-        ConfigError: for any other text, or more than :data:`MOST_SEEDS` seeds.
+        ConfigError: for other text, or more than :data:`MOST_SEEDS` seeds.
     """
     seeds: dict[int, None] = {}
     for part in text.split(","):
@@ -133,14 +133,14 @@ def read_seeds(text: str) -> list[int]:
 
 
 def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str]:
-    """Return the lines of a table without its empty columns; ``numbers`` aligns all but the first column right."""
+    """Return table lines without empty columns; ``numbers`` right-aligns all columns after the first."""
     columns = [column for column in zip_longest(*rows, fillvalue="") if any(column)]
     widths = [f"{'>' if numbers and place else '<'}{max(map(len, column))}" for place, column in enumerate(columns)]
     return ["  ".join(map(format, row, widths)).rstrip() for row in zip(*columns, strict=True)]
 
 
 def lines_of(values: Any) -> list[str]:
-    """Return the lines of a result: a line for each field by its name in the JSON, and fields of fields indented."""
+    """Return a line for each field, named as in the JSON; nested fields are indented."""
     from wordcraft_kg.base.records import as_values
 
     return aligned(_rows(as_values(values), ""))
@@ -170,6 +170,6 @@ def _cell(value: Any) -> str:
 
 
 def names(labels: Sequence[str], total: int, most: int = 10) -> str:
-    """Join the first labels with commas, and add how many more of ``total`` there are."""
+    """Join the first labels with commas, and count the rest up to ``total``."""
     listed = ", ".join(labels[:most])
     return f"{listed} and {total - most:,} more" if total > most else listed

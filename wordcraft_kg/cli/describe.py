@@ -13,7 +13,7 @@ EXAMPLES = ("wordcraft-kg describe everyday", "wordcraft-kg describe graphs/ever
 
 
 def describe(graph: Graph, *, entity: str | None = None, output: Output = Output()) -> None:
-    """Audit a graph: ambiguity, reachability, layers, degrees, coverage, leakage; or show one entity.
+    """Audit a graph: ambiguity, reachability, layers, degrees, coverage and leakage; or show an entity.
 
     Args:
         entity: show this entity's recipes, uses and cheapest derivation instead.

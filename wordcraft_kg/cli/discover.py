@@ -32,18 +32,18 @@ def discover(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Let players discover entities from the base in open-ended play, and compare them with people.
+    """Evaluate scripted players in open-ended mode: count discovered entities and compare with people.
 
     Args:
-        attempts: combinations that a player may try.
-        runs: how many times each player plays.
-        players: comma-separated: random, random-no-repeat, greedy and empowerment (these two know the graph),
-            empowerment-scorer (guided by --scorer). Default: all; the last one only with a scorer.
+        attempts: combinations for each run.
+        runs: runs for each player.
+        players: comma-separated: random, random-no-repeat, greedy, empowerment (greedy and empowerment know the graph),
+            empowerment-scorer (guided by --scorer). Default: all; empowerment-scorer only with --scorer.
         scorer: model folder, written by train-complex, train-links, train-recipes or ask-opinions on this graph.
-        base: comma-separated entities known at the start. Default: the graph's base; people begin with air, earth,
+        base: comma-separated entities known at the start. Default: the graph's base. People begin with air, earth,
             fire and water.
-        seed: root seed of all draws.
-        out: HTML page to write, with the curves.
+        seed: root seed.
+        out: HTML page to write, with curves.
     """
     check_file(out, force=force)
     from wordcraft_kg.agents.discovery import DISCOVERERS

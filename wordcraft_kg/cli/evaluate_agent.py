@@ -24,11 +24,10 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options for the run of an agent.
+    """Options for a trained agent.
 
     Attributes:
-        agent: player of the run's tasks: the trained agent, chance, an oracle, or the run's scorer alone, with the
-            scores that the agent uses.
+        agent: player: the trained agent, chance, the recipe oracle, or the run's scorer without the agent's network.
     """
 
     agent: Literal["trained", "random", "oracle", "kg-only"] = "trained"
@@ -40,9 +39,9 @@ class ScriptedOptions:
     """Options for scripted players.
 
     Attributes:
-        depth: fewest attempts that solve a task, 1 to 5.
-        scorer: model folder; players that use its scores play too.
-        seed: seed of the draws and of ties.
+        depth: recipes in the shortest plan, 1 to 5.
+        scorer: model folder; adds players guided by this scorer.
+        seed: seed for distractors and ties.
     """
 
     depth: int = WordCraftConfig.depth
@@ -56,23 +55,23 @@ def evaluate_agent(
     part: Part = "test",
     distractors: Words = None,
     distractor_seeds: int = 5,
-    trained: Annotated[RunOptions, Parameter(name="*", group="Run of an agent")] = RunOptions(),
+    trained: Annotated[RunOptions, Parameter(name="*", group="Trained agent")] = RunOptions(),
     scripted: Annotated[ScriptedOptions, Parameter(name="*", group="Scripted players")] = ScriptedOptions(),
     output: Output = Output(),
 ) -> None:
-    """Let an agent, or scripted players, play all tasks of a part with fixed draws of distractors.
+    """Evaluate an agent or scripted players on all tasks of a split part, with fixed distractor seeds.
 
-    An agent plays greedily. On a graph, its baselines play: chance, votes, symbolic graphs, a scorer, the oracle.
+    Agents act greedily. On a graph, evaluate baselines: chance, votes, symbolic graphs, scorer, oracle.
 
     Args:
-        run: run folder, evaluated at its last checkpoint if it is unfinished; or a graph folder, book's file, or known
-            book's name, on which scripted players play.
-        distractors: comma-separated numbers of distractors. Default: as in training, and 1,2,8 for scripted players.
-        distractor_seeds: draws of distractors for each task; all players see the same.
+        run: run folder (the last checkpoint is evaluated if training is unfinished); or graph, book file or known
+            book's name for scripted players.
+        distractors: comma-separated numbers of distractors. Default: as in training; 1,2,8 for scripted players.
+        distractor_seeds: distractor seeds for each task; all players get the same tables.
     """
     whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
     if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
-        refuse_given(scripted, f"scripted players on a graph, and '{run}' is none")
+        refuse_given(scripted, f"scripted players on a graph, and '{run}' is not a graph")
         from wordcraft_kg.agents.agent_folder import open_agent
         from wordcraft_kg.evaluation.players import view_evaluation
 
@@ -81,7 +80,7 @@ def evaluate_agent(
         view = view_evaluation(Path(run), opened, trained.agent, part, amounts, distractor_seeds)
         output.result(view, lines_of(view))
     else:
-        refuse_given(trained, f"the run of an agent, and '{run}' is none")
+        refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
         amounts = whole_numbers("distractors", distractors or ["1,2,8"])
         config = WordCraftConfig(part=part, depth=scripted.depth, num_distractors=amounts[0])
         baselines = _play(run, config, amounts, distractor_seeds, scripted, output)
@@ -116,5 +115,5 @@ def _table(view: "Baselines", amounts: list[int]) -> list[str]:
     rows = [("success", *(counted(amount, "distractor") for amount in amounts))]
     rows += [(name, *(cells[name, amount] for amount in amounts)) for name in dict.fromkeys(name for name, _ in cells)]
     distractor_seeds = counted(view.distractor_seeds, "distractor seed")
-    tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds} of distractors"
+    tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds}"
     return [*aligned(rows, numbers=True), f"{tasks}; intervals: {view.intervals}"]

@@ -27,11 +27,11 @@ def evaluate_links(
     force: Force = False,
     output: Output = Output(),
 ) -> int:
-    """Rank the triples that a model has never seen, and write the report; leaked triples never count.
+    """Evaluate a model on unseen triples and write the report; leaked triples are left out.
 
     Args:
         model: model folder.
-        max_queries: most queries to rank, two for each triple; of more, a uniform sample is ranked. 0 ranks all.
+        max_queries: most queries to rank, two for each triple; above this, a uniform sample is ranked. 0 ranks all.
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
@@ -55,7 +55,7 @@ def evaluate_links(
     )
     write_report(report, folder, force=force)
     output.result(summarise_links(report.view, str(folder / "index.html")), _text(report.view, folder))
-    # Coverage is the split's choice (by-goal cannot have it); if another check fails, no figure is valid.
+    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no figure is valid.
     failed = [check for check in report.view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
         print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
@@ -77,10 +77,10 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     rows.append(("verdict", f"{best.verdict} the best baseline, {best.baseline}: {lead}"))
     for row in view.drill_down.near_synonyms:
         if row.slice == "no such train recipe":
-            rows.append(("no near-synonym", f"{_figures(row)}  (recipes that no train recipe nearly repeats)"))
+            rows.append(("no near-synonym", f"{_figures(row)}  (recipes that do not nearly repeat a train recipe)"))
     if view.memory:
         left_out = f"MRR {view.memory.left_out_mrr:.3f} on train triples left out of training"
-        rows.append(("cross-fitted", f"{left_out} ({view.memory.in_sample_mrr:.3f} where they were in it)"))
+        rows.append(("cross-fitted", f"{left_out} ({view.memory.in_sample_mrr:.3f} in-sample)"))
     if view.leaked_left_out and view.model.kg != "none":
         leaked, headline = (metrics.mrr or 0.0 for metrics in (view.with_leaked, view.metrics["all"]))
         # A model that does not remember the leaked triples lowers the figure.

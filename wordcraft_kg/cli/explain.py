@@ -27,14 +27,14 @@ def explain(
     graph: MovedGraph = None,
     output: Output = Output(),
 ) -> None:
-    """Show why an agent picked what it picked: each logit, split into the contributions of attention and knowledge.
+    """Explain an agent's actions: split each logit into contributions by attention and knowledge sources.
 
-    With recipe scores (w) it says for the best slots with which partner, and which train recipes speak for the pair.
+    With recipe scores (w), show the best slots' partners and the supporting train recipes.
 
     Args:
         run: run folder.
-        goal: entity to make. Default: tasks spread over the part.
-        episodes: number of episodes to play.
+        goal: entity to make. Default: tasks spread evenly over the part.
+        episodes: episodes to play.
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
@@ -52,7 +52,7 @@ def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
     for step in episode.steps:
         yield from _step(step)
     ending = "made it" if episode.outcome == "goal" else "did not make it"
-    yield from (f"  {ending}   (> picked, * part of the goal in a plan)", "")
+    yield from (f"  {ending}   (> action, * needed for the goal in a plan)", "")
 
 
 def _step(step: "ExplainedStep") -> Iterator[str]:
@@ -68,7 +68,7 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
         label = f"  {'>' if slot.entity == step.action else ' '} {slot.entity}{' *' if slot.is_part else ''}"
         rows.append((label, *(f"{figure:.2f}" for figure in figures), f"{slot.probability:.1%}"))
     yield from aligned(rows, numbers=True)
-    for entity, found in step.told():
-        yield f"  {label_of(found.source).symbol}: {entity} + {found.partner} because {because(found.because)}"
+    for entity, evidence in step.told():
+        yield f"  {label_of(evidence.source).symbol}: {entity} + {evidence.partner} because {because(evidence.because)}"
     if step.made:
         yield f"  made {', '.join(step.made)}"

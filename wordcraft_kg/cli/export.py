@@ -25,14 +25,14 @@ def export(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Write a graph for other tools.
+    """Export a graph to other tools' formats.
 
     Args:
         format: tsv or parquet (triples), graphml (with recipe nodes), nt (RDF, with recipe nodes), csv or json (recipe
             book).
         out: file to write.
-        part: full (all recipes, those of the test part too), partial (the train recipes), or unseen (the held-out
-            recipes, and the triples that no train recipe gives). Entities and base are always complete.
+        part: full (all recipes), partial (train recipes), or unseen (held-out recipes, and triples that no train recipe
+            gives). Entities and base are always complete.
     """
     from wordcraft_kg.graphs.export import EXPORTERS, export_graph
     from wordcraft_kg.graphs.folder import open_graph

@@ -9,25 +9,51 @@ from inspect import signature
 from types import ModuleType
 from typing import Any
 
-from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
+from cyclopts import (
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
 from wordcraft_kg.cli.console import Output
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
-"""Options by the settings that they set, where the two have different names."""
+"""Option names that differ from the setting's name."""
+RENAMED = {
+    "ask-opinions": "elicit",
+    "baselines": "evaluate-agent",
+    "cache": "books --cache",
+    "compare-agents": "compare",
+    "compare-links": "compare",
+    "evaluate-words": "evaluate-text",
+    "fetch": "books --fetch",
+    "human-summary": "people summary",
+    "link-models": "train-links --list-models",
+    "results": "reproduce --show",
+    "resume": "to repeat the interrupted command",
+    "study": "people",
+    "sweep": "reproduce",
+    "--beside": "--external-results",
+    "--draws": "--distractor-seeds",
+    "--noise": "--label-noise",
+    "--share": "--train-fraction",
+}
+"""Former names of commands and options."""
 INTERRUPTED = 130
 _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 
 
 @dataclass(frozen=True)
 class Manual:
-    """How a command is used.
+    """Usage of a command.
 
     Attributes:
-        command: program and command, as they are typed.
+        command: program and command, as typed.
         function: the command's function.
-        module: module of that function, with ``EXAMPLES``: command lines that work.
+        module: the function's module, with ``EXAMPLES``: complete command lines.
     """
 
     command: str
@@ -36,19 +62,18 @@ class Manual:
 
     @property
     def places(self) -> dict[str, str]:
-        """Positional parameters, and their form in the usage."""
-        shown = {}
-        for one in signature(self.function).parameters.values():
-            name = one.name.upper()
-            if one.kind is one.VAR_POSITIONAL:
-                shown[one.name] = f"{name}..."
-            elif one.kind is not one.KEYWORD_ONLY:
-                shown[one.name] = name if one.default is one.empty else f"[{name}]"
+        """Positional parameters, as shown in the usage line."""
+        shown, is_optional = {}, False
+        for parameter in signature(self.function).parameters.values():
+            if parameter.kind is not parameter.KEYWORD_ONLY:
+                is_optional |= parameter.default is not parameter.empty
+                name = parameter.name.upper() + "..." * (parameter.kind is parameter.VAR_POSITIONAL)
+                shown[parameter.name] = f"[{name}]" if is_optional else name
         return shown
 
     @property
     def usage(self) -> str:
-        """The command with its arguments and required options."""
+        """The command with arguments and required options."""
         options = (one for one in signature(self.function).parameters.values() if one.kind is one.KEYWORD_ONLY)
         needed = (f"--{one.name} {one.name.upper()}" for one in options if one.default is one.empty)
         return " ".join([self.command, *self.places.values(), *needed, "[OPTIONS]"])
@@ -56,14 +81,14 @@ class Manual:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a command has failed.
+    """Failure of a command.
 
     Attributes:
-        kind: name of the error's class.
+        kind: the error's class name.
         message: the found and expected values, and the remedy.
         code: exit code.
         hints: further lines for a terminal: usage and an example.
-        setting: Python name of the refused setting, if there is one.
+        setting: Python name of the refused setting, if any.
     """
 
     kind: str
@@ -73,7 +98,7 @@ class Failure:
     setting: str = ""
 
     def show(self, output: Output) -> int:
-        """Print it on stderr, and with --json as the one object on stdout; return the exit code."""
+        """Print the failure on stderr, and with --json as an object on stdout; return the exit code."""
         from rich.console import Console
 
         if output.json:
@@ -89,10 +114,10 @@ class Failure:
 
 
 def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
-    """Return an error as a failure of its command; None for a defect of this package."""
+    """Convert an error into a command failure; None for a defect in this package."""
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
-        return Failure(kind, _said(error, manual), 2, _hints(error, manual))
+        return Failure(kind, _message(error, manual), 2, _hints(error, manual))
     if isinstance(error, KeyboardInterrupt):
         return Failure(kind, str(error) or "interrupted; nothing was written", INTERRUPTED)
     if isinstance(error, WordCraftKGError):
@@ -105,9 +130,9 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, OSError):
         where = f"'{error.filename}': " if error.filename else ""
         return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")
-    # The second is torch's error about its tensors.
+    # The RuntimeError comes from torch, for tensors.
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))):
-        return Failure("MemoryError", "this machine does not have enough memory for this. Nothing was changed.")
+        return Failure("MemoryError", "this machine does not have enough memory. Nothing was changed.")
     return None
 
 
@@ -117,8 +142,8 @@ def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:
     return f"usage:   {manual.usage}", f"example: {manual.module.EXAMPLES[0]}"
 
 
-def _said(error: CycloptsError, manual: Manual | None) -> str:
-    """Return the parser's message without its Python terms."""
+def _message(error: CycloptsError, manual: Manual | None) -> str:
+    """Return the parser's message without Python terms, with the new name of a renamed command or option."""
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         return f"unexpected argument '{error.unused_tokens[0]}'."
     if type(error) is MissingArgumentError and error.argument is not None:
@@ -128,11 +153,17 @@ def _said(error: CycloptsError, manual: Manual | None) -> str:
         name = error.argument.field_info.name
         return f"{name.upper() if manual and name in manual.places else error.argument.name} is missing."
     error.verbose = False
-    return str(error).partition(" Available commands:")[0]
+    message = str(error).partition(" Available commands:")[0]
+    old = ""
+    if isinstance(error, UnknownCommandError) and error.unused_tokens:
+        old = error.unused_tokens[0]
+    elif isinstance(error, UnknownOptionError):
+        old = "--" + (error.token.keyword or error.token.value).strip("-[]")
+    return f"{message.partition(' Did you mean')[0]} Did you mean {RENAMED[old]}?" if old in RENAMED else message
 
 
 def with_options(message: str, places: Container[str] = ()) -> str:
-    """Replace the settings of an error's message, in backticks, by options, or by the arguments ``places``."""
+    """Replace setting names in backticks by options, or by arguments if in ``places``."""
 
     def named(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])

@@ -1,4 +1,4 @@
-"""Help as paragraphs: a docstring is wrapped for its file, its help for the terminal."""
+"""Help as paragraphs, wrapped for the terminal."""
 
 from typing import Any
 
@@ -6,17 +6,17 @@ from cyclopts.help import DefaultFormatter, InlineText
 
 
 class FlowingHelp(DefaultFormatter):
-    """Shows descriptions without the line ends of their docstrings; blank lines and command lines stay."""
+    """Shows docstrings without line ends; blank lines and command lines stay."""
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
-        """Show a panel of commands or options; an argument is shown by its place alone."""
+        """Show a panel with commands or options; positional arguments are shown without an option name."""
         for entry in panel.entries:
             _flow(entry.description)
         entries = [entry.copy(positive_names=()) if entry.positional_label else entry for entry in panel.entries]
         super().__call__(console, options, panel.copy(entries=entries))
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
-        """Show what a command does."""
+        """Show a command's description."""
         _flow(description)
         super().render_description(console, options, description)
 

@@ -1,4 +1,4 @@
-"""Options that several commands take, with their help."""
+"""Options shared by several commands, with help texts."""
 
 import os
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cyclopts.completion import CompletionContext
 
 AGENT = "train-agent"
-"""Kind of an agent's run."""
+"""Kind of run that trains an agent."""
 
 
 def _complete_book(context: "CompletionContext") -> Iterator[str]:
@@ -30,33 +30,31 @@ Graph = Annotated[Book, Parameter(help="graph folder, recipe book or known book'
 OptionalBook = Annotated[str | None, Parameter(completer=_complete_book)]
 FetchableBook = Annotated[str | None, Parameter(completer=lambda _: iter(FETCHABLE))]
 
-Force = Annotated[Flag, Parameter(help="replace the output if it exists.")]
+Force = Annotated[Flag, Parameter(help="replace an existing output.")]
 Words = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)]
 """Comma-separated values; the option may be repeated."""
 Base = Annotated[
     Words,
-    Parameter(help="comma-separated base entities. Default: the book's own, or else the entities without a recipe."),
+    Parameter(help="comma-separated base entities. Default: the book's base, or else entities without a recipe."),
 ]
 SingleIngredient = Annotated[
     str | None,
     Parameter(
-        help="how to read recipes of one ingredient: self combines it with itself, any other name is what it is "
-        "combined with, such as furnace. Default: such a recipe is an error."
+        help="second ingredient for recipes with a single ingredient: self repeats the ingredient; "
+        "a name such as furnace is added to each recipe. Default: such a recipe is an error."
     ),
 ]
 Seeds = Annotated[
     str | None,
     Parameter(
-        help="seeds to train one after the other, such as 0-4 or 0,3,7, each in a folder seed-N of its own. Seeds that "
-        "are done are kept, so the same command goes on after Ctrl-C."
+        help="seeds to train in turn, such as 0-4 or 0,3,7, each in a folder seed-N. Finished seeds are kept; "
+        "after Ctrl-C, repeat the command to continue."
     ),
 ]
 Trackers = Annotated[
     Words,
-    Parameter(help="where the metrics go too, comma-separated: tensorboard, wandb (offline); each needs its extra."),
+    Parameter(help="metric trackers, comma-separated: tensorboard, wandb (offline); each needs an extra."),
 ]
 Part = Annotated[TaskPart, Parameter(help="tasks to play: train, valid, test or all.")]
 Paths = Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)]
-MovedGraph = Annotated[
-    str | None, Parameter(help="where the graph is now, if it has moved since the training.", show_default=False)
-]
+MovedGraph = Annotated[str | None, Parameter(help="graph folder, if moved since training.", show_default=False)]

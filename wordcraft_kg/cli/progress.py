@@ -11,22 +11,22 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 MIN_BAR = 16
-"""Columns that are left to a bar, however many figures there are."""
+"""Minimum bar width in columns."""
 
 
 class Progress:
-    """The progress of a training or a stage; only the outermost of nested ones is shown.
+    """Progress of a training or a stage; if stages are nested, only the outermost is shown.
 
     Attributes:
         what: name of the work.
-        unit: unit of its steps, such as epoch.
+        unit: step unit, such as epoch.
         hidden: whether nothing is shown.
-        is_stage: whether the bar disappears at the end, and a short stage has no line.
+        is_stage: whether the bar disappears at the end and short stages print no line.
     """
 
     INTERVAL = 5.0  # seconds between plain lines
     _current: ClassVar["Progress | None"] = None
-    _said: ClassVar[float] = 0.0  # time of the last plain line
+    _printed: ClassVar[float] = 0.0  # time of the last plain line
 
     def __init__(self, what: str, *, unit: str = "", hidden: bool = False, is_stage: bool = False):
         """Show nothing yet."""
@@ -37,7 +37,7 @@ class Progress:
         """Report that ``done`` of ``total`` are done, with the latest figures."""
         from rich.console import Console
 
-        given_up = self.is_stage and done == total and Progress._current is None  # by a command that has ended
+        given_up = self.is_stage and done == total and Progress._current is None  # closed after the command has ended
         if self.hidden or given_up or Progress._current not in (None, self):
             return
         Progress._current = self
@@ -50,26 +50,26 @@ class Progress:
         if console.is_interactive:
             self._draw(console, done, total, shown)
         else:
-            self._say(done, total, shown)
+            self._print(done, total, shown)
         if done == total:
             self.close()
 
-    def _say(self, done: int, total: int, figures: list[str]) -> None:
+    def _print(self, done: int, total: int, figures: list[str]) -> None:
         now = time.monotonic()
-        if self.is_stage if done == total else now - Progress._said < self.INTERVAL:
+        if self.is_stage if done == total else now - Progress._printed < self.INTERVAL:
             return
-        Progress._said = now
+        Progress._printed = now
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
         print(", ".join(filter(None, [f"{self.what}: {place}", " ".join(figures)])), file=sys.stderr, flush=True)
 
     def _draw(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
         count = f"{_short(done)}/{_short(total)}" if total > 1 else ""
-        others = len(f"{self.what}  {count} 0:00:00 left ") + MIN_BAR
-        while figures and others + len("  ".join(figures)) > console.width:
+        used = len(f"{self.what}  {count} 0:00:00 left ") + MIN_BAR
+        while figures and used + len("  ".join(figures)) > console.width:
             figures.pop()
         if self._bar is None:
             self._bar = self._begin_bar(console)
-            # Nobody knows how far a single step has come: the bar shows only that something is being done.
+            # The progress within a single step is unknown: the bar only shows activity.
             self._bar.add_task(self.what, total=total if total > 1 else None, count="", figures="")
             self._bar.start()
         shown = "  ".join(["left" if count else "", *figures])
@@ -84,7 +84,7 @@ class Progress:
         return Progress(*columns, console=console, expand=True, **options)
 
     def close(self) -> None:
-        """Close the bar, even if it is not full."""
+        """Close the bar, even an unfinished bar."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -94,8 +94,8 @@ class Progress:
     @classmethod
     @contextmanager
     def session(cls) -> Iterator[None]:
-        """Leave no bar behind, however the block ends."""
-        cls._said = time.monotonic()
+        """Close the bar when the block ends, even with an error."""
+        cls._printed = time.monotonic()
         try:
             yield
         finally:
@@ -103,15 +103,15 @@ class Progress:
 
     @classmethod
     def close_current(cls) -> None:
-        """Close the bar that is on the terminal, if there is one."""
+        """Close the bar on the terminal, if any."""
         if cls._current is not None:
             cls._current.close()
 
 
 class Stages:
-    """Shows one stage of a command's work after the other; a listener of :mod:`wordcraft_kg.base.progress`."""
+    """Shows a command's stages in turn; a listener for :mod:`wordcraft_kg.base.progress`."""
 
-    INTERVAL = 0.1  # seconds between two steps that are shown
+    INTERVAL = 0.1  # seconds between two steps on display
 
     def __init__(self) -> None:
         """Begin without a stage."""
@@ -119,7 +119,7 @@ class Stages:
         self._began = self._shown = 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show how far a stage has come; those within another one are left out."""
+        """Show a stage's progress; nested stages are left out."""
         now = time.monotonic()
         if self._now is None:
             self._now, self._began = Progress(stage, is_stage=True), now

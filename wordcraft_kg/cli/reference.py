@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "wordcraft-kg reference everyday --distractors 1,2,8",
-    "wordcraft-kg reference everyday --beside runs/no-kg",
+    "wordcraft-kg reference everyday --external-results runs/no-kg",
     "wordcraft-kg reference everyday --open-ended",
 )
 OURS = "Measured here, on this graph and split"
@@ -34,25 +34,25 @@ def reference(
     attempts: int | None = None,
     open_ended: Flag = False,
     base: Words = None,
-    beside: Paths = None,
+    external_results: Paths = None,
     out: Path | None = None,
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Show figures to compare with: chance, graphs, the oracle, agents, people, language models, and your own.
+    """Show reference figures: chance, graphs, the oracle, agents, people, language models and external results.
 
-    Figures that the package does not have are measured now, by scripted players.
+    Missing figures are measured with scripted players.
 
     Args:
         distractors: comma-separated numbers of distractors. Default: 1,2,8.
-        part: tasks that were played: train, valid, test or all.
-        depth: fewest attempts that solve a task, 1 to 5.
+        part: evaluated tasks: train, valid, test or all.
+        depth: recipes in the shortest plan, 1 to 5.
         attempts: attempts in an episode. Default: depth.
-        open_ended: entities known after n attempts of open-ended play, instead of success on tasks.
-        base: comma-separated entities known at the start of open-ended play. Default: the graph's base.
-        beside: your own, in the same table: run folder of an agent or a folder of its seeds, folder of `people serve`,
-            file of `play --protocol paper`, folder of `evaluate-text`, file of `mcp --out`, log of Inspect AI. May be
-            given several times.
+        open_ended: show known entities after n attempts in open-ended mode instead of success on tasks.
+        base: comma-separated entities known at the start in open-ended mode. Default: the graph's base.
+        external_results: results to add to the table: agent run folder (or folder with several seeds), output of
+            `people serve`, `play --protocol paper`, `evaluate-text` or `mcp --out`, or Inspect AI log. May be
+            repeated.
         out: HTML page to write, with the same table.
     """
     check_file(out, force=force)
@@ -65,15 +65,16 @@ def reference(
         if distractors or (part, depth, attempts) != ("test", 1, None):
             raise ConfigError("--open-ended has no tasks; leave --distractors, --part, --depth and --attempts out.")
         opened = open_graph(graph)
-        view = view_references(opened, open_play(opened, split_labels(base) if base else None), beside=beside or ())
+        played = open_play(opened, split_labels(base) if base else None)
+        view = view_references(opened, played, DISTRACTORS, external_results or ())
     else:
         if base:
-            raise ConfigError("`base` is about open-ended play; add `open_ended`.")
+            raise ConfigError("`base` is for open-ended mode; add `open_ended`.")
         amounts = whole_numbers("distractors", distractors) if distractors else list(DISTRACTORS)
         for amount in amounts:
             config = WordCraftConfig(part=part, depth=depth, num_distractors=amount, max_attempts=attempts)
         play = TaskPlay(part, depth, config.attempts)
-        view = view_references(open_graph(graph), play, amounts, beside or ())
+        view = view_references(open_graph(graph), play, amounts, external_results or ())
     if out is not None:
         from wordcraft_kg.studies.references import reference_page
 
@@ -120,11 +121,11 @@ def _played(play: "TaskPlay | OpenPlay") -> str:
 
     if isinstance(play, TaskPlay):
         return f"success on {play.part} tasks of depth {play.depth}, {counted(play.attempts, 'attempt')}"
-    return f"entities known in open-ended play from {', '.join(play.base)}"
+    return f"entities known in open-ended mode from {', '.join(play.base)}"
 
 
 def _intervals(rows: "Sequence[ReferenceRow]") -> list[str]:
-    """Return the kinds of intervals, with the kinds of players if there are several."""
+    """Return the kinds of intervals, with player kinds if intervals differ."""
     players: dict[str, dict[str, None]] = {}
     for row in rows:
         if row.interval:

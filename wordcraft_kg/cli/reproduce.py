@@ -32,9 +32,9 @@ class Changes:
     """Changes to a study.
 
     Attributes:
-        book: comma-separated recipe books of a built-in study. Default: the study's, which is little-alchemy-2.
-        seeds: number of trainings of each cell. Default: the study's.
-        steps: environment steps of each training. Default: the study's; of a built-in one the paper's 3,000,000.
+        book: comma-separated recipe books for a built-in study. Default: little-alchemy-2.
+        seeds: number of seeds for each cell. Default: the study's.
+        steps: environment steps for each training. Default: the study's; 3,000,000 (the paper's) for built-in studies.
     """
 
     book: Words = None
@@ -44,16 +44,15 @@ class Changes:
 
 @dataclass(frozen=True)
 class ShowOptions:
-    """Options for results that are there.
+    """Options for existing results.
 
     Attributes:
-        by: comma-separated settings whose values are compared over all runs of the folder; other settings that
-            differ, except the seed, divide the runs into groups.
-        metric: success, iqm, by-plan (success by the last pair of a plan), train (success on train tasks), mrr (of the
-            scorer), or steps (until the reference's final success is reached).
-        plot: write a page with all figures, a table (CSV) and pictures (SVG; PNG and PDF with the extra
-            figures).
-        report: folder of that page, which implies --plot. Default: reports/<the study's name> in the results folder.
+        by: comma-separated settings to compare over all runs in the folder; further differences, except the seed,
+            divide the runs into groups.
+        metric: success, iqm, by-plan (success by a plan's last pair), train (success on train tasks), mrr (scorer),
+            or steps (until the reference's final success).
+        plot: write a page with all figures, a table (CSV) and plots (SVG; with the extra figures also PNG and PDF).
+        report: page folder; implies --plot. Default: reports/<the study's name> in the results folder.
     """
 
     by: Words = None
@@ -73,24 +72,24 @@ def reproduce(
     shown: Annotated[ShowOptions, Parameter(name="*", group="Options of --show")] = ShowOptions(),
     output: Output = Output(),
 ) -> int:
-    """Make a figure of the paper, one of ours, or a study of your own: build, train, evaluate, draw; or show results.
+    """Run a study and write the report (build, train, evaluate, plot), or show existing results.
 
-    Each cell is trained with several seeds. The same command goes on with an interrupted study.
+    Each cell is trained with several seeds. To continue an interrupted study, repeat the command.
 
     Args:
-        study: name of a built-in study, all, or a TOML file of your own, see docs/studies.md. With --show the name of a
-            study in the results folder (default: the only one), or a file of results.
-        all_studies: list the built-in studies, with the hours that each takes.
-        show: show the results that are there, any selection of them, and train nothing.
+        study: name of a built-in study, all, or a TOML file (see docs/studies.md). With --show, a study in the results
+            folder (default: the only study), or a results file.
+        all_studies: list the built-in studies with run times in hours.
+        show: show existing results without training.
     """
     if show:
-        refuse_given(changes, "studies that are run, not shown")
+        refuse_given(changes, "running a study, not for --show")
         return _show(study, engine.out, shown, output)
-    refuse_given(shown, "results that are there: add --show, or")
+    refuse_given(shown, "existing results: add --show, or")
     if all_studies:
         return _list(changes, engine, output)
     if study is None:
-        raise ConfigError("reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in ones.")
+        raise ConfigError("reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in studies.")
     return run_studies(_chosen(study, changes), engine, output)
 
 
@@ -100,48 +99,48 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
 
     if study not in (ALL, *built_in()):
         if changes.book:
-            raise ConfigError("`book` is for built-in studies; a file names its own.")
+            raise ConfigError("`book` is for built-in studies; in a study file, set the book.")
         return {Path(study).stem: adapted(read_study(study), steps=changes.steps, seeds=changes.seeds)}
-    found: dict[str, Study] = {}
+    studies: dict[str, Study] = {}
     for name in built_in() if study == ALL else [study]:
         declared = read_study(name)
         for book in split_labels(changes.book or ()) or [str(declared.settings.get("book", "everyday"))]:
             full = f"{name}-{Path(book).stem}"
-            if full in found:
-                raise ConfigError(f"`book`: two books are called '{Path(book).stem}', and so would be their studies.")
-            found[full] = adapted(declared, book=book, steps=changes.steps, seeds=changes.seeds)
-    return found
+            if full in studies:
+                raise ConfigError(f"`book`: two books are called '{Path(book).stem}'; rename one file.")
+            studies[full] = adapted(declared, book=book, steps=changes.steps, seeds=changes.seeds)
+    return studies
 
 
 def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
-    """Print the built-in studies, with the hours left on this machine."""
+    """Print the built-in studies with the hours left on this machine."""
     from wordcraft_kg.studies.engine import estimated_hours
     from wordcraft_kg.studies.plan import make_plan
     from wordcraft_kg.studies.study import adapted, built_in, cells_of, read_study
     from wordcraft_kg.studies.tasks import Task
 
     if changes.book:
-        raise ConfigError("`book`: the list is of the studies with their own books; leave it out.")
-    found: dict[str, dict[str, object]] = {}
+        raise ConfigError("`book` does not apply to `--list`; leave the option out.")
+    listed: dict[str, dict[str, object]] = {}
     rows: list[tuple[str, str]] = []
     tasks: dict[str, Task] = {}
     for name in built_in():
         study = adapted(read_study(name), steps=changes.steps, seeds=changes.seeds)
         try:
             plan = make_plan(study, name)
-        except RecipeFileError:  # the real book is not there; the built-in one is about as large
+        except RecipeFileError:  # the published book is missing; the built-in book has about the same size
             plan = make_plan(adapted(study, book="everyday"), name)
         tasks |= plan.tasks
         hours = estimated_hours(plan, engine.out) / plan.jobs(engine.jobs)
         trainings = len(cells_of(study))
-        found[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
+        listed[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
         about = f"{study.title}: {trainings} trainings, about {hours:.1f} hours left on this machine"
         rows += [(name, about), ("", study.source)]
     everything = replace(plan, tasks=tasks)
     hours = estimated_hours(everything, engine.out) / everything.jobs(engine.jobs)
-    rows.append((ALL, f"about {hours:.1f} hours left: what several studies need is made once"))
+    rows.append((ALL, f"about {hours:.1f} hours left: shared trainings run once"))
     following = "run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3"
-    output.result({"studies": found, "hours": round(hours, 2)}, [*aligned(rows), following])
+    output.result({"studies": listed, "hours": round(hours, 2)}, [*aligned(rows), following])
     return 0
 
 
@@ -175,17 +174,17 @@ def _collect(study: str | None, file: Path | None, root: Path, by: list[str] | N
 
     if by is not None:
         if study is not None:
-            raise ConfigError(f"'{study}' and `by` cannot be combined: `by` compares all runs of the results folder.")
+            raise ConfigError(f"'{study}' and `by` cannot be combined: `by` compares all runs in the results folder.")
         return collect_runs(root, by)
     suffix = Path(study).suffix if study is not None else ""
     if suffix == ".toml":
-        raise ConfigError(f"'{study}' is a study; expected its results. Give its name, or their file.")
+        raise ConfigError(f"'{study}' is a study; expected results. Give the study's name, or a results file.")
     if file is not None:
         return read_record(file, StudyResults)
     if suffix == ".json":
-        raise ConfigError(f"'{study}': no such file. Give a file of results, or the name of a study in '{root}'.")
+        raise ConfigError(f"'{study}': no such file. Give a results file, or the name of a study in '{root}'.")
     names = studies_of(root)
     if study is None and len(names) != 1:
-        there = f"has the studies {', '.join(names)}" if names else "has no study yet"
-        raise ConfigError(f"{root} {there}; name one, or compare all runs with `by`, such as scorer.")
+        holds = f"has the studies {', '.join(names)}" if names else "has no study yet"
+        raise ConfigError(f"{root} {holds}; name a study, or compare all runs with `by`, such as scorer.")
     return collect_study(root, names[0] if study is None else study)

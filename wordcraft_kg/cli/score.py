@@ -27,7 +27,7 @@ EXAMPLES = (
     "wordcraft-kg score models/everyday-recipes _ + water = dough",
 )
 EXPLAINED = 3
-"""Answers with their supporting recipes."""
+"""Answers shown with supporting recipes."""
 
 
 def score(
@@ -44,26 +44,26 @@ def score(
     graph: MovedGraph = None,
     output: Output = Output(),
 ) -> None:
-    """Score a triple or a recipe, list the best entities for an open slot, or do so for each line of a file.
+    """Score a triple or a recipe, rank entities for an open slot, or score all queries in a file.
 
-    Each triple, or recipe, is marked by the recipes that give it: train, valid, test, or new if no recipe of the book
-    does. A model with folds says how probable those are that its training does not contain.
+    The output marks each triple or recipe as train, valid, test, or new (not in the book). Models with folds also give
+    probabilities for triples outside the training data.
 
-    With a model of train-recipes, a + b lists what a pair makes, a + b = c (or a + b c) scores a recipe, and _ + b = c
-    lists the partners of b. It says which train recipes speak for an answer, and what it remembers from its training.
-    It also scores entities that are not in the graph, by the words of their labels, and says so.
+    With a train-recipes model, a + b ranks the results, a + b = c (or a + b c) scores a recipe, and _ + b = c ranks
+    partners. Answers come with supporting train recipes and a note if in-sample. Entities outside the graph are scored
+    by the words in their labels, with a note.
 
     Args:
         model: model folder.
-        head: entity, or _ for an open slot. An entity called _ or ? takes precedence; then write the other one.
+        head: entity, or _ for an open slot. If an entity is called _ (or ?), write ? (or _) for the open slot.
         relation: combinesWith or componentOf.
-        tail: entity, or _ for an open slot, which is the default.
-        rest: what else there is of a recipe such as a + b = c, which may also be one argument.
-        top: number of entities to list for an open slot.
-        new_only: leave out the triples, or recipes, that the book has already.
-        queries: CSV or TSV file of head, relation and tail, or with the header ingredient_a,ingredient_b,result; a
-            slot that is empty or _ is open.
-        out: CSV or TSV file to write the scores of --in to. Default: show them.
+        tail: entity, or _ for an open slot (default).
+        rest: further words of a recipe such as a + b = c; quotes are optional.
+        top: entities to list for an open slot.
+        new_only: leave out known triples or recipes.
+        queries: CSV or TSV file with head, relation and tail, or with the header ingredient_a,ingredient_b,result; an
+            empty cell or _ is an open slot.
+        out: CSV or TSV file for the scores of --in. Default: print the scores.
     """
     from wordcraft_kg.cli.failures import with_options
     from wordcraft_kg.evaluation.scores import AnyLabel, ScoringModel, note_of_words, with_new_words
@@ -71,36 +71,36 @@ def score(
 
     whole("top", top, 1)
     words = [word for word in (head, relation) if word is not None] + [word for word in (tail, *rest) if word]
-    _check_question(words, has_relation=relation is not None, file=queries, out=out)
+    _check_query(words, has_relation=relation is not None, file=queries, out=out)
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
     if loaded.split is None:
         logging.getLogger(__name__).warning("not shown which triples are known: %s", with_options(loaded.missing))
     entities = AnyLabel(loaded.scorer.entities)
     if queries is not None:
-        asked = read_queries(queries, entities)
-        loaded = with_new_words(loaded, model, asked, queries)
-        _score_file(loaded, asked, top, new_only, out, force, output)
+        read = read_queries(queries, entities)
+        loaded = with_new_words(loaded, model, read, queries)
+        _score_file(loaded, read, top, new_only, out, force, output)
         return
     query = parse_query(words, frozenset(loaded.scorer.entities), entities)
     loaded = with_new_words(loaded, model, [query])
-    view, found, lines = _score_query(loaded, query, top, new_only)
-    output.result(view, [*lines, *note_of_words(loaded), *_notes(loaded.kg, found)])
+    view, scored, lines = _score_query(loaded, query, top, new_only)
+    output.result(view, [*lines, *note_of_words(loaded), *_notes(loaded.kg, scored)])
 
 
-def _check_question(words: list[str], *, has_relation: bool, file: Path | None, out: Path | None) -> None:
-    is_question = has_relation or any("+" in word for word in words)
-    if bool(words) == (file is not None) or (file is None and not is_question):
+def _check_query(words: list[str], *, has_relation: bool, file: Path | None, out: Path | None) -> None:
+    is_query = has_relation or any("+" in word for word in words)
+    if bool(words) == (file is not None) or (file is None and not is_query):
         raise ConfigError(
-            "score needs a head, a relation and perhaps a tail, or a recipe such as a + b, or a file of them with --in."
+            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a query file with --in."
         )
     if file is None and out is not None:
-        raise ConfigError(f"--out {out}: only the scores of a file are written; give one with --in.")
+        raise ConfigError(f"--out {out}: only the scores for a file are written; add a query file with --in.")
 
 
 def _score_query(
     model: "ScoringModel", query: "Query | RecipeQuery", top: int, new_only: bool
 ) -> "tuple[Record, Sequence[Any], list[str]]":
-    """Return the answer to a query, its scored triples or recipes, and their lines."""
+    """Return the answer to a query, the scored triples or recipes, and the text lines."""
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
     from wordcraft_kg.evaluation.scores import view_open_slot, view_triple
     from wordcraft_kg.models.scorers.queries import RecipeQuery
@@ -113,7 +113,7 @@ def _score_query(
         triples = [f"{slot.head or best.entity} {slot.relation} {slot.tail or best.entity}" for best in slot.top]
         return slot, slot.top, [*_lines(slot.top, triples)]
     if new_only:
-        raise ConfigError("--new-only chooses among several; leave a slot open or give a file with --in.")
+        raise ConfigError("--new-only filters a ranking; leave a slot open, or give a query file with --in.")
     view: Any
     if isinstance(query, RecipeQuery):
         view = view_recipe(RecipeScoring.of(model), query)
@@ -135,7 +135,7 @@ def _score_file(
     force: bool,
     output: Output,
 ) -> None:
-    """Score the queries of a file, all triples or all recipes, and show the scores or write them."""
+    """Score the queries in a file, all triples or all recipes, and print or write the scores."""
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipeRow, score_recipe_queries
     from wordcraft_kg.evaluation.scores import ScoredRow, note_of_words, score_queries, view_file
     from wordcraft_kg.models.scorers.queries import RecipeQuery
@@ -144,52 +144,52 @@ def _score_file(
     kind: type[Any] = ScoredRow
     if isinstance(queries[0], RecipeQuery):
         kind = ScoredRecipeRow
-        found: list[Any] = list(score_recipe_queries(RecipeScoring.of(model), queries, top, new_only=new_only))
+        scored: list[Any] = list(score_recipe_queries(RecipeScoring.of(model), queries, top, new_only=new_only))
     else:
-        found = list(score_queries(model, queries, top, new_only=new_only))
-    text = [*([] if out else _lines(found)), *note_of_words(model), *_notes(model.kg, found)]
+        scored = list(score_queries(model, queries, top, new_only=new_only))
+    text = [*([] if out else _lines(scored)), *note_of_words(model), *_notes(model.kg, scored)]
     if out is not None:
         delimiter = "\t" if out.suffix.lower() in (".tsv", ".tab") else ","
-        write_file(out, _table(kind.__struct_fields__, found, delimiter), force=force)
-        text.append(f"wrote {out}: {len(found):,} scores of {len(queries):,} queries")
-    output.result(view_file(model, queries, found, out), text)
+        write_file(out, _table(kind.__struct_fields__, scored, delimiter), force=force)
+        text.append(f"wrote {out}: {len(scored):,} scores for {len(queries):,} queries")
+    output.result(view_file(model, queries, scored, out), text)
 
 
-def _lines(found: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield a line for each scored triple or recipe, and the support of the first recipes."""
+def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:
+    """Yield a line for each scored triple or recipe, and supporting evidence for the first recipes."""
     from wordcraft_kg.evaluation.recipe_scores import because
 
     rows = [
         (f"{one.score:9.4f}", one.known or "", thing, _chance(one), "(memory)" * getattr(one, "memory", False))
-        for one, thing in zip(found, things or map(_thing, found), strict=True)
+        for one, thing in zip(scored, things or map(_thing, scored), strict=True)
     ]
-    for number, (line, one) in enumerate(zip(aligned(rows), found, strict=True)):
+    for number, (line, one) in enumerate(zip(aligned(rows), scored, strict=True)):
         yield line
         if number < EXPLAINED and (support := getattr(one, "because", ())):
             yield f"{'':9}  because {because(support)}"
 
 
-def _thing(found: Any) -> str:
-    if hasattr(found, "relation"):
-        return f"{found.head} {found.relation} {found.tail}"
-    return f"{found.ingredient_a} + {found.ingredient_b} -> {found.result}"
+def _thing(row: Any) -> str:
+    if hasattr(row, "relation"):
+        return f"{row.head} {row.relation} {row.tail}"
+    return f"{row.ingredient_a} + {row.ingredient_b} -> {row.result}"
 
 
-def _chance(found: Any) -> str:
-    share = getattr(found, "probability", None)
+def _chance(row: Any) -> str:
+    share = getattr(row, "probability", None)
     return "" if share is None else f"probability {'> 99' if share > 0.99 else format(100 * share, '.2g')} %"
 
 
-def _notes(kg: "TrainedOn | None", found: Sequence[Any]) -> Iterator[str]:
-    """Yield the notes on triples or recipes that the model has seen in training."""
-    if any(getattr(one, "memory", False) for one in found):
-        yield "(memory): the scorer was trained on this recipe, so its score is no prediction."
-    if kg == "full" and {"valid", "test"} & {one.known for one in found}:
-        yield "The model was trained on the full graph: it has seen test triples too."
+def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
+    """Yield notes on triples or recipes in the training data."""
+    if any(getattr(one, "memory", False) for one in scored):
+        yield "(memory): the scorer was trained on this recipe, so the score is not a prediction."
+    if kg == "full" and {"valid", "test"} & {one.known for one in scored}:
+        yield "The model was trained on the full graph, test triples included."
 
 
 def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
-    """Return the text of a file of scores; where a value is None, its cell is empty."""
+    """Return a score file's text; the cell for None is empty."""
     import pandas as pd
 
     frame: Any = pd.DataFrame([[getattr(row, column) for column in columns] for row in rows], columns=list(columns))

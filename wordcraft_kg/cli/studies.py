@@ -1,4 +1,4 @@
-"""Running the studies of ``reproduce``: the engine's options, progress, and the outcome."""
+"""Study runs for ``reproduce``: engine options, progress and outcome."""
 
 import shlex
 import sys
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.studies.tasks import Workers
 
 LISTED = 10
-"""Tasks that a dry run and a message of failures list."""
+"""Tasks to list in a dry run or a failure message."""
 
 
 @Parameter(name="*", group="Engine")
@@ -30,12 +30,12 @@ class EngineOptions:
     """Where and how a study runs.
 
     Attributes:
-        out: results folder; what it holds already is not made again, so the same command goes on after Ctrl-C.
-        engine: local (processes of this machine) or ray (a cluster; needs the extra ray).
-        jobs: trainings at once, of the local engine. Default: the number of cores.
-        address: of the Ray cluster: auto, or host:port. Default: one of its own, on this machine.
-        keep: all files of a run, or figures alone: without weights and episodes, which take tens of megabytes each.
-        dry_run: list what would be done and how long it takes, and do nothing.
+        out: results folder; finished tasks are kept. After Ctrl-C, repeat the command to continue.
+        engine: local (processes on this machine) or ray (a cluster; needs the extra ray).
+        jobs: parallel trainings of the local engine. Default: the number of cores.
+        address: Ray cluster: auto, or host:port. Default: a new cluster on this machine.
+        keep: all run files, or figures: without weights and episodes (tens of megabytes).
+        dry_run: list the tasks and the run time without running anything.
     """
 
     out: Path = Path("results")
@@ -46,21 +46,21 @@ class EngineOptions:
     dry_run: Flag = False
 
     def make_workers(self, plan: "Plan") -> "Callable[[], Workers]":
-        """Return a function that starts the workers; raise a ConfigError for options of the other engine."""
+        """Return a function that starts the workers; raise a ConfigError for options that the engine lacks."""
         from wordcraft_kg.studies.perform import perform
 
         work = partial(perform, keep_all=self.keep == "all")
         if self.engine == "ray":
             if self.jobs is not None:
-                raise ConfigError("`jobs` is of the local engine; a cluster takes as many as it has cores.")
+                raise ConfigError("`jobs` is for the local engine; a cluster uses all cores. Leave `jobs` out.")
             from wordcraft_kg.studies.ray_workers import RayWorkers
 
             return lambda: RayWorkers(self.out, self.address, work)
         if self.address is not None:
-            raise ConfigError("`address` is that of a Ray cluster; give `engine` ray too.")
+            raise ConfigError("`address` is for a Ray cluster; add `engine` ray.")
         from wordcraft_kg.studies.local_workers import LocalWorkers
 
-        jobs = plan.jobs(self.jobs)  # refused now, if it has to be
+        jobs = plan.jobs(self.jobs)  # an error is raised before the workers start
         return lambda: LocalWorkers(self.out, jobs, work, plan.threads)
 
 
@@ -94,7 +94,7 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
     hours, jobs = estimated_hours(plan, options.out), plan.jobs(options.jobs)
     kinds = Counter(task.kind for task in plan.tasks.values())
     counts = ", ".join(f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items())
-    about = f"{counts}; about {hours:.1f} hours of one core, {hours / jobs:.1f} with {jobs} jobs"
+    about = f"{counts}; about {hours:.1f} core hours, {hours / jobs:.1f} hours with {jobs} jobs"
     tasks = [{"address": address, "title": task.title} for address, task in plan.tasks.items()]
     listed = _first([f"  {task['address']}  {task['title']}" for task in tasks], "--json lists all")
     return {"core_hours": round(hours, 3), "tasks": tasks}, [f"{plan.study.title}: {about}", *listed]
@@ -111,16 +111,16 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
     results = collect_study(options.out, plan.name)
     folder, page = options.out / "reports" / plan.name, None
     failures = {plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()}
-    text = [f"{state.done:,} tasks done, {state.kept:,} were there, {len(failures):,} failed"]
+    text = [f"{state.done:,} tasks done, {state.kept:,} already done, {len(failures):,} failed"]
     text += _first([f"  {title}: {error}" for title, error in failures.items()], f"in {options.out / 'failed'}/")
     try:
         if results.runs:
             view = view_study(results)
             page, *_ = write_study_report(view, folder, force=True)
-            # After the report, which replaces the folder; small enough to be kept with a page that shows it.
+            # Written after the report, which replaces the folder; small enough to keep with the page.
             write_atomically(folder / "results.json", results_text(results))
             text = [*lines_of(view, "success"), *text, f"wrote {folder}/   open {page}"]
-    except ConfigError as error:  # of figures that cannot be averaged; the other studies go on
+    except ConfigError as error:  # figures cannot be averaged; continue with the next study
         text.append(f"no report: {error}")
     report = None if page is None else str(folder)
     return {"done": state.done, "kept": state.kept, "failed": failures, "report": report}, text

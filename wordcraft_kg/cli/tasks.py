@@ -28,14 +28,14 @@ def tasks(
     seed: int = 0,
     output: Output = Output(),
 ) -> None:
-    """Count the tasks of a graph, and show some as an agent sees them, with all their plans.
+    """Count the tasks of a graph, and show examples with tables and all plans.
 
     Args:
-        depth: fewest attempts that solve a task, 1 to 5.
-        distractors: entities on the table that no plan needs.
-        part: train (all plans use train recipes only), test (each uses a test recipe), valid, or all.
-        limit: number of tasks to show; 0 only counts them.
-        seed: seed of the order in which tasks are shown, and of their tables.
+        depth: recipes in the shortest plan, 1 to 5.
+        distractors: distractors on the table.
+        part: train (all plans use train recipes only), test (each plan uses a test recipe), valid, or all.
+        limit: tasks to show; with 0, only count.
+        seed: seed for the order and the tables of the examples.
     """
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
     from wordcraft_kg.evaluation.tasks import view_tasks

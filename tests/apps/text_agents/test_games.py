@@ -278,7 +278,7 @@ def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, path: Pat
 
 def test_a_file_of_games_is_a_row_of_the_reference_table(run, kitchen: OpenedGraph, games: TaskGames, path: Path):
     write(path, PlayedSettings.of_tasks(games.world), all_tasks(games, "1 2"))
-    outcome = run("reference", "kitchen", "--distractors", "3", "--beside", path)
+    outcome = run("reference", "kitchen", "--distractors", "3", "--external-results", path)
     success = read_games_result(path, kitchen).success
     assert outcome.code == 0, outcome.err
     (line,) = (line for line in outcome.out.splitlines() if "MCP clients" in line)

@@ -200,7 +200,7 @@ def test_out_implies_a_report(run, file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ("--out {folder}/empty", "has no study yet; name one, or compare all runs with --by"),
+        ("--out {folder}/empty", "has no study yet; name a study, or compare all runs with --by"),
         ("x --out {folder}/empty", "has no study 'x'"),
         ("{folder}/made-up.json --by scorer", "cannot be combined"),
         ("--out {folder}/empty --by scorer", "'scorer'"),

@@ -131,7 +131,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "settings of a scorer without one": (
         lambda: wk.AgentConfig("kitchen", policy=wk.PolicyConfig(use="u,v,w")),
-        "ConfigError: `use` says how to use a scorer; give a `scorer` too.",
+        "ConfigError: `use` configures the use of a scorer: give a `scorer` too.",
     ),
     "no model of this name": (
         lambda: wk.open_model("models/none"),

@@ -396,6 +396,6 @@ def test_of_very_many_tasks_a_sample_is_played_and_said_to_be_one(opened, monkey
     evaluator = Evaluator(world, distractor_seeds=1, limit=20)
     assert 10 <= len(evaluator.tasks) <= 20 < amount
     assert len(set(np.diff(evaluator.tasks).tolist())) == 1
-    assert f"{amount:,} train tasks are too many to play: {len(evaluator.tasks)} of them stand for all" in caplog.text
+    assert f"{amount:,} train tasks are too many: evaluating a sample of {len(evaluator.tasks)} tasks" in caplog.text
     assert evaluator(random_entity).figures().tasks == len(evaluator.tasks)
     assert len(Evaluator(world, limit=None).tasks) == amount

@@ -252,7 +252,7 @@ def test_a_pair_makes_what_the_rules_of_the_world_say(ambiguity):
 
 def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(made):
     world, policy = made("no scorer", max_attempts=40)
-    whole, cut = (Explainer(policy, world, most_actions=most) for most in (None, 5))
+    whole, cut = (Explainer(policy, world, max_actions=most) for most in (None, 5))
     long = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) == 80)
     assert cut.episode(long).steps == whole.episode(long).steps[:5]
     assert (cut.episode(long).outcome, whole.episode(long).outcome) == ("in_progress", "out_of_attempts")
@@ -298,8 +298,8 @@ def assert_ways(graph, scorer, found):
             fold, told = int(scorer.of_recipe[row]), ways[recipe]
             assert (told.part == "train") == (fold >= 0)
             seen = {"train_recipes": fold >= 0, "without_a_fold": fold not in (-1, found.fold), "no_knowledge": False}
-            assert told.is_remembered == seen[found.model]
-    assert {*found.memory} == {one for one in ways.values() if one.is_remembered}
+            assert told.is_in_sample == seen[found.model]
+    assert {*found.in_sample} == {one for one in ways.values() if one.is_in_sample}
 
 
 def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(
@@ -317,7 +317,7 @@ def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_go
         folds = {int(scorer.of_recipe[row]) for row in rows} - {-1}
         expected = ("without_a_fold", next(iter(folds))) if len(folds) == 1 else ("train_recipes", None)
         assert (found.model, found.fold) == expected
-        found_models.append((found.model, bool(found.memory)))
+        found_models.append((found.model, bool(found.in_sample)))
         model = scorer.whole if found.fold is None else scorer.left_out(found.fold)
         (w,) = make_sources(["w"], model)
         slots = w(torch.tensor([goal]), torch.tensor([graph.num_entities]), torch.tensor([table]))[0].tolist()
@@ -334,13 +334,13 @@ def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened, scorer
     goal, rows = next((goal, [of[0] for of in folds.values()][:2]) for goal, folds in by_goal.items() if len(folds) > 1)
     table = sorted({part for row in rows for part in graph.recipes[row, :2].tolist()})
     found = explainer.table(goal, table)
-    assert (found.model, bool(found.memory)) == ("train_recipes", True)
+    assert (found.model, bool(found.in_sample)) == ("train_recipes", True)
     # Made from a task, it stays that task: its own model answers, which has seen the other way only.
     plans = {task: plan for task, plan in enumerate(world.tasks.plans) if (rows[0],) in plan}
     (task,) = plans
     like = explainer.table(goal, table, like=task)
     assert (like.model, like.fold) == ("without_a_fold", int(scorer.of_recipe[rows[0]]))
-    assert [one.is_remembered for way in like.ways for one in way if one.part == "train"].count(False) >= 1
+    assert [one.is_in_sample for way in like.ways for one in way if one.part == "train"].count(False) >= 1
     # Without its ingredients, or with another goal, it is that task no more.
     gone = [entity for entity in table if entity != graph.recipes[rows[0], 0]] or table
     assert explainer.table(goal, gone, like=task).model == explainer.table(goal, gone).model
@@ -354,7 +354,7 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(made, kg, model
         found = explainer.task(task)
         assert (found.model, found.fold) == (model, None)
         for way in found.ways:
-            assert all(one.is_remembered == (kg == "full" or one.part == "train") for one in way)
+            assert all(one.is_in_sample == (kg == "full" or one.part == "train") for one in way)
 
 
 @pytest.mark.parametrize("in_sample", [False, True])
@@ -376,15 +376,15 @@ def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened,
             trained_on = set()
         for one in (recipe for way in found.ways for recipe in way):
             ids = tuple(map(opened.graph.id_of, (one.ingredient_a, one.ingredient_b, one.result)))
-            assert one.is_remembered == (ids in trained_on)
-            told.add((one.part, one.is_remembered))
+            assert one.is_in_sample == (ids in trained_on)
+            told.add((one.part, one.is_in_sample))
     assert told >= {("train", False), *([("train", True)] if in_sample else [])}
 
 
 @pytest.mark.parametrize("kind", ["no scorer", "mlp"])
 def test_without_a_scorer_no_model_answers(explaining, kind):
     found = explaining(kind, "train")[1].task(3)
-    assert (found.model, bool(found.memory)) == ("no_scorer", False)
+    assert (found.model, bool(found.in_sample)) == ("no_scorer", False)
     assert found.episode.steps[0].lambdas == {}
 
 
@@ -401,7 +401,7 @@ def test_tables_are_explained_whatever_the_split(opened, kind):
     for task in range(0, len(world.tasks), 9):
         found = explainer.task(task)
         assert found.model == ("train_recipes" if kind == "none" else "without_a_fold")
-        assert bool(found.memory) == (kind == "none") or len(found.ways) > 1
+        assert bool(found.in_sample) == (kind == "none") or len(found.ways) > 1
 
 
 # --- several at once -------------------------------------------------------------------------------------------------

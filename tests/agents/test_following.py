@@ -132,6 +132,6 @@ def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_
         for one in (recipe for way in run.explainer(world).task(task).ways for recipe in way):
             ids = [opened.graph.id_of(label) for label in (one.ingredient_a, one.ingredient_b, one.result)]
             (row,) = (row for row, recipe in enumerate(opened.graph.recipes.tolist()) if recipe == ids)
-            assert one.is_remembered == (one.part == "train" if gone else bool(is_right[row]))
-            told.add((one.part, one.is_remembered))
+            assert one.is_in_sample == (one.part == "train" if gone else bool(is_right[row]))
+            told.add((one.part, one.is_in_sample))
     assert told >= {("train", True), ("test", False)} | (set() if gone else {("train", False)})

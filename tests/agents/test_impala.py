@@ -590,7 +590,7 @@ def test_a_missing_compiler_is_an_error_that_says_what_to_do(trainer, monkeypatc
     monkeypatch.setattr(torch, "compile", fail)
     with refuses("compile"):
         check_compiler(torch.device("cpu"))
-    with pytest.raises(ConfigError, match="train without it"):
+    with pytest.raises(ConfigError, match="train without `compile`"):
         trainer(compile=True)
     trainer(compile=False).update()
 

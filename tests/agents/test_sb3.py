@@ -239,7 +239,7 @@ def test_a_saved_model_predicts_the_same_and_trains_on(algorithm, tmp_path):
 def test_what_does_not_fit_is_refused():
     network, vectors = make_network(), np.ones((make_network().num_entities, 4), dtype=np.float32)
     for env in (FeatureObservation(make_env(), vectors), gym.make("CartPole-v1")):
-        with pytest.raises(ConfigError, match="expected the ids of goal, selection and table"):
+        with pytest.raises(ConfigError, match="expected goal, selection and table as ids"):
             make_model("PPO", network, env)
     with pytest.raises(ConfigError, match="knows 80 entities but the environment has "):
         make_model("MaskablePPO", network, make_env(graph="paper-examples"))

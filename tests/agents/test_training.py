@@ -251,4 +251,4 @@ def test_a_book_of_self_pairs_is_warned_about_where_only_observed_self_edges_are
     book.write_text("ingredient_a,ingredient_b,result\n" + pairs, encoding="utf-8")
     config = replace(config, scorer="models/mine", policy=PolicyConfig(self_edges=self_edges))
     _warn_of_self_pairs(open_graph(book).graph, config)
-    assert ("67 % of the pairs of book combine a thing with itself" in caplog.text) == warns
+    assert ("67 % of pairs in book combine an entity with itself" in caplog.text) == warns

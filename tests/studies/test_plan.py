@@ -101,7 +101,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     ("more", "said"),
     [
         ('[variants.odd]\nscorer = "partial"\nuse = "x"', "variant 'odd', distractors 2: `use` 'x'"),
-        ('[variants.odd]\nkg_only = true', "`kg_only` says how to use a scorer"),
+        ('[variants.odd]\nkg_only = true', "`kg_only` configures the use of a scorer"),
         ('[variants.odd]\nsplit = "none"', "there are no test tasks to compare agents on"),
         ('[variants.odd]\nuse = 3', "`use` 3: expected text"),
         ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a number"),

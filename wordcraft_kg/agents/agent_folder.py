@@ -28,7 +28,7 @@ class AgentRun:
 
     Attributes:
         name: display name, see :func:`~wordcraft_kg.runs.record.run_name`.
-        checkpoint: ``final``, ``step N`` for an unfinished run, or empty without a checkpoint.
+        checkpoint: ``final``, ``step N`` for an unfinished run, or empty before the first checkpoint.
         config: settings.
         run: ``run.json``.
         metrics: lines in ``metrics.jsonl``.
@@ -80,22 +80,18 @@ def read_agent_run(folder: str | Path) -> AgentRun:
         metrics = read_metrics(files.bytes(_METRICS), folder / _METRICS)
         return AgentRun(name, "final", config, files.run, metrics, read_summary(files))
     last = next(iter(AGENTS.checkpoints(folder).records()), None)
-    checkpoint = "" if last is None else _step(last)
+    checkpoint = "" if last is None else f"step {last:,}"
     path = folder / _METRICS
     lines = read_small_file(path) if path.exists() else b""
     metrics = read_metrics(lines[: lines.rfind(b"\n") + 1], path)  # the last line may be incomplete
     return AgentRun(name, checkpoint, config, files.run, metrics, None)
 
 
-def _step(number: int) -> str:
-    return f"step {number:,}"
-
-
 def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> OpenedAgent:
-    """Open a run folder, an unfinished run at the last checkpoint.
+    """Open a run folder; an unfinished run is opened at the last checkpoint.
 
     Args:
-        folder: run folder of ``train-agent``.
+        folder: ``train-agent`` run folder.
         graph: new location of the graph, or the opened graph.
 
     Raises:
@@ -114,12 +110,12 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
         policy = read_policy(folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors"))
     else:
         last = AGENTS.checkpoints(folder).load()
-        policy, checkpoint = policy_at(files, last), _step(last.number)
+        policy, checkpoint = policy_at(files, last), f"step {last.number:,}"
     return OpenedAgent(**{**vars(records), "checkpoint": checkpoint}, policy=policy, opened=opened)
 
 
 def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
-    """Return the policy of a checkpoint.
+    """Return the policy at a checkpoint.
 
     Raises:
         ArtefactError: if the files are inconsistent.

@@ -1,4 +1,4 @@
-"""Settings of the trainer: every option, default, unit and allowed range; imports no torch."""
+"""Trainer settings with defaults, units and allowed ranges; imports no torch."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -16,19 +16,18 @@ _LARGE = 1e9
 
 @dataclass(frozen=True)
 class TaskConfig:
-    """The tasks that an agent is trained on and, in another part, evaluated on.
+    """Settings for training and evaluation tasks.
 
     Attributes:
-        depth: fewest attempts that solve a task, 1 to 5.
+        depth: minimum attempts to solve a task, 1 to 5.
         distractors: entities on the table that no plan needs.
-        max_attempts: attempts in an episode. Default: depth.
-        reward: sparse (1 for the goal) or official (with the penalties and sub-goals of the paper's released code);
-            success counts the goal alone either way.
-        distractor_weighting: use draws an entity with weight 1 + the number of train recipes that use it, uniform draws
-            all alike.
-        distractor_policy: any; or no_shortcut, with which no distractor opens another way to the goal.
-        task_weighting: task draws all train tasks alike, goal draws a goal, then one of its tasks.
-        ambiguity: all results of a pair, or only the last (the paper's released code keeps one).
+        max_attempts: attempts per episode. Default: depth.
+        reward: sparse (1 for the goal) or official (with the penalties and sub-goals in the paper's released code);
+            success counts only goals in both cases.
+        distractor_weighting: sample distractors by use (weight 1 + number of train recipes with the entity) or uniform.
+        distractor_policy: any; or no_shortcut, so that no distractor allows an additional plan for the goal.
+        task_weighting: sample train tasks by task (uniformly) or by goal (first a goal, then a task with this goal).
+        ambiguity: all results of a pair, or only the last (as in the paper's released code).
 
     Example:
         >>> TaskConfig(depth=2, distractors=4).environment("test").part
@@ -48,7 +47,7 @@ class TaskConfig:
         self.environment("train")
 
     def environment(self, part: TaskPart, distractors: int | None = None) -> WordCraftConfig:
-        """Return the environment's settings for a part, with another number of distractors if one is given.
+        """Return the environment settings for a split; ``distractors`` replaces the number of distractors.
 
         Raises:
             ConfigError: for a value out of range.
@@ -63,24 +62,24 @@ class ImpalaConfig:
     """IMPALA with the paper's settings.
 
     Attributes:
-        steps: environment steps (picks) of the whole training, rounded up to whole updates; 3,000,000 in the paper.
-        batch_size: environments side by side, which is also the number of unrolls in an update; 128 in the paper.
-        unroll: steps of each environment in an update; 2 in the paper.
-        policy_lag: updates by which the acting policy is behind the learning one; with 0 all importance ratios are 1.
+        steps: environment steps (actions) for training, rounded up to whole updates; 3,000,000 in the paper.
+        batch_size: parallel environments, each with one unroll per update; 128 in the paper.
+        unroll: steps per environment and update; 2 in the paper.
+        policy_lag: delay between acting and learning policy, in updates; 0 makes all importance ratios 1.
         discount: γ; 0.99 in the paper.
-        learning_rate: learning rate of RMSProp, decayed linearly to 0; 0.001 in the paper.
-        rms_decay: decay of RMSProp's average of squared gradients; 0.99 in the paper's released code.
-        rms_epsilon: ε of RMSProp; 0.01 in the paper.
-        momentum: momentum of RMSProp.
-        entropy_cost: weight of the entropy; 0.01 in the paper.
-        baseline_cost: weight of the value loss; 0.5 in the paper's released code.
-        clip: largest norm of the gradient; 40 in the paper's released code.
-        seed: root seed of initialisation, environments and actions.
-        device: torch device of environments, actor and learner: cpu or cuda.
-        threads: CPU threads; the matrices are so small that 1 is about as fast as 2.
-        compile: compile actor and learner first; takes a minute, and on a CPU needs a C++ compiler.
-        log_every: environment steps between two lines of metrics.jsonl.
-        eval_every: environment steps between two points of the learning curves; 0 evaluates at the end only.
+        learning_rate: initial RMSProp learning rate, decayed linearly to 0; 0.001 in the paper.
+        rms_decay: RMSProp decay rate for squared gradients; 0.99 in the paper's released code.
+        rms_epsilon: RMSProp ε; 0.01 in the paper.
+        momentum: RMSProp momentum.
+        entropy_cost: entropy weight; 0.01 in the paper.
+        baseline_cost: value loss weight; 0.5 in the paper's released code.
+        clip: maximum gradient norm; 40 in the paper's released code.
+        seed: root seed for initialisation, environments and actions.
+        device: torch device for environments, actor and learner: cpu or cuda.
+        threads: CPU threads; 1 is about as fast as 2, because the matrices are small.
+        compile: compile actor and learner first; takes a minute and, on a CPU, needs a C++ compiler.
+        log_every: environment steps between two lines in metrics.jsonl.
+        eval_every: environment steps between two points on the learning curves; 0 evaluates only after training.
         checkpoint_every: environment steps between two checkpoints.
 
     Example:
@@ -128,28 +127,28 @@ class ImpalaConfig:
 
     @property
     def steps_per_update(self) -> int:
-        """Environment steps in an update."""
+        """Environment steps per update."""
         return self.batch_size * self.unroll
 
     @property
     def updates(self) -> int:
-        """Updates of the whole training."""
+        """Total number of updates."""
         return -(-self.steps // self.steps_per_update)
 
 
-OF_SCORER = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample")
-"""Settings of the policy that say how it uses a scorer."""
+KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample")
+"""Policy settings for the use of a scorer."""
 
 
 @dataclass(frozen=True)
 class AgentConfig(RunConfig):
-    """All settings of an agent.
+    """All settings for training an agent.
 
     Attributes:
         scorer: model folder, or None.
-        tasks: what the agent is trained on.
-        policy: how it decides.
-        trainer: how it learns.
+        tasks: training and evaluation tasks.
+        policy: network and knowledge sources.
+        trainer: optimisation and logging.
 
     Example:
         >>> AgentConfig("kitchen", "models/kitchen", TaskConfig(distractors=2)).differing()
@@ -164,16 +163,14 @@ class AgentConfig(RunConfig):
     trainer: ImpalaConfig = ImpalaConfig()
 
     def __post_init__(self) -> None:
-        if self.scorer is not None:
-            return
-        for name in OF_SCORER:
+        for name in KNOWLEDGE_SETTINGS if self.scorer is None else ():
             if getattr(self.policy, name) != getattr(PolicyConfig, name):
-                raise ConfigError(f"`{name}` says how to use a scorer; give a `scorer` too.")
+                raise ConfigError(f"`{name}` configures the use of a scorer: give a `scorer` too.")
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
         return Path("runs") / f"{graph_name}-{Path(self.scorer).name if self.scorer else 'no-kg'}"
 
     def differing(self) -> dict[str, Any]:
-        """Return the settings that are not at their default."""
+        """Return the settings that differ from the defaults."""
         default = AgentConfig("").values()
         return {name: value for name, value in self.values().items() if default.get(name) != value}

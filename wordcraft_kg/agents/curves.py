@@ -15,11 +15,11 @@ from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.runs.trackers import Log
 
-JUDGED: tuple[TaskPart, ...] = ("train", "test")
-"""Parts whose tasks a trained agent is evaluated on."""
-DRAWS = 5
+EVALUATED: tuple[TaskPart, ...] = ("train", "test")
+"""Splits on which a trained agent is evaluated."""
+DISTRACTOR_SEEDS = 5
 CURVE_TASKS = 4_000
-"""Most tasks of a part that are played for a point of a learning curve; the final evaluation plays all, or far more."""
+"""Maximum number of tasks per split for a point on a learning curve; the final evaluation uses far more."""
 
 
 class MetricsFile:
@@ -36,7 +36,7 @@ class MetricsFile:
         self._evaluators = evaluators(world, curve=True)
 
     def size(self) -> int:
-        """Flush the file to disk and return the length in bytes."""
+        """Flush the file to disk and return the size in bytes."""
         self.path.touch()
         with self.path.open("rb+") as file:
             os.fsync(file.fileno())
@@ -49,10 +49,10 @@ class MetricsFile:
             ValueError: if the file is shorter.
         """
         if self.path.stat().st_size < size:
-            raise ValueError("metrics.jsonl is shorter than it was")
+            raise ValueError("metrics.jsonl is shorter than at the checkpoint")
         os.truncate(self.path, size)
 
-    def judge(self, policy: Policy) -> dict[str, float]:
+    def evaluate(self, policy: Policy) -> dict[str, float]:
         """Return a point for each learning curve."""
         begun = time.perf_counter()
         point = {
@@ -72,9 +72,9 @@ class MetricsFile:
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
     """Return an evaluator for each split with tasks; learning curves use fewer tasks."""
     result = {}
-    for part in JUDGED:
-        with suppress(TaskError):  # a graph whose split holds nothing out has no test tasks
-            distractor_seeds = 1 if curve and part == "train" else DRAWS
+    for part in EVALUATED:
+        with suppress(TaskError):  # without held-out recipes, a graph has no test tasks
+            distractor_seeds = 1 if curve and part == "train" else DISTRACTOR_SEEDS
             limit = CURVE_TASKS if curve else MOST_TASKS
             result[part] = Evaluator(world.variant(part=part), distractor_seeds=distractor_seeds, limit=limit)
     return result

@@ -24,25 +24,25 @@ Pair = tuple[int, int]
 Floats = NDArray[np.floating]
 
 HUMAN_CURVE = {1: 5.0, 10: 9.95, 20: 14.05, 50: 23.47, 100: 35.96}
-"""Entities that people know after n attempts at Little Alchemy 2, a game of 720 entities that begins with 4."""
+"""Mean number of entities known to people after n attempts at Little Alchemy 2 (720 entities, 4 at the start)."""
 HUMAN_SOURCE = "12,100 players of Little Alchemy 2 (720 entities, 4 at the start); Brändle et al. 2023"
-"""Source of the curve: "Empowerment contributes to exploration behaviour in a creative video game", Nature Human
+"""Source for the curve: "Empowerment contributes to exploration behaviour in a creative video game", Nature Human
 Behaviour 7, 1481-1489."""
 
 CANDIDATES = 16
-"""Results that a player with a scorer considers for each pair; all others together have little probability."""
+"""Number of results per pair that a player with a scorer considers; the remaining results are improbable."""
 MARKS = (1, 10, 20, 50, 100)
-"""Attempts after which a summary reports the curves."""
-_BYTES_PER_ROW = 100  # of the frame of curves and what is computed from it
+"""Numbers of attempts in a summary."""
+_BYTES_PER_ROW = 100  # in the frame of curves and derived frames
 PAIR_BYTES = 40
-"""Bytes that a player with a scorer takes for each pair of entities: two tables, and sums of their rows."""
+"""Memory per entity pair for a player with a scorer: two tables and sums of rows."""
 MOST_BYTES = 4 * 2**30
-"""Memory that a player with a scorer may take."""
-_MOST = 50.0  # standard deviations; beyond them exp would overflow
+"""Maximum memory for a player with a scorer."""
+_MAX_SCORE = 50.0  # standard deviations; exp of larger numbers would overflow
 
 
 class Discoverer(ABC):
-    """A player for the open-ended environment, which chooses pairs among known entities.
+    """A player for the open-ended environment; chooses pairs of known entities.
 
     Attributes:
         known: ids in discovery order.
@@ -50,7 +50,7 @@ class Discoverer(ABC):
     """
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:
-        """Start a run with the ids of the known entities."""
+        """Start a run with known entities, as ids."""
         self.known: list[int] = []
         self.rng = rng
         for entity in base:
@@ -70,13 +70,13 @@ class Discoverer(ABC):
         """Return the next pair; called only while discoveries remain."""
 
     def draw_best(self, values: Floats) -> int:
-        """Return the index of the highest value, ties at random."""
+        """Return the index with the highest value, ties at random."""
         best = np.flatnonzero(values == values.max())
         return int(best[self.rng.integers(len(best))])
 
 
 class RandomDiscoverer(Discoverer):
-    """Draws both entities uniformly, with repetition."""
+    """Samples both entities uniformly, with repetition."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
         one, other = self.rng.integers(len(self.known), size=2).tolist()
@@ -84,14 +84,14 @@ class RandomDiscoverer(Discoverer):
 
 
 class NoRepeatDiscoverer(RandomDiscoverer):
-    """Draws uniformly among untried pairs."""
+    """Samples untried pairs uniformly."""
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
         super().begin(base, rng)
         self._tried: set[Pair] = set()
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
-        # This ends: once all pairs of known entities are tried, everything reachable is known and the run is over.
+        # Terminates: after all known pairs, everything reachable is known and the run is over.
         while True:
             one, other = super().choose()
             if (min(one, other), max(one, other)) not in self._tried:
@@ -110,7 +110,7 @@ class OracleDiscoverer(Discoverer):
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
         self.is_known = np.zeros(self.graph.num_entities, dtype=bool)
-        # Recipes that can be carried out now; only these are looked at, because a book may have a million others.
+        # Recipes with known ingredients, kept because a large book has a million recipes.
         self._open = np.empty(0, dtype=np.int64)
         super().begin(base, rng)
 
@@ -122,20 +122,20 @@ class OracleDiscoverer(Discoverer):
 
     @abstractmethod
     def worth(self, entities: Ids) -> Floats:
-        """Return the worth of discovering each unknown entity now, above 0."""
+        """Return the positive worth of each unknown entity."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
         graph = self.graph
         self._open = self._open[~self.is_known[graph.recipes[self._open, 2]]]
-        pairs, place = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
-        gains = np.bincount(place, self.worth(graph.recipes[self._open, 2])).astype(np.float64)
+        pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
+        gains = np.bincount(index, self.worth(graph.recipes[self._open, 2])).astype(np.float64)
         first = int(graph.pair_starts[pairs[self.draw_best(gains)]])
         one, other, _ = graph.recipes[first].tolist()
         return one, other
 
 
 class GreedyDiscoverer(OracleDiscoverer):
-    """Greedy oracle: worth is 1 + out-degree, the number of recipes that use the entity."""
+    """Greedy oracle: worth is 1 + out-degree, the number of recipes with the entity."""
 
     def __init__(self, graph: RecipeGraph):
         super().__init__(graph)
@@ -150,25 +150,25 @@ class EmpowermentDiscoverer(OracleDiscoverer):
 
     ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c plus the distinct new entities within reach.
 
-    Source: Brändle et al. 2023, who count all entities that c can make. Here only new entities with a known other
+    Source: Brändle et al. 2023, who count all entities made with c. Here only new entities with a known second
     ingredient count, so worth falls as exploration proceeds.
     """
 
     def worth(self, entities: Ids) -> Floats:  # noqa: D102 - inherited
-        wanted, place = np.unique(entities, return_inverse=True)
+        wanted, position = np.unique(entities, return_inverse=True)
         uses = [self.graph.uses_of(entity) for entity in wanted.tolist()]
         index = np.repeat(np.arange(len(wanted)), [len(rows) for rows in uses])
         a, b, result = self.graph.recipes[np.concatenate(uses)].T
         counts = self.is_known[a + b - wanted[index]] & ~self.is_known[result]
         size = self.graph.num_entities
         made = np.unique(index[counts] * size + result[counts])
-        return (1.0 + np.bincount(made // size, minlength=len(wanted)))[place]
+        return (1.0 + np.bincount(made // size, minlength=len(wanted)))[position]
 
 
 class ScorerDiscoverer(Discoverer):
     """Maximises the empowerment expected by a link predictor.
 
-    With ``z_r`` the scores of relation r, standardised over pairs of different entities (combinesWith symmetrised):
+    ``z_r`` are the scores for relation r, standardised over pairs of different entities (combinesWith symmetrised):
 
     ``value(a, b) = odds(a, b) * sum_c P(c | a, b) * [c not known] * (1 + sum_{x known} odds(c, x))``
 
@@ -177,11 +177,11 @@ class ScorerDiscoverer(Discoverer):
     results. The last factor is the empowerment of c: 1 plus the plausibilities of known partners. Only untried pairs
     are considered.
 
-    Source: the expected empowerment of Brändle et al. 2023, with probabilities from word vectors.
+    Source: expected empowerment in Brändle et al. 2023, with probabilities from word vectors.
     """
 
     def __init__(self, graph: RecipeGraph, scorer: TripleScorer):
-        """Standardise the score tables, two of shape (E, E).
+        """Standardise both score tables, shape (E, E) each.
 
         Raises:
             GraphMismatchError: if the scorer belongs to another graph.
@@ -191,12 +191,12 @@ class ScorerDiscoverer(Discoverer):
         needed = graph.num_entities**2 * PAIR_BYTES
         if needed > MOST_BYTES:
             raise ConfigError(
-                f"`scorer`: the scores of all pairs of the {graph.num_entities:,} entities of {graph.name} would take "
-                f"about {needed / 2**30:.1f} GiB; expected at most {MOST_BYTES / 2**30:.1f} GiB. Leave it out: the "
-                "other players need no scorer."
+                f"`scorer`: scores for all pairs of {graph.num_entities:,} entities in {graph.name} would take about "
+                f"{needed / 2**30:.1f} GiB; expected at most {MOST_BYTES / 2**30:.1f} GiB. Omit the scorer and "
+                "'empowerment-scorer'."
             )
         links, parts = (scorer.table(relation).cpu().double().numpy() for relation in (COMBINES_WITH, COMPONENT_OF))
-        self._odds = np.exp(np.minimum(standardised((links + links.T) / 2), _MOST))
+        self._odds = np.exp(np.minimum(standardised((links + links.T) / 2), _MAX_SCORE))
         self._parts = standardised(parts)
         self._guesses: dict[int, tuple[NDArray[np.int64], Floats]] = {}
 
@@ -244,12 +244,12 @@ class ScorerDiscoverer(Discoverer):
 
 DISCOVERERS = {
     "random": "any pair",
-    "random-no-repeat": "any pair not tried before",
+    "random-no-repeat": "any untried pair",
     "greedy": "knows the graph: results with the most uses",
-    "empowerment": "knows the graph: results that make the most new things",
-    "empowerment-scorer": "guided by a link predictor: results that it expects to make the most",
+    "empowerment": "knows the graph: results that make the most new entities",
+    "empowerment-scorer": "guided by a link predictor: results expected to make the most new entities",
 }
-"""What each player does, by name."""
+"""Description by player."""
 
 
 def make_discoverers(
@@ -273,7 +273,7 @@ def make_discoverers(
     for name in names:
         one_of("players", name, tuple(DISCOVERERS))
         if name not in makers:
-            raise ConfigError(f"player '{name}' needs a `scorer`; train one with `wordcraft-kg train-complex`.")
+            raise ConfigError(f"player '{name}' needs a `scorer`: run `wordcraft-kg train-complex`.")
         players[name] = makers[name]()
     return players
 
@@ -289,13 +289,12 @@ def discovery_curves(
 ) -> "pd.DataFrame":
     """Play by the rules of ``WordCraft-OpenEnded-v0`` on ids, without observations.
 
-    Run ``i`` draws from ``np.random.default_rng([seed, i])``, so curves do not depend on the other players. After each
-    run, ``progress`` receives finished runs, total runs, and known entities.
+    Run ``i`` uses ``np.random.default_rng([seed, i])``, so a curve does not depend on the choice of players. After
+    each run, ``progress`` receives finished runs, total runs, and known entities.
 
     Returns:
-        a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known entities after
-        the attempt, and ``repeated``, whether the pair was a repetition. Runs stop when all reachable entities are
-        known.
+        a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known entities, and
+        ``repeated``, whether the pair was a repetition. Runs stop when all reachable entities are known.
 
     Raises:
         ConfigError: for numbers out of range, or a base without any recipe.
@@ -331,15 +330,15 @@ def discovery_curves(
 
 
 def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = MARKS) -> "pd.DataFrame":
-    """Return the mean number of known entities after given numbers of attempts.
+    """Return the mean number of known entities by attempts.
 
     Args:
         curves: from :func:`discovery_curves`.
-        marks: attempts to report, limited to the curves; the last attempt is always included.
+        marks: numbers of attempts, limited to the curves; the last attempt is always included.
 
     Returns:
         a row per player and attempt, in the order of ``curves``: ``mean`` over runs, ``low`` and ``high`` of the 95 %
-        interval (normal approximation; NaN for a single run), and ``repeated``, the share of repetitions so far.
+        interval (normal approximation; NaN for a single run), and ``repeated``, the share of repetitions.
     """
     last = int(curves["attempt"].max())
     at = sorted({*(mark for mark in marks if mark <= last), last})

@@ -23,11 +23,11 @@ from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
 
 ROWS = 2_048
-"""States given to a policy at a time, so that its arrays stay in the processor's cache."""
+"""Batch size for a policy; larger arrays would leave the processor cache."""
 
 
 class PolicyPlayer:
-    """A player that takes the best action by the current weights; ties go to the first slot."""
+    """A player that takes the best action under the current weights; ties go to the first slot."""
 
     def __init__(self, policy: Policy):
         self.policy = policy
@@ -49,16 +49,14 @@ class PolicyPlayer:
 
 
 def player_of(policy: Policy, kind: str) -> Player:
-    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only`` (the policy's scorer alone).
+    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only`` (only the policy's scorer).
 
     Raises:
         ConfigError: for ``kg-only`` without a scorer.
     """
     if kind == "kg-only":
         if not policy.sources:
-            raise ConfigError(
-                "`agent` 'kg-only' plays with the run's scorer alone, but this run was trained without a scorer."
-            )
+            raise ConfigError("`agent` 'kg-only' plays by the run's scorer, but this run was trained without a scorer.")
         return knowledge_player(list(policy.sources.values()))
     players: dict[str, Player] = {"trained": PolicyPlayer(policy), "random": random_entity, "oracle": recipe_oracle}
     return players[kind]
@@ -66,7 +64,7 @@ def player_of(policy: Policy, kind: str) -> Player:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Episodes on N tasks with D draws of distractors.
+    """Episodes on N tasks with D distractor seeds.
 
     Attributes:
         tasks: shape (N,), int64: task indices.
@@ -74,7 +72,7 @@ class Evaluation:
         by_plan: shape (N, D), bool: the last pair completed a plan.
         actions: shape (N, D), int64: episode length.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
-        last: shape (N, D, 2), int64: the last pair, in picking order.
+        last: shape (N, D, 2), int64: the last pair, in order of actions.
     """
 
     tasks: Ids
@@ -85,50 +83,46 @@ class Evaluation:
     last: Ids
 
     def figures(self) -> Success:
-        """Return mean success with an interval over tasks, and the sample sizes."""
+        """Return mean success with an interval over tasks and sample sizes."""
         mean, by_plan, actions = (float(values.mean()) for values in (self.success, self.by_plan, self.actions))
         low, high = task_bootstrap(self.success)
         tasks, distractor_seeds = self.success.shape
         return Success(mean, low, high, tasks, distractor_seeds, by_plan, actions)
 
     def shares(self) -> dict[TerminationReason, Share]:
-        """Return episode shares by ending."""
+        """Return episode shares by termination reason."""
         return {name: float((self.terminations == code).mean()) for code, name in enumerate(TERMINATION_REASONS)}
 
 
 class Evaluator:
-    """Plays all tasks of a split, or an evenly spaced sample, on fixed tables."""
+    """Plays all tasks in a split, or an evenly spaced sample, on fixed tables."""
 
     def __init__(self, world: World, *, distractor_seeds: int = 5, limit: int | None = MOST_TASKS):
         """Create an environment for each task.
 
         Args:
             world: graph, tasks and settings.
-            distractor_seeds: draws of distractors for each task.
+            distractor_seeds: tables per task.
             limit: maximum number of tasks; None plays all.
         """
-        amount = len(world.tasks)
-        step = distance_of(amount, limit)
-        self.tasks = np.arange(0, amount, step)
+        num_tasks = len(world.tasks)
+        step = distance_of(num_tasks, limit)
+        self.tasks = np.arange(0, num_tasks, step)
         if step > 1 and limit == MOST_TASKS:
             logging.getLogger(__name__).warning(
-                "%s %s tasks are too many to play: %s of them stand for all.",
-                f"{amount:,}",
+                "%s %s tasks are too many: evaluating a sample of %s tasks.",
+                f"{num_tasks:,}",
                 world.config.part,
                 f"{len(self.tasks):,}",
             )
         self.distractor_seeds = whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
-        check_memory(
-            "distractor_seeds",
-            distractor_seeds,
-            f"the episodes of {len(self.tasks):,} tasks",
-            distractor_seeds * len(self.tasks) * 11,
-        )
+        needed = distractor_seeds * len(self.tasks) * 11
+        check_memory("distractor_seeds", distractor_seeds, f"the episodes of {len(self.tasks):,} tasks", needed)
         self.engine = BatchEngine(world, len(self.tasks))
         self._parts = _right_parts(world)[self.tasks]
 
     def __call__(self, player: Player) -> Evaluation:
-        """Play all tasks with all draws."""
+        """Play all tasks with all distractor seeds."""
         shape = (len(self.tasks), self.distractor_seeds)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
         actions, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
@@ -160,12 +154,12 @@ class Evaluator:
 def evaluate(
     player: Policy | Player, graph: GraphLike | World, *, distractor_seeds: int = 5, **settings: Any
 ) -> Evaluation:
-    """Evaluate a policy or scripted player on all tasks of a split (an evenly spaced sample if there are very many).
+    """Evaluate a policy or scripted player on all tasks in a split (an evenly spaced sample if there are very many).
 
     Args:
-        player: policy of the graph, or function ``(state, rng) -> slots``.
-        graph: graph folder, book file or name, graph, opened graph, or world (which has its own settings).
-        distractor_seeds: draws of distractors for each task, equal for all players.
+        player: policy for the graph, or function ``(state, rng) -> slots``.
+        graph: graph folder, book file or name, graph, opened graph, or world (then without ``settings``).
+        distractor_seeds: tables per task, equal for all players.
         settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
 
     Raises:
@@ -184,6 +178,6 @@ def evaluate(
 
 
 def _right_parts(world: World) -> Ids:
-    """Return the ingredients in the last recipe of each plan by task, shape (N, P), padded with -1."""
+    """Return the ingredients in the last recipes of all plans by task, shape (N, P), padded with -1."""
     pair = world.graph.recipes[:, :2].tolist()
     return padded([sorted({part for plan in plans for part in pair[plan[-1]]}) for plans in world.tasks.plans], -1)

@@ -1,4 +1,4 @@
-"""Explanations for picks: logits, split into source contributions."""
+"""Explanations for actions: logits, split into source contributions."""
 
 import copy
 from collections.abc import Iterable, Sequence
@@ -30,11 +30,11 @@ from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_models
 from wordcraft_kg.models.scorers.recipes import Witness
 
-_MOST_PAIRS = 3  # with evidence, for each pick
+_MAX_PAIRS = 3  # with evidence, per action
 MOST_ON_TABLE = 64
-"""Maximum size of a custom table; time grows with the square."""
+"""Maximum size for a custom table; time grows with the square."""
 Model = Literal["no_scorer", "no_recipes", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"]
-"""Answering model by training recipes; ``no_knowledge``: every model was trained on a recipe of the plan."""
+"""Answering model by training recipes; ``no_knowledge``: all models were trained on recipes in the plan."""
 
 
 class SlotEvidence(Record):
@@ -42,7 +42,7 @@ class SlotEvidence(Record):
 
     Attributes:
         source: source name.
-        partner: the entity in hand, or the best partner on the table.
+        partner: selection, or the best partner on the table.
         because: supporting recipes, strongest first; a cross-fitted scorer excludes the recipes for the task.
     """
 
@@ -55,7 +55,7 @@ class ExplainedSlot(Record):
     """An entity on the table with logit β, probability π and source contributions.
 
     Attributes:
-        is_part: whether a plan makes the goal from the entity.
+        is_part: whether the entity is an ingredient for the goal in a plan.
         sources: values by source.
         contributions: λ · value by source, with sum ``logit``.
         evidence: supporting recipes; None unless a source scores recipes.
@@ -71,7 +71,7 @@ class ExplainedSlot(Record):
 
 
 class ExplainedStep(Record):
-    """A pick: entity in hand, state value, λ by source (empty without mixing), and all slots of the table."""
+    """An action: selection before the action, state value, λ by source (empty without mixing), and all slots."""
 
     selection: str | None
     value: float
@@ -80,8 +80,8 @@ class ExplainedStep(Record):
     made: tuple[str, ...]
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
-    def told(self, limit: int = _MOST_PAIRS) -> list[tuple[str, SlotEvidence]]:
-        """Return the entities with the highest logits and their evidence, each pair once."""
+    def best_evidence(self, limit: int = _MAX_PAIRS) -> list[tuple[str, SlotEvidence]]:
+        """Return the entities with the highest logits and the evidence for each; each pair occurs once."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
             if slot.evidence is not None and slot.evidence.because:
@@ -90,7 +90,7 @@ class ExplainedStep(Record):
 
 
 class ExplainedEpisode(Record):
-    """An episode, pick by pick; plans are written as recipes, such as "a + b -> c"."""
+    """An episode by actions; plans are texts, such as "a + b -> c"."""
 
     goal: str
     start: tuple[str, ...]
@@ -104,25 +104,25 @@ class TableRecipe(Record):
 
     Attributes:
         part: split containing the recipe.
-        is_remembered: whether the answering model was trained on the recipe.
+        is_in_sample: whether the answering model was trained on the recipe.
     """
 
     ingredient_a: str
     ingredient_b: str
     result: str
     part: Part
-    is_remembered: bool
+    is_in_sample: bool
 
 
 class ExplainedTable(Record):
-    """An agent's picks at a table.
+    """An agent's actions at a table.
 
     Attributes:
         table: entities in slot order.
         ways: shortest plans for the goal, including distractors as ingredients.
         model: answering model.
-        fold: the fold unseen by this model, None for other models.
-        episode: the picks.
+        fold: the fold unseen by a cross-fitted model, else None.
+        episode: the actions.
     """
 
     table: tuple[str, ...]
@@ -132,13 +132,13 @@ class ExplainedTable(Record):
     episode: ExplainedEpisode
 
     @property
-    def memory(self) -> tuple[TableRecipe, ...]:
-        """Recipes for the goal that the answering model was trained on."""
-        return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_remembered))
+    def in_sample(self) -> tuple[TableRecipe, ...]:
+        """Recipes for the goal in the training data of the answering model."""
+        return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_in_sample))
 
 
 class _Query(NamedTuple):
-    """A table to play, with the policy and the task index (None for tasks without train recipes)."""
+    """A table, the policy and the task index (None for tasks without train recipes)."""
 
     policy: Policy
     task: int | None
@@ -150,7 +150,7 @@ class _Query(NamedTuple):
 
 
 class Explainer:
-    """Explains the picks of a policy in a world; thread-safe.
+    """Explains a policy's actions in a world; thread-safe.
 
     Explanations use double precision, so contributions add up to the logit, and probabilities to 1, within 1e-9.
     Parameters are copied, and sources are bound to tasks independently.
@@ -169,7 +169,7 @@ class Explainer:
         *,
         kg: TrainedOn = "partial",
         trained_on: NDArray[np.bool_] | None = None,
-        most_actions: int | None = None,
+        max_actions: int | None = None,
     ):
         """Copy a policy.
 
@@ -177,14 +177,14 @@ class Explainer:
             policy: policy for the graph.
             world: graph, tasks and settings.
             kg: the scorer's knowledge graph.
-            trained_on: correct training recipes of the scorer, shape (num_recipes,); by default all.
-            most_actions: maximum number of picks; None plays to the end.
+            trained_on: shape (num_recipes,), bool: the scorer's correct training recipes; by default all.
+            max_actions: maximum number of actions; None plays to the end.
 
         Raises:
-            LeakError: if a task would be scored by a model trained on its recipes.
+            LeakError: if a model would score tasks with recipes from its training data.
         """
         self.world = world
-        self._kg, self._trained_on, self._most_actions = kg, trained_on, most_actions
+        self._kg, self._trained_on, self._max_actions = kg, trained_on, max_actions
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
@@ -199,7 +199,7 @@ class Explainer:
 
         Args:
             task: task index.
-            distractor_seed: index for the draw of distractors.
+            distractor_seed: index for the sample of distractors.
 
         Raises:
             ConfigError: if the task does not exist, or the policy cannot play with so many slots.
@@ -213,17 +213,16 @@ class Explainer:
     def table(
         self, goal: Entity, table: Sequence[Entity], selection: Entity | None = None, *, like: int | None = None
     ) -> ExplainedTable:
-        """Explain the picks at any table.
+        """Explain the actions at any table.
 
-        A cross-fitted scorer answers by the model that has not seen the recipes for the goal, if they are in the same
-        fold; otherwise by the model of all train recipes.
+        If all recipes for the goal are in the same fold, a cross-fitted scorer answers by the model without this fold;
+        otherwise by the model trained on all train recipes.
 
         Args:
             goal: entity to make, as label or id.
             table: different entities.
-            selection: first pick of the first attempt, if made.
-            like: index of the original task: while the goal and starting ingredients agree, the model of this task
-                answers.
+            selection: first action of the first attempt, if made.
+            like: index of the original task; its model answers while goal and starting ingredients agree.
 
         Raises:
             UnknownEntityError: with the nearest labels.
@@ -237,16 +236,16 @@ class Explainer:
         if len(set(ids)) < len(ids):
             twice = next(entity for i, entity in enumerate(ids) if entity in ids[:i])
             raise ConfigError(f"`table` holds '{graph.entities[twice]}' twice: expected different entities.")
-        hand = None if selection is None else graph.id_of(selection)
-        if hand is not None and hand not in ids:
+        selected = None if selection is None else graph.id_of(selection)
+        if selected is not None and selected not in ids:
             raise ConfigError(
-                f"`selection` '{graph.entities[hand]}' is not on the table: put it there, or hold nothing."
+                f"`selection` '{graph.entities[selected]}' is not on the table: add the entity, or select nothing."
             )
         if like is not None:
             whole("like", like, 0, len(tasks) - 1)
             if tasks.goals[like] == target and {*tasks.starts[like].tolist()} <= {*ids, self.world.nothing}:
-                return self._explained(self._of_task(like, ids)._replace(selection=hand))
-        return self._explained(self._of_table(target, ids)._replace(selection=hand))
+                return self._explained(self._of_task(like, ids)._replace(selection=selected))
+        return self._explained(self._of_table(target, ids)._replace(selection=selected))
 
     def drawn(self, task: int, distractor_seed: int = 0) -> list[int]:
         """Return the entity ids on an evaluation table; see :meth:`episode`."""
@@ -266,7 +265,7 @@ class Explainer:
         start = np.array([sorted(table)])
         posed = TaskSet(self.world.graph, self.world.config.depth, "all", np.array([goal]), start, (plans,), False, 0)
         if not 0 < models_of_tasks(folds, posed)[0] < len(seen_by_models(folds)) - 1:
-            # Every model has seen a recipe of plans of several folds; then the one that knows most tells most.
+            # The plans need recipes from several folds, or none: the model trained on all train recipes answers.
             return query
         policy = _own(self._policy)
         policy.bind(posed)
@@ -290,7 +289,7 @@ class Explainer:
         model, fold, is_seen = self._answering(query)
         ways = tuple(
             tuple(
-                TableRecipe(*recipe, part=get_args(Part)[split.parts[row]], is_remembered=bool(is_seen[row]))
+                TableRecipe(*recipe, part=get_args(Part)[split.parts[row]], is_in_sample=bool(is_seen[row]))
                 for row, recipe in zip(way, graph.recipe_labels(graph.recipes[list(way)]), strict=True)
             )
             for way in self._ways(query.goal, query.table)
@@ -298,7 +297,7 @@ class Explainer:
         return ExplainedTable(graph.labels(query.table), ways, model, fold, self._played(query))
 
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
-        """Return the answering model, its unseen fold, and its training recipes."""
+        """Return the answering model, the held-out fold, and a mask of training recipes."""
         is_train, folds = self.world.split.is_in("train"), self._folds()
         if not self._policy.sources:
             return "no_scorer", None, np.zeros_like(is_train)
@@ -317,7 +316,7 @@ class Explainer:
         return ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
 
     def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
-        """Return the known training recipes of a model."""
+        """Return the mask of a model's known training recipes."""
         if self._trained_on is not None:
             return is_seen & self._trained_on
         for source in self._policy.sources.values():
@@ -329,12 +328,12 @@ class Explainer:
     def _played(self, query: _Query) -> ExplainedEpisode:
         """Play until the goal is reached or attempts are exhausted."""
         world, graph, nothing = self.world, self.world.graph, self.world.nothing
-        parts = {label for plan in query.plans for label in graph.labels(graph.recipes[plan[-1], :2])}
+        plans, parts = self._plan_labels(query.plans)
         room = max(world.num_slots, len(query.table) + world.max_results * world.config.attempts)
         table, selection, attempts, is_made = list(query.table), query.selection, world.config.attempts, False
         task = None if query.task is None else torch.tensor([query.task])
         steps: list[ExplainedStep] = []
-        while attempts and not is_made and len(steps) != self._most_actions:
+        while attempts and not is_made and len(steps) != self._max_actions:
             padded = torch.tensor([[*table, *[nothing] * (room - len(table))]])
             state = States(
                 torch.tensor([query.goal]), torch.tensor([nothing if selection is None else selection]), padded, task
@@ -347,19 +346,24 @@ class Explainer:
                 made = [result for result in results if result not in table]
                 table += made
                 is_made, attempts = query.goal in results, attempts - 1
-            hand = None if selection is None else graph.entities[selection]
+            selected = None if selection is None else graph.entities[selection]
             lambdas = {} if output.lambdas is None else dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
             value, label = float(output.value[0]), graph.entities[entity]
-            steps.append(ExplainedStep(hand, value, lambdas, label, graph.labels(made), slots))
+            steps.append(ExplainedStep(selected, value, lambdas, label, graph.labels(made), slots))
             selection = entity if selection is None else None
-        recipes = [graph.recipe_labels(graph.recipes[list(plan)]) for plan in query.plans]
-        plans = tuple(tuple(f"{one} + {other} -> {result}" for one, other, result in plan) for plan in recipes)
         outcome = OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS]
         return ExplainedEpisode(graph.entities[query.goal], query.start, plans, outcome, tuple(steps))
 
+    def _plan_labels(self, plans: tuple[Rows, ...]) -> tuple[tuple[tuple[str, ...], ...], set[str]]:
+        """Return plans as texts, and all ingredients of final recipes."""
+        graph = self.world.graph
+        labels = [graph.recipe_labels(graph.recipes[list(plan)]) for plan in plans]
+        texts = tuple(tuple(f"{a} + {b} -> {result}" for a, b, result in plan) for plan in labels)
+        return texts, {label for plan in labels for label in plan[-1][:2]}
+
     @torch.no_grad()
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
-        """Return the picked slot and the output in double precision."""
+        """Return the chosen slot and the output in double precision."""
         goal, selection, table, task = state
         opinions = policy.opinions(goal, selection, table, task)
         action = int(self._policy(goal, selection, table, self._weights, task, opinions).logits.argmax(1))
@@ -368,12 +372,12 @@ class Explainer:
 
 
 def _own(policy: Policy) -> Policy:
-    """Return a copy of a policy that shares buffers, which never change."""
+    """Return a copy with shared buffers, which never change."""
     return copy.deepcopy(policy, {id(tensor): tensor for tensor in policy.buffers()}).eval()
 
 
 def _exact(policy: Policy) -> Policy:
-    """Return a copy in double precision that shares the sources."""
+    """Return a copy in double precision with shared sources."""
     exact = copy.deepcopy(policy, {id(policy.sources): nn.ModuleDict()}).double()
     exact.sources = policy.sources
     return exact
@@ -382,13 +386,13 @@ def _exact(policy: Policy) -> Policy:
 def explain_episodes(
     policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
 ) -> tuple[ExplainedEpisode, ...]:
-    """Play tasks greedily on the evaluation tables and explain each pick; see :class:`Explainer`.
+    """Play tasks greedily on the evaluation tables and explain each action; see :class:`Explainer`.
 
     Args:
         policy: policy for the graph.
         world: graph, tasks and settings.
         goal: only tasks with this goal; None takes evenly spaced tasks.
-        episodes: number of episodes; tasks repeat with other distractors if necessary.
+        episodes: number of episodes; if necessary, tasks repeat with different distractors.
 
     Raises:
         UnknownEntityError: if the goal does not exist.

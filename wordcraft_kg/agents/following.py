@@ -1,4 +1,4 @@
-"""Live view of a run folder, possibly during training."""
+"""Live view of a run folder during or after training."""
 
 import threading
 from collections import OrderedDict
@@ -21,9 +21,9 @@ from wordcraft_kg.models.folder import read_train_sample
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
-"""Worlds for which an explainer is kept."""
-MOST_ACTIONS = 20
-"""Picks of an episode that are explained to who follows a run; there may be 2,000."""
+"""Maximum number of cached explainers, one per world."""
+MAX_ACTIONS = 20
+"""Maximum number of explained actions per episode; an episode may have 2,000."""
 T = TypeVar("T")
 
 
@@ -67,26 +67,25 @@ class FollowedRun:
             return agent
 
     def explainer(self, world: World) -> Explainer:
-        """Return an explainer of the first :data:`MOST_ACTIONS` picks in a world of the graph.
+        """Return an explainer for a world, limited to :data:`MAX_ACTIONS` actions per episode.
 
         Raises:
             ArtefactError: as in :meth:`agent`.
-            LeakError: if a task would be scored by a model trained on its recipes.
+            LeakError: if a model would score tasks with recipes from its training data.
         """
         with self._lock:
             agent = self.agent()
             if world.config not in self._explainers:
                 kg, trained_on = agent.run.kg or "partial", self._trained_on(agent)
-                self._explainers[world.config] = Explainer(
-                    agent.policy, world, kg=kg, trained_on=trained_on, most_actions=MOST_ACTIONS
-                )
+                explainer = Explainer(agent.policy, world, kg=kg, trained_on=trained_on, max_actions=MAX_ACTIONS)
+                self._explainers[world.config] = explainer
                 if len(self._explainers) > EXPLAINERS:
                     self._explainers.popitem(last=False)
             self._explainers.move_to_end(world.config)
             return self._explainers[world.config]
 
     def _trained_on(self, agent: AgentRun) -> NDArray[np.bool_] | None:
-        """Return the correct training recipes of the scorer; None if the scorer's folder is unavailable."""
+        """Return a mask of the scorer's correct training recipes; None if the scorer folder is unavailable."""
         inputs, folder = agent.run.inputs, agent.config.scorer
         if folder is None or "scorer" not in inputs:
             return None
@@ -109,12 +108,14 @@ class FollowedRun:
         if self.records().evaluation is None:
             return {}
         stamp = self._stamp(EPISODES_FILE)
-        return self._once(
-            "episodes", stamp, lambda: {(one.part, one.goal, one.start): one for one in read_episodes(self.folder)}
-        )
+
+        def read() -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
+            return {(task.part, task.goal, task.start): task for task in read_episodes(self.folder)}
+
+        return self._once("episodes", stamp, read)
 
     def _stamp(self, *names: str) -> tuple[Hashable, ...]:
-        """Return modification times and sizes of files."""
+        """Return modification times and file sizes."""
         stamps: list[Hashable] = []
         for name in names:
             try:
@@ -126,7 +127,7 @@ class FollowedRun:
         return tuple(stamps)
 
     def _once(self, name: str, stamp: Hashable, make: Callable[[], T]) -> T:
-        """Return the cached value, recomputed if the stamp differs."""
+        """Return a cached value, recomputed if the stamp differs."""
         with self._lock:
             if name not in self._kept or self._kept[name][0] != stamp:
                 self._kept[name] = stamp, make()

@@ -1,6 +1,6 @@
-"""IMPALA over the batched environment: actor and learner in one process, on one device, in a fixed order.
+"""IMPALA on the batched environment: actor and learner share a process and a device, and alternate.
 
-With ``policy_lag`` k the actor uses the weights of k updates ago, like actors of a distributed IMPALA, and V-trace
+With ``policy_lag`` k, the actor uses the weights from k updates ago, like actors in a distributed IMPALA, and V-trace
 corrects the difference.
 """
 
@@ -23,20 +23,20 @@ from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
-"""Losses of an update, summed over the batch, and the gradient norm before clipping."""
+"""Losses per update, summed over the batch, and the gradient norm before clipping."""
 FIGURES = (*LOSSES, "rewards", "episodes", "successes", "updates")
-"""Figures that are summed until they are read: losses, rewards, and numbers of finished episodes, goals and updates."""
+"""Sums since the last reading: losses, rewards, and counts of finished episodes, goals and updates."""
 
 
 class _Unroll(NamedTuple):
-    """T steps of B environments, and the next states.
+    """T steps in B environments, and the next states.
 
     Attributes:
         goal, selection: shape (T + 1, B), int64.
         table: shape (T + 1, B, A), int64.
         opinions: shape (T + 1, B, S, A): source scores, cached for the learner; None without sources.
         actions: shape (T, B), int64.
-        log_probs: shape (T, B): log-probabilities of actions under the acting policy.
+        log_probs: shape (T, B): log-probabilities under the acting policy.
         rewards, discounts: shape (T, B).
         over, won: shape (T, B), bool: the episode ended; the episode reached the goal.
     """
@@ -54,7 +54,7 @@ class _Unroll(NamedTuple):
 
 
 class Impala:
-    """Trains a policy on a batch of environments.
+    """Trains a policy in a batch of environments.
 
     Attributes:
         envs: environment state.
@@ -62,7 +62,7 @@ class Impala:
     """
 
     def __init__(self, policy: Policy, envs: State, config: ImpalaConfig):
-        """Prepare training of a policy, in place, from the first state of ``config.batch_size`` environments.
+        """Prepare in-place training, from the first state in ``config.batch_size`` environments.
 
         Raises:
             ConfigError: if ``config.compile`` is set and torch cannot compile.
@@ -72,7 +72,7 @@ class Impala:
         policy.to(self.device)
         self.update_number = 0
         self._parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
-        # The parameters are views of one flat tensor: a step of the optimiser is then a few calls, not hundreds.
+        # The parameters are views of a flat tensor, so that an optimiser step takes a few calls, not hundreds.
         self._flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters]))
         self._flat.grad = torch.zeros_like(self._flat)
         self._make_views()
@@ -87,7 +87,7 @@ class Impala:
             goal=self._empty(time + 1, batch, dtype=torch.int64),
             selection=self._empty(time + 1, batch, dtype=torch.int64),
             table=self._empty(time + 1, batch, slots, dtype=torch.int64),
-            # Those of the last states stay 0: their values do not depend on them.
+            # Scores stay 0 in the last states, where only the value matters, which does not depend on scores.
             opinions=self._empty(time + 1, batch, len(policy.sources), slots).zero_() if policy.sources else None,
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
@@ -106,16 +106,16 @@ class Impala:
             self._learn = torch.compile(self._losses, mode=mode, dynamic=False)
 
     def update(self) -> None:
-        """Act for an unroll and learn from it.
+        """Collect an unroll and update the parameters.
 
         Raises:
-            TrainingError: if the loss is not finite; parameters are unchanged then.
+            TrainingError: if the loss is not finite; then parameters are unchanged.
         """
-        bind_tasks([self.policy], self.envs.world)  # an evaluation may have asked about others in between
+        bind_tasks([self.policy], self.envs.world)  # an evaluation may have bound different tasks
         weights = self.policy.weights()
         acting = {name: tensor.detach() for name, tensor in weights.items()}
         if self.config.policy_lag:
-            # Contiguous, as a checkpoint keeps them: products with a transposed tensor round differently.
+            # Contiguous, as in a checkpoint: products with a transposed tensor round differently.
             contiguous = torch.contiguous_format
             self._snapshots.append({name: tensor.clone(memory_format=contiguous) for name, tensor in acting.items()})
             acting = self._snapshots[0]
@@ -125,7 +125,7 @@ class Impala:
         losses, last = self._learn(weights, self._unroll, is_cut)
         losses[0].backward()
         norm = self._flat.grad.norm()
-        # Not checked on a device, because it would synchronise; take_figures and state check it there.
+        # Checked only on the CPU: on a device a check would synchronise, so take_figures and state check.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
             raise TrainingError(self._not_finite())
         self._flat.grad.mul_((self.config.clip / (norm + 1e-6)).clamp(max=1))
@@ -136,14 +136,15 @@ class Impala:
         unroll = self._unroll
         counts = unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum(), torch.ones((), device=self.device)
         self._sums += torch.stack([*(loss.detach() for loss in losses), norm, *counts])
-        self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner writes over what it returned
+        self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner reuses its output tensors
 
     def take_figures(self) -> dict[str, float | None]:
         """Return metrics since the last call and reset the sums.
 
-        Losses are means over updates (of sums over the batch), ``entropy`` is a mean over steps, ``return`` and
-        ``success`` are means over finished episodes, or None without any. ``lambda_<source>_<pick>`` and the importance
-        ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share above 1) describe the last update.
+        Losses are batch sums, averaged over updates; ``entropy`` is a mean over steps; ``return`` and ``success`` are
+        means over finished episodes, None without finished episodes. ``lambda_<source>_first`` and ``_second`` (by
+        action of an attempt) and the importance ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share
+        above 1) describe the last update.
 
         Raises:
             TrainingError: if the loss was not finite.
@@ -163,17 +164,17 @@ class Impala:
             figures["ratio_mean"], figures["ratio_max"] = ratios.mean().item(), ratios.max().item()
             figures["ratio_clipped"] = (ratios > 1 + 1e-5).float().mean().item()
             is_first = self._unroll.selection[:-1].reshape(-1) == self.policy.num_entities
-            for pick, rows in (("first", is_first), ("second", ~is_first)):
+            for action, rows in (("first", is_first), ("second", ~is_first)):
                 means = lambdas[rows].mean(0).tolist() if rows.any() else [None] * lambdas.shape[1]
-                names = (f"lambda_{label.name}_{pick}" for label in self.policy.labels)
+                names = (f"lambda_{label.name}_{action}" for label in self.policy.labels)
                 figures |= dict(zip(names, means, strict=True))
         return figures
 
     def state(self) -> dict[str, Tensor]:
-        """Return the tensors that :meth:`restore` needs to continue bit for bit, by name.
+        """Return the complete training state by name; :meth:`restore` continues bit for bit.
 
         Raises:
-            TrainingError: if a parameter is not finite, which updates on a device do not check.
+            TrainingError: if a parameter is not finite; updates on a device do not check.
         """
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
@@ -188,7 +189,7 @@ class Impala:
         return copied(tensors)
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """Continue from a :meth:`state` of the same policy, tasks and settings.
+        """Continue from a :meth:`state` with the same policy, tasks and settings.
 
         Raises:
             KeyError: if a tensor is missing.
@@ -212,7 +213,7 @@ class Impala:
 
     @torch.no_grad()
     def _collect(self, weights: Weights) -> bool:
-        """Act for an unroll; return whether an episode continues, so that its value is needed."""
+        """Collect an unroll; return whether an episode continues, so that bootstrap values are needed."""
         unroll, engine = self._unroll, self.envs.engine
         noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
         for t in range(self.config.unroll):
@@ -243,16 +244,16 @@ class Impala:
         """Sample actions from uniform noise; return actions and log-probabilities, shape (B,) each."""
         log_probs = log_policy(self.policy(goal, selection, table, weights, opinions=opinions).logits)
         shares = log_probs.exp().cumsum(0)
-        # The first slot at which the cumulative probability exceeds the number; a slot of probability 0 never is.
+        # The first slot where the cumulative probability exceeds the noise, never a slot with probability 0.
         actions = (shares <= noise * shares[-1]).sum(0)
         return actions, log_probs.gather(0, actions[None])[0]
 
     def _losses(
         self, weights: Weights, unroll: _Unroll, is_cut: bool
     ) -> tuple[tuple[Tensor, ...], tuple[Tensor, Tensor]]:
-        """Return the losses in the order of :data:`LOSSES`, and log-ratios and λ.
+        """Return losses in the order of :data:`LOSSES`, then log-ratios and λ.
 
-        ``is_cut``: an episode continues after the unroll, so the values of the last states are needed.
+        ``is_cut``: an episode continues after the unroll, so values for the last states are needed.
         """
         config, time = self.config, self.config.unroll
         num_states = time + 1 if is_cut else time
@@ -276,7 +277,7 @@ class Impala:
         return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 
     def _make_views(self) -> None:
-        """Make parameters and gradients views of the flat tensors."""
+        """Replace parameters and gradients by views of the flat tensors."""
         assert self._flat.grad is not None
         sizes = [parameter.numel() for parameter in self._parameters]
         values, gradients = self._flat.data.split(sizes), self._flat.grad.split(sizes)
@@ -284,16 +285,16 @@ class Impala:
             parameter.data, parameter.grad = value.view_as(parameter), gradient.view_as(parameter)
 
     def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Return the optimiser state, checked here because torch would fail only in the next update."""
+        """Return the optimiser state; without this check, torch would fail in the next update."""
         expected = {"step": (), "square_avg": self._flat.shape} if state["update"] else {}
         if expected and self.config.momentum:
             expected["momentum_buffer"] = self._flat.shape
         names = {name.removeprefix("optimizer."): name for name in state if name.startswith("optimizer.")}
         if names.keys() != expected.keys():
-            raise KeyError(f"the optimiser needs {', '.join(expected) or 'nothing'}; it has {', '.join(names)}")
+            raise KeyError(f"optimiser tensors: expected {', '.join(expected) or 'none'}, found {', '.join(names)}")
         for key, name in names.items():
             if state[name].shape != expected[key] or not state[name].is_floating_point():
-                raise RuntimeError(f"{name} is of shape {tuple(state[name].shape)} and type {state[name].dtype}")
+                raise RuntimeError(f"{name} has shape {tuple(state[name].shape)} and type {state[name].dtype}")
         return {key: state[name].to("cpu" if key == "step" else self.device, copy=True) for key, name in names.items()}
 
     def _not_finite(self) -> str:
@@ -319,5 +320,5 @@ def check_compiler(device: torch.device) -> None:
         reason = (str(error).strip() or "no reason given").splitlines()[0]
         raise ConfigError(
             f"`compile`: torch cannot compile here ({type(error).__name__}: {reason}). Install a C++ compiler such as "
-            "g++, or train without it."
+            "g++, or train without `compile`."
         ) from None

@@ -1,4 +1,4 @@
-"""The three terms of the actor-critic loss, summed over time and batch as IMPALA does."""
+"""Actor-critic loss terms, summed over time and batch as in IMPALA."""
 
 import torch
 from torch import Tensor

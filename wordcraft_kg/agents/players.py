@@ -1,6 +1,6 @@
 """Scripted players (chance, symbolic knowledge graphs, scorers, an oracle) and their success rates.
 
-A player is a function ``(state, rng) -> slots`` that picks for all environments in a batch at once.
+A player is a function ``(state, rng) -> slots`` that acts in all environments of a batch at once.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -32,29 +32,29 @@ from wordcraft_kg.models.scorers.scales import SelfEdges
 
 Player = Callable[[State, np.random.Generator], Ids]
 PLAYERS: Registry[Callable[[Split], Player]] = Registry("wordcraft_kg.players")
-"""Makers of players from outside this package."""
+"""Player constructors from other packages."""
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
-"""Scores of slots by goal, selection, table and task, such as a source's."""
+"""Slot scores by goal, selection, table and task, for example a source."""
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""Scores of recipes ``a + b -> c`` by the ids of a, b and c, which broadcast against each other."""
+"""Scores for recipes ``a + b -> c`` by broadcastable ids of a, b and c."""
 CELLS = 200_000
-"""Pairs of slots that are scored at a time: there are A² of them in a state of A slots."""
+"""Batch size for slot pairs: a state with A slots has A² pairs."""
 
 
 def random_entity(state: State, rng: np.random.Generator) -> Ids:
-    """Pick an entity uniformly."""
+    """Choose a slot uniformly."""
     return np.asarray(state.random_actions(rng.random(state.num_envs)))
 
 
 def random_distinct(state: State, rng: np.random.Generator) -> Ids:
-    """Pick an entity uniformly, avoiding the selected entity."""
+    """Choose a slot uniformly, but not the selection."""
     others = state.action_masks() & (state.table != state.selection[:, None])
-    # Where there is no other entity, the same again.
+    # Without another entity, repeat the selection.
     return _best(np.where(others, 1.0, np.where(state.action_masks(), 0.0, -np.inf)), rng)
 
 
 def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
-    """Follow the first plan of the task."""
+    """Follow the task's first plan."""
     tasks, recipes = state.world.tasks, state.world.search.rows
     slots = np.zeros(state.num_envs, dtype=np.int64)
     for i in range(state.num_envs):
@@ -68,9 +68,9 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
 
 
 def knowledge_player(sources: Sequence[SlotScores]) -> Player:
-    """Return a player that maximises summed source scores, ties at random; the paper's sums u and v."""
+    """Return a player that maximises summed source scores, ties at random; the paper's player sums u and v."""
 
-    def pick(state: State, rng: np.random.Generator) -> Ids:
+    def choose(state: State, rng: np.random.Generator) -> Ids:
         bind_tasks(sources, state.world)
         inputs = states_of(state)
         scores = np.zeros(state.table.shape)
@@ -78,13 +78,13 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
             scores += source(*inputs).numpy()
         return _best(np.where(state.action_masks(), scores, -np.inf), rng)
 
-    return pick
+    return choose
 
 
 def pair_player(score_recipes: RecipeFunction) -> Player:
     """Return a player that maximises the pair's recipe score for the goal; ties favour two different entities.
 
-    With an empty hand, a slot's score is the maximum over partners on the table.
+    Without a selection, a slot's score is the maximum over partners on the table.
     """
 
     def of_pairs(a: Tensor, b: Tensor, goal: Tensor, nothing: int) -> Tensor:
@@ -93,11 +93,11 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double() - 1e-6 * (a == b)
         return scores.masked_fill(b == nothing, -torch.inf)
 
-    def pick(state: State, rng: np.random.Generator) -> Ids:
+    def choose(state: State, rng: np.random.Generator) -> Ids:
         goal, selection, table, _ = states_of(state)
         scores = of_pairs(selection[:, None], table, goal[:, None], state.nothing)
         begins = torch.nonzero(selection == state.nothing).flatten()
-        # Most slots of a large book may be for results that nobody has made yet.
+        # In a large book, most slots may be empty, reserved for results.
         slots = torch.nonzero((table[begins] != state.nothing).any(0)).flatten()
         for rows in begins.split(max(1, CELLS // len(slots) ** 2)) if len(slots) else ():
             filled = table[rows][:, slots]
@@ -105,11 +105,11 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
             scores[rows[:, None], slots] = pairs.max(dim=2).values
         return _best(np.where(state.action_masks(), scores.numpy(), -np.inf), rng)
 
-    return pick
+    return choose
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
-    """Return u and v for known triples by name: 1 for a link, else 0; without tables for all pairs."""
+    """Return sources u and v for known triples: 1 for a link, else 0; without tables of all pairs."""
     facts, nothing = SymbolicScorer(graph, triples), graph.num_entities
 
     def linked(relation: int, key: Tensor, table: Tensor) -> Tensor:
@@ -129,7 +129,7 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
 
 
 def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
-    """Return a function that counts the known links between a, b and c, 0 to 3."""
+    """Return a function that counts known links between a, b and c, 0 to 3."""
     facts = SymbolicScorer(graph, triples)
 
     def score(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
@@ -163,9 +163,9 @@ def knowledge_players(split: Split) -> dict[str, Player]:
 def scorer_players(
     graph: RecipeGraph, scorer: TripleScorer, observed: Ids, tasks: TaskSet | None = None
 ) -> dict[str, Player]:
-    """Return players by standardised scores: v, u, and u+v with three treatments for self edges.
+    """Return players by standardised scores: v, u, and u+v with three settings for self edges.
 
-    Recipe scorers add ``w, best pair``, the pair with the highest recipe score.
+    Recipe scorers add ``w, best pair``, which plays the pair with the highest recipe score.
 
     Args:
         graph: the graph.
@@ -189,18 +189,18 @@ def scorer_players(
         "u+v, self edges observed": of("u", "v", self_edges="observed"),
         "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
-    # By its source, so that no train task is played from memory.
+    # The source w refuses train tasks, where scores would be in-sample.
     return players | ({"w, best pair": of("w")} if BestRecipe.serves(scorer) else {})
 
 
 class PlayerSuccess(Record):
-    """A player's success for a number of distractors.
+    """A player's success with a number of distractors.
 
     Attributes:
         success: success rate.
-        low, high: 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`; draws for a
-            task are not independent.
-        by_plan: success rate by the last pair of a plan.
+        low, high: 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`; a task's
+            episodes are not independent.
+        by_plan: success rate with the last pair from a plan.
     """
 
     player: str
@@ -221,18 +221,18 @@ def play_all(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players on all tasks of a split; success does not depend on reward settings.
+    """Evaluate players on all tasks in a split; success does not depend on reward settings.
 
     Args:
         world: graph, tasks and settings except the number of distractors.
         players: players by name.
         distractors: numbers of distractors.
-        distractor_seeds: draws of distractors for each task, equal for all players.
+        distractor_seeds: tables per task, equal for all players.
         seed: seed for distractors and players.
         progress: receives finished rows, total rows, and the last success rate.
 
     Returns:
-        a record for each number of distractors and player.
+        a record per number of distractors and player.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
@@ -257,6 +257,6 @@ def play_all(
 
 
 def _best(scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:
-    """Return the column of the row maximum, ties at random."""
+    """Return the column with the row maximum, ties at random."""
     is_best = scores == scores.max(axis=1, keepdims=True)
     return np.asarray(np.where(is_best, rng.random(scores.shape), -1.0).argmax(axis=1))

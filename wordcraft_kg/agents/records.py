@@ -15,13 +15,13 @@ EPISODES_FILE = "episodes.jsonl"
 
 
 class AgentSummary(Record, frozen=True, kw_only=True):
-    """``evaluation.json``: the final evaluation, by split, after training for ``steps`` environment steps.
+    """``evaluation.json``: the final evaluation by split, after ``steps`` environment steps.
 
     Attributes:
         seconds: run time, including evaluation and writing.
         steps_per_second: speed in training, without evaluation.
-        curves_share: share of the time for learning curves.
-        outcomes: shares of endings.
+        curves_share: share of the run time for learning curves.
+        outcomes: episode shares by termination reason.
     """
 
     steps: int
@@ -51,7 +51,7 @@ class AgentProgress(Record, frozen=True, kw_only=True):
 
 
 class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
-    """A line of ``metrics.jsonl``: environment steps, seconds since the start, and metrics by name."""
+    """A line in ``metrics.jsonl``: environment steps, seconds since the start, and metrics by name."""
 
     step: int
     seconds: float
@@ -64,19 +64,19 @@ def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
     Raises:
         ArtefactError: naming the line and the field.
     """
-    when = parse_lines(data, MetricsRow, path)
+    rows = parse_lines(data, MetricsRow, path)
     figures = parse_lines(data, dict[str, float | None], path)
     return [
         msgspec.structs.replace(row, figures={name: value for name, value in line.items() if value is not None})
-        for row, line in zip(when, figures, strict=True)
+        for row, line in zip(rows, figures, strict=True)
     ]
 
 
 class PlayedTask(Record):
-    """A line of ``episodes.jsonl``: the episodes of a task in the final evaluation, by draw of distractors.
+    """A line in ``episodes.jsonl``: a task's episodes in the final evaluation, by distractor seed.
 
     Attributes:
-        start: starting ingredients; together with the goal, they identify the task.
+        start: starting ingredients; goal and start identify the task.
         success: success rate.
         actions: episode lengths.
     """
@@ -90,7 +90,7 @@ class PlayedTask(Record):
 
 
 def read_episodes(folder: Path) -> list[PlayedTask]:
-    """Read ``episodes.jsonl`` of a finished run.
+    """Read ``episodes.jsonl`` from a finished run.
 
     Raises:
         ArtefactError: if the file is missing or damaged, naming the line.
@@ -100,14 +100,13 @@ def read_episodes(folder: Path) -> list[PlayedTask]:
 
 
 def read_summary(files: RunFiles) -> AgentSummary:
-    """Read ``evaluation.json`` of a finished run.
+    """Read ``evaluation.json`` from a finished run.
 
     Raises:
         ArtefactError: if the file is missing or damaged.
     """
     summary = files.record("evaluation.json", AgentSummary)
     if not summary.success:
-        raise ArtefactError(
-            f"{files.folder / 'evaluation.json'} is damaged: no tasks were played. Train the agent again."
-        )
+        path = files.folder / "evaluation.json"
+        raise ArtefactError(f"{path} is damaged: no tasks were played. Train the agent again.")
     return summary

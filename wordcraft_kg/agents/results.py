@@ -53,15 +53,15 @@ def _of_train_tasks(run: RunRecord) -> str:
         return ""
     if run.kg == "none":
         return (
-            "\nThe scorer was taught no recipe of the graph: train and test tasks are alike to it, unless whatever it "
-            "rests on knew recipes of this book.\n"
+            "\nThe scorer was not trained on any recipe in the graph, so it treats train and test tasks alike, unless "
+            "its source (such as a language model) knew recipes in this book.\n"
         )
     if run.cross_fitted:
         return (
-            f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: on train tasks, too, it answered by a model "
-            "that has not seen their recipes. So success on them forecasts success on test tasks.\n"
+            f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: a model trained without the recipes of a "
+            "train task scores this task. So success on train tasks predicts success on test tasks.\n"
         )
-    return "\nOn train tasks the scorer answered from memory: it was trained on their recipes.\n"
+    return "\nOn train tasks the scores were in-sample: the scorer was trained on the recipes of these tasks.\n"
 
 
 def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary: AgentSummary) -> str:
@@ -70,18 +70,18 @@ def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary
     kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
     guide = "without a knowledge graph"
     if config.scorer:
-        own = "only" if policy.kg_only else "mixed into its logits"
-        of = f"of the {run.kg} knowledge graph" if run.kg != "none" else "that was taught no recipe"
-        guide = f"with {' and '.join(policy.sources)} of a scorer {of} {own}"
+        trained_on = f"trained on the {run.kg} knowledge graph" if run.kg != "none" else "not trained on recipes"
+        use = "as the only logits" if policy.kg_only else "mixed into the logits"
+        guide = f"with {' and '.join(policy.sources)} from a scorer {trained_on}, {use}"
     warning = (
-        "\nThe scorer was trained on all triples, including those of the test recipes: success on test tasks says how "
-        "well the agent uses a perfect source, not how well it generalises.\n"
+        "\nThe scorer was trained on all triples, including test triples: success on test tasks measures the use of a "
+        "perfect source, not generalisation.\n"
         if run.kg == "full"
         else _of_train_tasks(run)
     )
     rows = "\n".join(
         f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
-        f"{result.tasks:,} tasks with {result.distractor_seeds} draws of distractors each"
+        f"{result.tasks:,} tasks with {result.distractor_seeds} distractor seeds each"
         for part, result in summary.success.items()
     )
     return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
@@ -89,12 +89,12 @@ def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary
 
 Plays crafting tasks of depth {tasks.depth} with {tasks.distractors} distractors on graph `{opened.graph.hash[:12]}`.
 {warning}
-Success of the greedy policy on the tasks of each part (95 % interval over tasks, for this one seed):
+Success of the greedy policy by split (95 % interval over tasks, for this seed):
 
 {rows}
 
 Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
-{summary.parameters:,} parameters. `config.toml` reproduces it; `run.json` lists the versions it was made with.
+{summary.parameters:,} parameters. `config.toml` reproduces the run; `run.json` lists software versions.
 
 {usage(opened.graph.entities)}
 """

@@ -1,6 +1,6 @@
 """Policies for Stable-Baselines3: :class:`SB3Policy` for PPO and A2C, and a masked variant for MaskablePPO.
 
-Needs the extra ``interop`` and the plain ``WordCraft-v0``, whose ids go to the policy unchanged::
+Needs the extra ``interop`` and the plain ``WordCraft-v0``; the policy reads entity ids::
 
     policy, _ = make_policy(PolicyConfig(features="random"), opened.graph, env.unwrapped.num_slots)
     model = PPO(SB3Policy, env, policy_kwargs={"network": policy})
@@ -25,8 +25,8 @@ try:
     from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 except ImportError:
     raise MissingExtraError(
-        "training with Stable-Baselines3 needs stable-baselines3 and sb3-contrib, and one of them is not installed. "
-        "Install them: pip install 'wordcraft-kg[interop]'"
+        "training with Stable-Baselines3 needs stable-baselines3 and sb3-contrib. Install both packages: "
+        "pip install 'wordcraft-kg[interop]'"
     ) from None
 
 Observations = Mapping[str, Tensor]
@@ -36,9 +36,9 @@ Schedule = Callable[[float], float]
 class _NetworkPolicy(BasePolicy):
     """Base class: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
 
-    Features, layers and initial weights of Stable-Baselines3 are not used. Observations have ids in ``goal`` and
-    ``selection``, shape (B,) or (B, 1), and ``table``, shape (B, A), of any number type. ``task`` is read if scores
-    depend on the task; other keys are ignored.
+    Features, layers and initial weights from Stable-Baselines3 are not used. Observations have ids in ``goal`` and
+    ``selection``, shape (B,) or (B, 1), and ``table``, shape (B, A), in any number type. ``task`` is read if scores
+    depend on the task; further keys are ignored.
     """
 
     def __init__(
@@ -52,19 +52,19 @@ class _NetworkPolicy(BasePolicy):
         optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
         optimizer_kwargs: dict[str, Any] | None = None,
     ):
-        """Copy the policy; the algorithm passes positional arguments, ``policy_kwargs`` keyword arguments.
+        """Copy the policy; algorithms pass positional arguments, ``policy_kwargs`` keyword arguments.
 
         Args:
             observation_space: from the environment.
             action_space: from the environment.
             lr_schedule: learning rate by the remaining share of training, 1 to 0.
-            use_sde: always False; PPO and A2C pass it but reject this noise for discrete actions.
-            network: the policy, which stays unchanged; the attribute of this name is the trained copy.
-            optimizer_class: Adam by default, with the ``eps`` of 1e-5 of Stable-Baselines3.
+            use_sde: always False; PPO and A2C pass this argument but reject the noise for discrete actions.
+            network: the policy, which stays unchanged; the attribute ``network`` is the trained copy.
+            optimizer_class: Adam by default, with the ``eps`` 1e-5 from Stable-Baselines3.
             optimizer_kwargs: optimiser settings except the learning rate.
 
         Raises:
-            ConfigError: unless the spaces are of ``WordCraft-v0`` with the number of entities of the policy.
+            ConfigError: unless the spaces are from ``WordCraft-v0``, with the policy's number of entities.
         """
         _check_spaces(observation_space, action_space, network)
         settings = {"optimizer_class": optimizer_class, "optimizer_kwargs": optimizer_kwargs}
@@ -92,7 +92,7 @@ class _NetworkPolicy(BasePolicy):
         """Return the distribution over slots; empty and masked slots have probability exactly 0.
 
         Args:
-            obs: ids of B states.
+            obs: ids for B states.
             action_masks: reshapeable to (B, A): False excludes a slot; True does not revive an empty slot. None
                 excludes empty slots only.
 
@@ -109,7 +109,7 @@ class _NetworkPolicy(BasePolicy):
         """Skip the default network construction."""
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        """Return the saved arguments of the constructor."""
+        """Return constructor arguments for saving."""
         names = ("observation_space", "action_space", "network", "optimizer_class", "optimizer_kwargs")
         return {name: getattr(self, name) for name in names} | {"lr_schedule": self._dummy_schedule}
 
@@ -123,23 +123,23 @@ class _NetworkPolicy(BasePolicy):
         return self.action_dist.proba_distribution(action_logits=logits), value[:, None]
 
     def _ask(self, obs: Observations) -> PolicyOutput:
-        # Some versions keep ids as floats in their rollout buffers, and single numbers as rows of one.
+        # Rollout buffers may store ids as floats, and single numbers with shape (1,).
         goal, selection = obs["goal"].long().reshape(-1), obs["selection"].long().reshape(-1)
         if self._bound_to() != self._tasks:
             raise LeakError(
-                "the policy was bound to other tasks since its training began, so the numbers of this environment's "
-                "tasks would mean others. Bind it again: model.policy.network.bind(world.tasks)."
+                "the policy was bound to different tasks after training began, so its task indices do not match this "
+                "environment. Bind the policy again: model.policy.network.bind(world.tasks)."
             )
         task = obs["task"].long().reshape(-1) if self.network.reads_task else None
         return self.network(goal, selection, obs["table"].long(), task=task)
 
     def _bound_to(self) -> list[str]:
-        """Return hashes of the task sets that the sources are bound to."""
+        """Return hashes of the bound task sets."""
         return [source.bound_to for source in _folded(self.network)]
 
 
 def _folded(network: Policy) -> list[FoldedSource]:
-    """Return sources whose scores depend on the task."""
+    """Return sources with task-dependent scores."""
     return [source for source in network.sources.values() if isinstance(source, FoldedSource) and source.reads_task]
 
 
@@ -148,22 +148,22 @@ class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
 
     ``network`` comes from :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy``. Training changes
     a copy, ``model.policy.network``, but neither scores nor constant vectors, which are buffers. Ids must belong to the
-    graph of the policy; only their number is checked. The only other settings are ``optimizer_class`` and
-    ``optimizer_kwargs``. Empty slots are never picked, with or without masks.
+    policy's graph; only the number of entities is checked. Further settings are ``optimizer_class`` and
+    ``optimizer_kwargs``. Empty slots are never chosen, with or without masks.
 
     A policy with a cross-fitted scorer must be made with ``tasks``, and the environment wrapped in
     :class:`~wordcraft_kg.envs.wrappers.TaskObservation`.
 
     ``model.save`` pickles ``policy_kwargs``, including the untrained ``network`` with scores and features. So
-    ``PPO.load`` needs neither graph nor scorer; but load trusted files only, with the versions of torch and this
-    package that wrote them.
+    ``PPO.load`` needs neither graph nor scorer, but the same versions of torch and this package. Load trusted files
+    only.
     """
 
 
 class MaskableSB3Policy(_NetworkPolicy, MaskableActorCriticPolicy):
     """:class:`SB3Policy` for MaskablePPO of sb3-contrib, with optional custom masks.
 
-    The masks of the environment only exclude empty slots, which are excluded anyway.
+    Environment masks are redundant, because empty slots are always excluded.
     """
 
 
@@ -178,13 +178,13 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
         and table.shape == (action_space.n,)
     ):
         raise ConfigError(
-            f"observations {observation_space} and actions {action_space}: expected the ids of goal, selection and "
-            "table and the slots of WordCraft-v0. Use the environment without a wrapper that replaces its ids."
+            f"observations {observation_space} and actions {action_space}: expected goal, selection and table as ids, "
+            "and slots, as in WordCraft-v0. Remove wrappers that replace ids."
         )
     if goal.n != network.num_entities:
         raise ConfigError(
             f"the policy knows {network.num_entities:,} entities but the environment has {goal.n:,}. Make or load a "
-            "policy of the environment's graph."
+            "policy for the environment's graph."
         )
     _check_tasks(known.get("task"), network)
 
@@ -192,12 +192,12 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
 def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
     if network.reads_task and not isinstance(task, spaces.Discrete):
         raise ConfigError(
-            "the policy's scorer is cross-fitted: which of its models has not seen a task depends on the task, and the "
-            "observations do not have it. Wrap the environment: TaskObservation(env)."
+            "the policy's scorer is cross-fitted, so its scores depend on the task, but the observations have no task "
+            "index. Wrap the environment: TaskObservation(env)."
         )
     amounts = {len(source.model_of_task) for source in _folded(network) if source.bound_to}
     if isinstance(task, spaces.Discrete) and amounts and amounts != {task.n}:
         raise ConfigError(
-            f"the policy was made for {max(amounts) - 1:,} tasks but the environment has {task.n - 1:,}. Make it with "
-            "the `tasks` of this environment's world."
+            f"the policy was made for {max(amounts) - 1:,} tasks but the environment has {task.n - 1:,}. Make the "
+            "policy with the `tasks` in this environment's world."
         )

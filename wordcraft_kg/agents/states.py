@@ -12,7 +12,7 @@ from wordcraft_kg.envs.world import World
 
 
 class States(NamedTuple):
-    """States of B environments.
+    """A batch of B environment states.
 
     Attributes:
         goal, selection: shape (B,), int64.
@@ -37,7 +37,7 @@ def states_of(state: State) -> States:
 
 
 def has_train_recipes(world: World) -> bool:
-    """Return whether tasks may need train recipes, which a scorer may have been trained on."""
+    """Return whether a plan may use train recipes, and so the training data of a scorer."""
     return world.config.part in ("train", "all")
 
 
@@ -45,9 +45,9 @@ def bind_tasks(scores: Iterable[Any], world: World) -> None:
     """Bind sources or policies that read task indices to the tasks in a world.
 
     Raises:
-        LeakError: if a task would be scored by a model trained on its recipes.
+        LeakError: if a model would score tasks with recipes from its training data.
     """
     if has_train_recipes(world):
-        for one in scores:
-            if getattr(one, "reads_task", False):
-                one.bind(world.tasks)
+        for source in scores:
+            if getattr(source, "reads_task", False):
+                source.bind(world.tasks)

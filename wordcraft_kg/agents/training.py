@@ -1,7 +1,7 @@
-"""Training of an agent into a run folder.
+"""Training an agent into a run folder.
 
-Checkpoints hold the complete trainer state, so on a CPU an interrupted and continued run ends with the same bits as
-an uninterrupted run.
+Checkpoints hold the complete trainer state, so that on a CPU an interrupted and continued run ends with the same bits
+as an uninterrupted run.
 """
 
 import logging
@@ -39,17 +39,17 @@ from wordcraft_kg.runs.record import read_finished_run
 from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 
-_MANY_SELF_PAIRS = 0.25  # share from which self edges get a warning
+_MANY_SELF_PAIRS = 0.25  # minimum share for a warning about self edges
 
 
 @dataclass(frozen=True)
 class TrainedAgent:
-    """The outcome of a training run.
+    """The result of a training run.
 
     Attributes:
         folder: run folder.
         step: environment steps.
-        summary: ``evaluation.json``; None for an interrupted run, which the same call continues.
+        summary: ``evaluation.json``; None for an interrupted run, which the same call would continue.
     """
 
     folder: Path
@@ -99,10 +99,10 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     config_type = AgentConfig
 
     def __init__(self, config: AgentConfig, opened: OpenedGraph):
-        """Check that the settings fit the machine.
+        """Check device and compiler.
 
         Raises:
-            ConfigError: if not.
+            ConfigError: if the device or the compiler is unavailable.
         """
         super().__init__(config, opened)
         check_device(config.trainer.device)
@@ -111,7 +111,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     @cached_property
     def envs(self) -> State:
-        """Environments at the start of their first episodes; creating tasks of a large graph takes time."""
+        """Environments at the start of the first episodes; creating tasks takes time for a large graph."""
         return _environments(self.opened, self.config)
 
     @property
@@ -133,20 +133,20 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         return {"scorer": outputs[WEIGHTS], "scorer_folds": folds}
 
     def prepare(self) -> None:
-        """Make the policy."""
+        """Load the scorer and make the policy."""
         config, opened, scorer = self.config, self.opened, None
         observed, self.facts = None, dict[str, Any]()
         if config.scorer is not None:
             model = open_model(Path(config.scorer), opened.source)
             scorer, observed = model.scorer, model.observed
-            # Before the tasks are made.
+            # Checked before the tasks are made.
             whole = scorer.whole if config.policy.in_sample else scorer
             pairs_need_factors(config.policy.sources, whole, config.policy.scale)
             self.facts["kg"] = model.kg
             if scorer.folds is not None and not config.policy.in_sample:
                 self.facts["cross_fitted"] = scorer.folds.count
             elif model.kg == "partial":
-                _warn_of_memory(config)
+                _warn_of_in_sample_scores(config)
             _warn_of_self_pairs(opened.graph, config)
         world, slots, seed = self.envs.world, self.envs.engine.num_slots, config.trainer.seed
         self.policy, features = make_policy(
@@ -195,7 +195,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     def _restore(self, checkpoint: Checkpoint[AgentProgress]) -> None:
         self.impala.restore(checkpoint.tensors)
         if self.step != checkpoint.number:
-            raise ValueError(f"it is of step {self.step:,}")
+            raise ValueError(f"the checkpoint has step {self.step:,}")
         progress = checkpoint.progress
         self.seconds, self.metrics.eval_seconds = progress.seconds, progress.eval_seconds
         self._begun -= progress.elapsed
@@ -212,14 +212,14 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             eval_every = trainer.updates
         if self.run.checkpoints.last is None:
             self._save()
-        if not self.step:  # the first points of the curves
+        if not self.step:  # the first points on the curves
             self._log({}, is_point=True)
         while self.impala.update_number < trainer.updates and not self.run.interrupted.is_set():
             begun = time.perf_counter()
             self.impala.update()
             done = self.impala.update_number
             is_point = done == trainer.updates or done % eval_every == 0
-            # On a device this waits for pending work, so it belongs to the measured time.
+            # On a device, reading waits for pending work, so reading is part of the measured time.
             figures = self.impala.take_figures() if is_point or done % log_every == 0 else None
             self.seconds += time.perf_counter() - begun
             if figures is not None:
@@ -234,7 +234,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         step, seconds = self._logged
         rate = round((self.step - step) / (self.seconds - seconds)) if self.seconds > seconds else None
         self._logged = (self.step, self.seconds)
-        row = {"step": self.step, **figures, **(self.metrics.judge(self.policy) if is_point else {})}
+        row = {"step": self.step, **figures, **(self.metrics.evaluate(self.policy) if is_point else {})}
         row |= {"steps_per_second": rate, "seconds": round(self.elapsed, 3)}
         self.metrics.add(row)
         if self.report and self.step:
@@ -256,7 +256,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         summary = AgentSummary(
             steps=self.step,
             seconds=round(self.elapsed, 3),
-            # Speed of acting and learning alone: the other seconds are evaluation and writing.
+            # Speed without evaluation and writing.
             steps_per_second=round(self.step / self.seconds) if self.seconds else 0,
             curves_share=round(self.metrics.eval_seconds / self.elapsed, 4),
             parameters=sum(parameter.numel() for parameter in self.policy.parameters()),
@@ -271,7 +271,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
 def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
     trainer = config.trainer
-    # Tables, and what the learner keeps of each step for its gradients.
+    # Tables, and activations for the gradients.
     slots = config.tasks.distractors + config.tasks.depth + 1
     needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
     name, size = max(("batch_size", trainer.batch_size), ("unroll", trainer.unroll), key=lambda setting: setting[1])
@@ -280,25 +280,21 @@ def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
     return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
 
 
-def _warn_of_memory(config: AgentConfig) -> None:
-    cause, remedy = "the scorer has no folds", "; train it with `folds` 5"
+def _warn_of_in_sample_scores(config: AgentConfig) -> None:
+    cause, remedy = "the scorer has no folds", " Train the scorer with `folds` 5."
     if config.policy.in_sample:
         cause, remedy = "`in_sample` is set", ""
-    logging.getLogger(__name__).warning(
-        "%s, so train tasks are answered from memory, and the agent learns to trust scores more than unseen recipes "
-        "deserve%s.",
-        cause,
-        remedy,
-    )
+    message = "%s, so scores for train tasks are in-sample, and the agent learns to trust the scorer too much.%s"
+    logging.getLogger(__name__).warning(message, cause, remedy)
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
-    """Warn about ``self_edges`` observed in a book with many pairs of an entity with itself."""
+    """Warn about ``self_edges`` observed in a book with many self pairs."""
     share = graph.num_self_pairs / graph.num_pairs
     if config.policy.self_edges == "observed" and share >= _MANY_SELF_PAIRS:
         logging.getLogger(__name__).warning(
-            "%.0f %% of the pairs of %s combine a thing with itself, and `self_edges` observed takes such a pair for "
-            "no better than any other unless the scorer was trained on it; keep and drop did better on such a book.",
+            "%.0f %% of pairs in %s combine an entity with itself, but `self_edges` observed scores an unseen self pair"
+            " like an average pair. On such a book, keep and drop gave better agents.",
             100 * share,
             graph.name,
         )

@@ -1,4 +1,4 @@
-"""V-trace: value targets and advantages from the experience of a slightly older policy."""
+"""V-trace: value targets and advantages from the experience of an older policy."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ from torch import Tensor
 
 
 class VTrace(NamedTuple):
-    """Targets of a batch of unrolls, shape (T, B) each, without gradients.
+    """Targets for a batch of unrolls, shape (T, B) each, without gradients.
 
     Attributes:
         vs: value targets.
@@ -38,12 +38,12 @@ def v_trace(
 
     Args:
         log_rhos: shape (T, B): log π(a|x) - log μ(a|x).
-        discounts: shape (T, B): γ, and 0 at the end of an episode.
+        discounts: shape (T, B): γ, or 0 at the end of an episode.
         rewards: shape (T, B).
         values: shape (T, B): V before each step.
         bootstrap_value: shape (B,): V after the last step.
         clip_rho: ρ̄, which determines the fixed point.
-        clip_c: c̄, which limits the reach of corrections.
+        clip_c: c̄, which limits the range of corrections.
         clip_pg_rho: ρ̄_pg, for the policy gradient.
 
     Source: Espeholt et al. 2018, "IMPALA", equations 1 and 2 and section 4.2.

@@ -68,7 +68,7 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
         label = f"  {'>' if slot.entity == step.action else ' '} {slot.entity}{' *' if slot.is_part else ''}"
         rows.append((label, *(f"{figure:.2f}" for figure in figures), f"{slot.probability:.1%}"))
     yield from aligned(rows, numbers=True)
-    for entity, evidence in step.told():
+    for entity, evidence in step.best_evidence():
         yield f"  {label_of(evidence.source).symbol}: {entity} + {evidence.partner} because {because(evidence.because)}"
     if step.made:
         yield f"  made {', '.join(step.made)}"

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from wordcraft_kg.agents.config import OF_SCORER
+from wordcraft_kg.agents.config import KNOWLEDGE_SETTINGS
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.reference import PlayedGraph
@@ -94,7 +94,7 @@ def _explicit(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
     values = dict(cell.settings)
     name = values.get(SCORER)
     if scorer is None or name is None:
-        left_out = {key for key in values if key in OF_SCORER or key.startswith(f"{SCORER}.")}
+        left_out = {key for key in values if key in KNOWLEDGE_SETTINGS or key.startswith(f"{SCORER}.")}
         return {key: value for key, value in values.items() if key not in left_out} | {SCORER: _NONE}
     own = {f"{SCORER}.{key}": value for key, value in plan.study.scorers[str(name)].items()}
     return {**own, **values}
@@ -107,7 +107,7 @@ def _with_defaults(explicit: Values, by: Sequence[str]) -> Values:
     """
     values = {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT}
     if explicit[SCORER] == _NONE:
-        values |= {name: _NONE for name in OF_SCORER if name in by}
+        values |= {name: _NONE for name in KNOWLEDGE_SETTINGS if name in by}
     elif (kind := CONFIG_OF.get(str(explicit[f"{SCORER}.command"]))) is not None:
         values |= {f"{SCORER}.{name}": value for name, value in defaults_of(kind).items()}
     derived = {*NO_SETTINGS, "eval_every", *(f"{SCORER}.{name}" for name in NO_SETTINGS)}

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.agents.config import OF_SCORER, AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.config import KNOWLEDGE_SETTINGS, AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ConfigError, SplitError
 from wordcraft_kg.base.feature_spec import LEARNED, NAMES, SHUFFLED, VECTORS, FeatureSpec
@@ -182,7 +182,7 @@ class _Planner:
     def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
         given = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
         if scorer is None and SCORER in cell.settings:
-            given = {name: value for name, value in given.items() if name not in OF_SCORER}
+            given = {name: value for name, value in given.items() if name not in KNOWLEDGE_SETTINGS}
         given["seed"] = cell.seed
         if "eval_every" not in given:
             steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)

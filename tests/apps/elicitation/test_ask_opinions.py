@@ -146,12 +146,12 @@ def test_an_agent_is_trained_on_opinions_saved_evaluated_and_explained(view_of, 
     opinions = ("--scorer", "models/opinions")
     training = ("--use", "u,v,w", "--steps", "256", "--eval-every", "0", "--out", "agent", "--features", "random")
     outcome = succeed("train-agent", "kitchen", *opinions, *training)
-    assert "from memory" not in caplog.text + outcome.err  # opinions were not trained on recipes
+    assert "in-sample" not in caplog.text + outcome.err  # opinions were not trained on recipes
     agent = open_agent(Path("agent"))
     assert agent.run.kg == "none"
     assert [label.symbol for label in agent.policy.labels] == ["α", "u", "v", "w"]
     card = Path("agent/README.md").read_text()
-    assert "was taught no recipe" in card
+    assert "a scorer not trained on recipes" in card
     assert "knowledge graph mixed" not in card
     assert len(agent.policy.sources["w"].keys) == 1 + len(load_scorer("models/opinions").opinions)
     succeed("evaluate-agent", "agent", "--distractor-seeds", "1")

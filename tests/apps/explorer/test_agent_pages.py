@@ -146,12 +146,12 @@ def test_memory_is_marked(agents: Explored, recipes_folder: Path):
     both = Episode(goal=graph.entities[goal], table=graph.labels(dict.fromkeys([*ways[0], *ways[1]])))
     shown = view_of(agents, both).episode.first
     learned = {" + ".join(sorted(graph.labels(way))) for way in ways[:2]}
-    assert learned <= {f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.memory}
+    assert learned <= {f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.in_sample}
     text = look(agents, both).text
     assert "memory This model has learned" in text
     assert all(way in text for way in learned)
     one = Episode(goal=both.goal, table=graph.labels(dict.fromkeys(ways[0])))
-    assert view_of(agents, one).episode.first.memory == ()
+    assert view_of(agents, one).episode.first.in_sample == ()
     text = look(agents, one).text
     assert "memory This model" not in text
     assert "model that has not seen fold" in text

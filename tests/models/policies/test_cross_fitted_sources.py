@@ -294,10 +294,10 @@ def test_a_run_on_memory_says_so(folder, tmp_path: Path, caplog, in_sample: bool
     policy = PolicyConfig(**SMALL, in_sample=in_sample)
     trainer = ImpalaConfig(steps=64, batch_size=32, eval_every=0)
     done = train_agent(AgentConfig("kitchen", str(folder), policy=policy, trainer=trainer), tmp_path / "run").folder
-    assert "answered from memory" in caplog.text
+    assert "scores for train tasks are in-sample" in caplog.text
     assert ("`in_sample` is set" if in_sample else "no folds") in caplog.text
     assert "cross_fitted" not in json.loads((done / "run.json").read_text())
-    assert "answered from memory" in (done / "README.md").read_text()
+    assert "the scores were in-sample" in (done / "README.md").read_text()
     assert not load_policy(done).reads_task
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from wordcraft_kg.agents.agent_folder import AgentRun
-from wordcraft_kg.agents.curves import JUDGED
+from wordcraft_kg.agents.curves import EVALUATED
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import Explored
@@ -119,7 +119,7 @@ def _view_runs(explored: Explored, _: Runs) -> RunList:
     rows = [_row(*followed(explored, name)) for name in explored.runs]
     return RunList(
         runs=tuple(rows),
-        parts=tuple(part for part in JUDGED if any(part in row.success for row in rows)),
+        parts=tuple(part for part in EVALUATED if any(part in row.success for row in rows)),
         sources=tuple(name for name in (ALPHA.name, *source_names()) if any(name in row.lambdas for row in rows)),
     )
 
@@ -182,7 +182,7 @@ def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
         rates = records.evaluation.success
         return {part: PartSuccess(rate.mean, (rate.ci_low, rate.ci_high)) for part, rate in rates.items()}
     figures = _last_figures(records)
-    last = {part: figures.get(f"{part}_success") for part in JUDGED}
+    last = {part: figures.get(f"{part}_success") for part in EVALUATED}
     return {part: PartSuccess(mean, None) for part, mean in last.items() if mean is not None}
 
 

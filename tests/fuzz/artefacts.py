@@ -106,12 +106,8 @@ def _spoil(path: Path, home: Path, rng: random.Random) -> str:
         return _replace(path, home, rng)
     data = path.read_bytes()
     by_kind: dict[str, Callable[[bytes, random.Random], tuple[str, bytes]]] = {
-        ".json": _of_json,
-        ".jsonl": _of_json_lines,
-        ".toml": _of_toml,
-        ".safetensors": _of_tensors,
-        ".tsv": _of_text,
-        ".csv": _of_text,
+        **{".json": _of_json, ".jsonl": _of_json_lines, ".toml": _of_toml, ".safetensors": _of_tensors},
+        **dict.fromkeys((".tsv", ".csv"), _of_text),
     }
     spoil = by_kind.get(path.suffix, spoilt_bytes) if rng.random() < 0.75 else spoilt_bytes
     try:
@@ -150,6 +146,11 @@ def _of_json(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     return what, as_json(value)
 
 
+def _of_text(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+    what, text = spoilt_lines(data.decode(), rng)
+    return what, text.encode("utf-8", "replace")
+
+
 def _of_json_lines(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     lines = data.split(b"\n")
     at = rng.randrange(len(lines))
@@ -168,11 +169,6 @@ def _of_toml(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     if not equals:
         new = rng.choice(([f"[{odd}]"], [], ["[tasks]"], [lines[at], "x = 1"]))
     return f"{lines[at]} -> {new}"[:200], "\n".join([*lines[:at], *new, *lines[at + 1 :]]).encode("utf-8", "replace")
-
-
-def _of_text(data: bytes, rng: random.Random) -> tuple[str, bytes]:
-    what, text = spoilt_lines(data.decode(), rng)
-    return what, text.encode("utf-8", "replace")
 
 
 def _of_tensors(data: bytes, rng: random.Random) -> tuple[str, bytes]:

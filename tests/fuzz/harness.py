@@ -40,18 +40,11 @@ class Hang(BaseException):
 
 @dataclass(frozen=True)
 class Trial:
-    """A case: what was done to the input, and the commands that are given it, one after another.
-
-    Attributes:
-        what: the spoiling in words.
-        commands: their arguments; paths are relative to the sandbox.
-        may_be_interrupted: whether the amount of work is among what was spoilt, so that Ctrl-C is a fair end.
-        typed: what is typed on stdin.
-    """
+    """A case: what was done to the input, and the commands that are given it, one after another."""
 
     what: str
-    commands: tuple[tuple[str, ...], ...]
-    may_be_interrupted: bool = False
+    commands: tuple[tuple[str, ...], ...]  # paths are relative to the sandbox
+    may_be_interrupted: bool = False  # the amount of work may have been spoilt, so that Ctrl-C is a fair end
     typed: bytes = b"1\n" * 40 + b"q\n"
 
 
@@ -62,7 +55,6 @@ class Outcome:
     code: int | None
     out: str
     err: str
-    seconds: float
     problem: str = ""
 
 
@@ -93,7 +85,8 @@ def limits(*, is_server: bool = False) -> Iterator[None]:
     handlers = {signal.SIGPROF: tick, signal.SIGALRM: alarm, signal.SIGINT: signal.default_int_handler}
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     memory = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (_in_use() + MEMORY_LIMIT, memory[1]))
+    in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (in_use + MEMORY_LIMIT, memory[1]))
     signal.setitimer(signal.ITIMER_PROF, 1, 1)
     signal.alarm(SERVED if is_server else WAIT_LIMIT)
     # For what does not come back from C: then nothing else can be tried in this process.
@@ -107,11 +100,6 @@ def limits(*, is_server: bool = False) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, memory)
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _in_use() -> int:
-    """Return the bytes of address space that this process has taken."""
-    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 
 
 @contextmanager
@@ -153,7 +141,6 @@ def call(arguments: Sequence[str], folder: Path, typed: bytes = b"") -> Outcome:
     """Run a command in a folder."""
     code: int | None = None
     problem = ""
-    began = time.process_time()
     with ExitStack() as stack:
         out, err = stack.enter_context(as_in_a_new_process(folder, typed))
         try:
@@ -165,27 +152,25 @@ def call(arguments: Sequence[str], folder: Path, typed: bytes = b"") -> Outcome:
         except BaseException:
             problem = traceback.format_exc(limit=-8)
     texts = [stream.getvalue().decode("utf-8", "replace") for stream in (out, err)]
-    return Outcome(code, *texts, time.process_time() - began, problem)
+    return Outcome(code, *texts, problem)
 
 
 def state_of(folder: Path) -> dict[str, tuple[Any, ...]]:
     """Return what lies in a folder, by path, with what changes when it is written."""
-    found: dict[str, tuple[Any, ...]] = {}
-    for path in sorted(folder.rglob("*")):
+    entries: dict[str, tuple[Any, ...]] = {}
+    for path in folder.rglob("*"):
+        stat = path.lstat()
         if path.is_symlink():
             entry: tuple[Any, ...] = ("link", os.readlink(path))
-        elif path.is_file():
-            stat = path.stat()
-            entry = ("file", stat.st_size, stat.st_mtime_ns, stat.st_ino)
         else:
-            entry = ("folder" if path.is_dir() else "special",)
-        found[str(path.relative_to(folder))] = entry
-    return found
+            entry = (stat.st_mode, stat.st_size, stat.st_mtime_ns, stat.st_ino) if path.is_file() else (stat.st_mode,)
+        entries[str(path.relative_to(folder))] = entry
+    return entries
 
 
 def problems_of(trial: Trial, sandbox: Path) -> list[str]:
     """Run a case's commands in its sandbox and return what is wrong with their answers; nothing should be."""
-    found = []
+    problems = []
     after = state_of(sandbox)
     for number, command in enumerate(trial.commands):
         before = after
@@ -193,8 +178,8 @@ def problems_of(trial: Trial, sandbox: Path) -> list[str]:
         after = state_of(sandbox)
         wrong = [*_of_answer(outcome, trial), *_of_files(outcome, before, after, sandbox)]
         shown = " ".join(map(repr, command))
-        found += [f"{trial.what}\n  {number + 1}: wordcraft-kg {shown}\n  {reason}" for reason in wrong]
-    return found
+        problems += [f"{trial.what}\n  {number + 1}: wordcraft-kg {shown}\n  {reason}" for reason in wrong]
+    return problems
 
 
 def _of_answer(outcome: Outcome, trial: Trial) -> Iterator[str]:
@@ -222,11 +207,8 @@ def _of_files(
             yield f"the input {path} was changed"
         if path not in before and any(part.startswith(".") for part in path.split("/")):
             yield f"the temporary {path} was left behind"
-    if outcome.code == 0 or outcome.problem:
-        return
-    for path in changed:
-        top = path.split("/")[0]
-        if path == top and path not in before and not _may_stay(outcome, sandbox / top):
+        is_new_output = "/" not in path and path not in before and not outcome.problem
+        if is_new_output and outcome.code != 0 and not _may_stay(outcome, sandbox / path):
             yield f"exit code {outcome.code}, but {path} was written ({outcome.err[-300:]})"
 
 

@@ -39,8 +39,8 @@ def make_home(home: Path) -> Path:
     train_agent(agent, home / "agent")
     (home / "agent" / "report").mkdir()
     assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
-    asked = ("play", "graph", "--protocol", "paper", "--distractors", "2", "--out", "session/human.jsonl", "--quiet")
-    assert call(asked, home, b"1\n2\n" * 6).code == 0
+    game = ("play", "graph", "--protocol", "paper", "--distractors", "2", "--out", "session/human.jsonl", "--quiet")
+    assert call(game, home, b"1\n2\n" * 6).code == 0
     _make_study(home)
     return home
 

@@ -10,6 +10,7 @@ from .values import cases
 
 SHORT = {"books": 25, "artefacts": 15, "values": 40}
 LONG = {"books": 2_000, "artefacts": 1_000, "values": len(cases()) // 4}
+COUNTS = [*SHORT.items(), *(pytest.param(part, count, marks=pytest.mark.slow) for part, count in LONG.items())]
 
 
 @pytest.fixture(scope="module")
@@ -18,27 +19,14 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_home(tmp_path_factory.mktemp("sound"))
 
 
-def _numbers(part: str, count: int) -> list[int]:
-    """Cases that are spread evenly; of the values there is an end."""
-    total = len(cases()) if part == "values" else count
-    return [number * total // count for number in range(count)]
-
-
-@pytest.mark.parametrize("part", SHORT)
-def test_bad_input_is_answered_with_a_sentence(sound: Path, part: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    _try(_numbers(part, SHORT[part]), part, sound, monkeypatch)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("part", LONG)
-def test_much_bad_input_is_answered_with_sentences(sound: Path, part: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    _try(_numbers(part, LONG[part]), part, sound, monkeypatch)
-
-
-def _try(numbers: list[int], part: str, sound: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("part", "count"), COUNTS)
+def test_bad_input_is_answered_with_a_sentence(
+    sound: Path, part: str, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HOME", "/nowhere")
-    found = [problem for number in numbers for problem in run_case(part, number, sound)]
-    assert not found, "\n".join([*found, "Again: python -m tests.fuzz --replay <what stands first in a line>"])
+    total = len(cases()) if part == "values" else count  # of the values there is an end: take some of all kinds
+    problems = [problem for i in range(count) for problem in run_case(part, i * total // count, sound)]
+    assert not problems, "\n".join([*problems, "Again: python -m tests.fuzz --replay <what stands first in a line>"])
 
 
 def test_every_option_that_takes_a_number_gets_at_least_20_values() -> None:

@@ -5,7 +5,6 @@ its name says nothing: then :data:`GIVEN` needs a sound value for it.
 """
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,16 +17,15 @@ from .home import linked
 from .spoiling import toml_of
 
 GIVEN = {
-    **dict.fromkeys(("a folder", "model folder", "result folder"), "in/model"),
     **dict.fromkeys(("external_results folder", "run folder", "runs folder"), "in/agent"),
-    **dict.fromkeys(("book", "folder folder", "graph"), "in/graph"),
+    **dict.fromkeys(("book", "graph"), "in/graph"),
     **dict.fromkeys(("dim", "embedding_size", "key_size", "value_size"), "4"),
     **dict.fromkeys(("checkpoint_every", "log_every"), "1000"),
-    **dict.fromkeys(("draws", "episodes", "epochs", "trials"), "1"),
+    **dict.fromkeys(("distractor_seeds", "episodes", "epochs", "trials"), "1"),
     **dict.fromkeys(("eval_every", "port"), "0"),
     **dict.fromkeys(("attempts", "top"), "3"),
     **dict.fromkeys(("limit", "runs"), "2"),
-    **{"b folder": "in/model-table", "sessions folder": "in/session/human.jsonl", "study folder": "in/study.toml"},
+    **{"model folder": "in/model", "sessions folder": "in/session/human.jsonl"},
     **{"agent": "trained", "batch_size": "16", "device": "cpu", "endpoint": "http://127.0.0.1:9/v1"},
     **{"features": "random", "format": "tsv", "mcp transport": "http", "model": "distmult", "player": "cat"},
     **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
@@ -72,28 +70,19 @@ class Option:
     is_required: bool
 
     @property
-    def is_output(self) -> bool:
-        return self.parameter == "out"
-
-    @property
     def given(self) -> str | None:
         """A sound value for it, None if it is best left out."""
-        if self.is_output and self.command != "play":
+        if self.parameter == "out" and self.command != "play":
             return f"out{'.toml' if self.command == 'tune-links' else ''}"
         parameter = f"{self.parameter} folder" if self.is_path else self.parameter
         return GIVEN.get(f"{self.command} {parameter}", GIVEN.get(parameter))
 
 
 @cache
-def options() -> tuple[Option, ...]:
-    """Return every option that takes a value."""
-    return tuple(option for name in ALL for option in _of(name))
-
-
-@cache
 def _of(command: str) -> tuple[Option, ...]:
+    """Return the options of a command that take a value."""
     app: Any = make_app()
-    found = []
+    options = []
     for word in command.split():
         app = app[word]
     for argument in app.assemble_argument_collection():
@@ -103,22 +92,21 @@ def _of(command: str) -> tuple[Option, ...]:
         name = argument.names[0]
         parameter = name.lstrip("-").lower().replace("-", "_")
         is_number, is_required = bool(kinds & {int, float}), bool(argument.required)
-        found.append(Option(command, name, parameter, Path in kinds, is_number, is_required))
-    return tuple(found)
+        options.append(Option(command, name, parameter, Path in kinds, is_number, is_required))
+    return tuple(options)
 
 
 @cache
 def cases() -> tuple[tuple[Option, str, Any], ...]:
     """Return every option with each of its odd values, and whether it comes from the command line or a file."""
-    return tuple(_cases())
-
-
-def _cases() -> Iterator[tuple[Option, str, Any]]:
-    for option in options():
-        texts = NUMBERS if option.is_number else (*TEXTS, *NUMBERS[:22], *(() if option.is_output else SOURCES))
-        yield from ((option, "line", value) for value in texts)
+    chosen: list[tuple[Option, str, Any]] = []
+    for option in (option for name in ALL for option in _of(name)):
+        sources = () if option.parameter == "out" else SOURCES
+        texts = NUMBERS if option.is_number else (*TEXTS, *NUMBERS[:22], *sources)
+        chosen += [(option, "line", value) for value in texts]
         if option.parameter != "config" and option.name.startswith("--"):
-            yield from ((option, "file", value) for value in TOML)
+            chosen += [(option, "file", value) for value in TOML]
+    return tuple(chosen)
 
 
 def trial(number: int, home: Path, sandbox: Path) -> Trial:

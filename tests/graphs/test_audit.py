@@ -12,63 +12,41 @@ from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, audit, mak
 from wordcraft_kg.graphs.audit import SHOWN, one_ingredient_away
 
 
-@pytest.fixture(scope="module")
-def found():
+def audited(graph):
+    return as_values(audit(graph, make_split(graph, SplitConfig("none"))))
+
+
+def test_the_audit_counts_and_names_everything():
     rows = [
         *[("a", "a", "b"), ("a", "b", "c"), ("a", "b", "d"), ("b", "b", "D"), ("c", "d", "e")],
         *[("lost", "c", "found"), ("found", "a", "lost")],
     ]
     book = RecipeBook.of("book", rows, base=["a"], listed=["idle"], keep_self_results=True)
-    graph = RecipeGraph.from_book(book)
-    return as_values(audit(graph, make_split(graph, SplitConfig("none"))))
-
-
-def test_the_audit_counts_entities_recipes_pairs_and_triples(found):
-    assert (found["entities"], found["recipes"], found["pairs"], found["base"]) == (9, 7, 6, ["a"])
-    assert found["triples"] == {"combinesWith": 10, "componentOf": 12, "total": 22}
-
-
-def test_the_audit_names_pairs_with_several_results(found):
-    assert found["ambiguity"] == {
+    values = audited(RecipeGraph.from_book(book))
+    assert (values["entities"], values["recipes"], values["pairs"], values["base"]) == (9, 7, 6, ["a"])
+    assert values["triples"] == {"combinesWith": 10, "componentOf": 12, "total": 22}
+    assert values["ambiguity"] == {
         "pairs_by_number_of_results": {"1": 5, "2": 1},
         "pairs_with_several_results": 1,
         "examples": [{"pair": ["a", "b"], "results": ["c", "d"]}],
     }
-
-
-def test_the_audit_follows_the_rounds_and_names_what_cannot_be_reached(found):
-    assert found["reachability"] == {
-        "reachable": 6,
-        "rounds": 3,
-        "known_after_round": [1, 2, 5, 6],
-        "unreachable": 3,
-        "unreachable_entities": ["found", "idle", "lost"],
+    assert values["reachability"] == {
+        **{"reachable": 6, "rounds": 3, "known_after_round": [1, 2, 5, 6]},
+        **{"unreachable": 3, "unreachable_entities": ["found", "idle", "lost"]},
     }
-
-
-def test_the_audit_counts_terminal_idle_and_self_combining_entities(found):
-    degrees = found["degrees"]
+    degrees = values["degrees"]
     assert (degrees["craftable"], degrees["terminal"], degrees["idle"], degrees["self_pairs"]) == (7, 2, 1, 2)
     assert degrees["recipes_per_craftable"] == {"mean": 1.0, "median": 1.0, "max": 1}
     assert degrees["most_used"][:2] == [["a", 4], ["b", 3]]
-
-
-def test_the_audit_names_labels_that_differ_in_case_or_blanks_only(found):
-    assert found["labels"] == {"alike": 1, "alike_labels": [["D", "d"]]}
+    assert values["labels"] == {"alike": 1, "alike_labels": [["D", "d"]]}
 
 
 def test_lists_of_the_audit_are_cut_but_counts_are_complete():
     rows = [("a", "b", f"made {i}") for i in range(50)] + [("lost", f"lost {i}", "end") for i in range(50)]
-    graph = RecipeGraph.from_recipes(rows, base=["a", "b"])
-    found = as_values(audit(graph, make_split(graph, SplitConfig("none"))))
-    assert found["reachability"]["unreachable"] == 52
-    assert len(found["reachability"]["unreachable_entities"]) == SHOWN
-
-
-def test_the_audit_of_a_graph_without_recipes_is_all_zeros():
-    graph = RecipeGraph(["a"], [], [])
-    found = as_values(audit(graph, make_split(graph, SplitConfig("none"))))
-    counts = found["recipes"], found["pairs"], found["triples"]["total"], found["reachability"]["rounds"]
+    reachability = audited(RecipeGraph.from_recipes(rows, base=["a", "b"]))["reachability"]
+    assert (reachability["unreachable"], len(reachability["unreachable_entities"])) == (52, SHOWN)
+    empty = audited(RecipeGraph(["a"], [], []))
+    counts = empty["recipes"], empty["pairs"], empty["triples"]["total"], empty["reachability"]["rounds"]
     assert counts == (0, 0, 0, 0)
 
 
@@ -87,11 +65,11 @@ def test_nearness_to_train_equals_counts_over_labels(kind, graph, config):
     split = drawn(graph, replace(config, kind=kind))
     train, test = (graph.recipe_labels(split.recipes(part)) for part in ("train", "test"))
     made = {result for *_, result in train}
-    found = as_values(audit(graph, split))["split"]
-    assert found["test_goals"] == len({result for *_, result in test})
-    assert found["test_goals_in_train"] == len({result for *_, result in test} & made)
+    sizes = as_values(audit(graph, split))["split"]
+    assert sizes["test_goals"] == len({result for *_, result in test})
+    assert sizes["test_goals_in_train"] == len({result for *_, result in test} & made)
     near = [any(r.result == known.result and {*r[:2]} & {*known[:2]} for known in train) for r in test]
-    assert found["one_ingredient_away"] == sum(near)
+    assert sizes["one_ingredient_away"] == sum(near)
     assert one_ingredient_away(split).tolist() == near
     if kind in ("by-slot", "by-goal", "by-goal-terminals"):
         assert not any(near)
@@ -103,12 +81,12 @@ def test_leakage_counts_equal_sets_of_triples(kind, graph, config):
     split = drawn(graph, replace(config, kind=kind))
     of = {part: oracles.triples(graph.recipe_labels(split.recipes(part))) for part in ("train", "valid", "test")}
     evaluated = of["test"] - of["train"] - of["valid"]
-    found = as_values(audit(graph, split))
-    assert found["split"]["evaluated_triples"] == len(evaluated)
-    assert found["split"]["leaked_triples"] == len(of["test"]) - len(evaluated)
-    for relation, row in found["leakage"].items():
+    result = as_values(audit(graph, split))
+    assert result["split"]["evaluated_triples"] == len(evaluated)
+    assert result["split"]["leaked_triples"] == len(of["test"]) - len(evaluated)
+    for relation, row in result["leakage"].items():
         train, test, left = (Counter(r for _, r, _ in part)[relation] for part in (of["train"], of["test"], evaluated))
         mirrored = sum(r == relation and (t, r, h) in of["train"] for h, r, t in evaluated)
         counts = {"train": train, "from_test_recipes": test, "already_in_train": test - left, "evaluated": left}
         assert row == counts | {"mirror_in_train": mirrored}
-    assert found["leakage"]["combinesWith"]["mirror_in_train"] == 0
+    assert result["leakage"]["combinesWith"]["mirror_in_train"] == 0

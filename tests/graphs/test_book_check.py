@@ -20,24 +20,28 @@ def check(tmp_path):
         path = tmp_path / name
         data = text if isinstance(text, bytes) else text.encode()
         path.write_bytes(data)
-        found = check_book(path, **options)
+        checked = check_book(path, **options)
         assert path.read_bytes() == data
-        return found
+        return checked
 
     return check
 
 
-def kinds(found):
-    return [(finding.kind, finding.severity, finding.lines) for finding in found.findings]
+def kinds(checked):
+    return [(finding.kind, finding.severity, finding.lines) for finding in checked.findings]
 
 
-def problems(found):
-    return [(finding.kind, finding.lines) for finding in found.findings if finding.severity == "problem"]
+def problems(checked):
+    return [(finding.kind, finding.lines) for finding in checked.findings if finding.severity == "problem"]
 
 
-def message(found, kind):
-    (finding,) = (finding for finding in found.findings if finding.kind == kind)
-    return finding.message
+def messages(checked, kind):
+    return [finding.message for finding in checked.findings if finding.kind == kind]
+
+
+def message(checked, kind):
+    (text,) = messages(checked, kind)
+    return text
 
 
 def test_everything_wrong_is_reported_in_one_run_with_its_lines(check):
@@ -118,14 +122,14 @@ def test_what_reads_is_checked_as_the_graph_it_makes(tmp_path_factory, name, boo
         assert ("self-result" in {f.kind for f in found.findings}) == (read.dropped_self_results > 0)
 
 
-def test_every_island_is_a_finding_of_its_own(check):
-    text = "# base: a\n" + HEADER + "a,a,b\nx,a,y\ny,a,z\nu,u,v\n"
-    found = check(text)
-    messages = [finding.message for finding in found.findings if finding.kind == "unreachable"]
-    assert messages == [
+def test_every_island_is_a_finding_and_a_component_that_waits_for_something_else_is_no_circle(check):
+    assert messages(check("# base: a\n" + HEADER + "a,a,b\nx,a,y\ny,a,z\nu,u,v\n"), "unreachable") == [
         "3 entities cannot be made from the base (a): x, y, z",
         "2 entities cannot be made from the base (a): u, v",
     ]
+    waiting = check("# base: a\n" + HEADER + "a,a,b\nx,y,hen\nhen,hen,egg\negg,x,hen\n")
+    assert messages(waiting, "unreachable")
+    assert not messages(waiting, "cycle")
 
 
 def test_the_base_may_be_given(check):
@@ -134,6 +138,10 @@ def test_the_base_may_be_given(check):
     (finding, *_) = check(text, base=["q"]).findings
     assert (finding.kind, finding.severity) == ("base", "problem")
     assert finding.message == "base entities that are not in book: q"
+    misspelt = check("# a book\n# base: water, fier\n" + HEADER + "water,fire,steam\n")
+    assert ("base", (2,)) in problems(misspelt)
+    assert message(misspelt, "base").startswith("the base entity 'fier' is in no recipe. Did you mean 'fire'?")
+    assert misspelt.graph.base == ("water",)
 
 
 MESSAGES = {
@@ -152,14 +160,6 @@ def test_a_finding_says_what_is_wrong(check, kind):
     assert message(found, kind) == expected
     assert found.passed == (kind == "idle")
     assert found.figures.recipes == (2 if kind == "header" else 1)  # the line in the header's place still counts
-
-
-def test_a_base_entity_that_is_in_no_recipe_is_a_problem_with_its_line_and_the_nearest_entity(check):
-    found = check("# a book\n# base: water, fier\n" + HEADER + "water,fire,steam\n")
-    (finding,) = (finding for finding in found.findings if finding.kind == "base")
-    assert finding.lines == (2,)
-    assert finding.message.startswith("the base entity 'fier' is in no recipe. Did you mean 'fire'?")
-    assert found.graph.base == ("water",)
 
 
 def test_a_check_reads_single_ingredients_as_asked_and_is_a_problem_otherwise(check):
@@ -186,41 +186,29 @@ def test_a_json_book_reports_its_first_error_or_its_counts(check):
     assert problems == ["1 row listed before", "1 recipe made from the result itself; such rows are dropped"]
 
 
+JSON = json.dumps({"entities": ["a", "b, c"], "base": ["a"], "recipes": [["a", "a", "b, c"]]})
+LINE = "# base: a, b\n" + HEADER + "a,b,c\na,b\n"
+BYTES = {
+    "not UTF-8": (HEADER.encode() + b"caf\xe9,a,b\na,b\n", "book.csv", [("encoding", (2,)), ("row", (3,))]),
+    "CR": (LINE.replace("\n", "\r"), "book.csv", [("line-ends", (1, 2, 3, 4)), ("row", (4,))]),
+    "CRLF": (LINE.replace("\n", "\r\n"), "book.csv", [("line-ends", (1, 2, 3, 4)), ("row", (4,))]),
+    "JSON": (
+        "\ufeff" + JSON.replace(", ", ",\r\n", 1),
+        "book.json",
+        [("comma", ()), ("bom", (1,)), ("line-ends", (1,))],
+    ),
+}
+
+
+@pytest.mark.parametrize(("data", "name", "expected"), BYTES.values(), ids=BYTES)
+def test_a_file_is_looked_at_byte_by_byte(check, data, name, expected):
+    assert problems(check(data, name)) == expected
+
+
 def test_a_file_that_is_not_there_or_not_text_is_an_error(tmp_path):
     for name in ("none.csv", "none.json"):
         with pytest.raises(RecipeFileError, match="does not exist"):
             check_book(tmp_path / name)
-
-
-def test_bytes_that_are_not_text_are_one_finding_among_others(check):
-    found = check(HEADER.encode() + b"caf\xe9,a,b\na,b\n")
-    assert problems(found) == [("encoding", (2,)), ("row", (3,))]
-
-
-@pytest.mark.parametrize("end", ["\r", "\r\n"])
-def test_lines_are_counted_alike_whatever_ends_them(check, end):
-    text = end.join(["# base: a, b", HEADER.strip(), "a,b,c", "a,b", ""])
-    found = check(text)
-    assert problems(found) == [("line-ends", (1, 2, 3, 4)), ("row", (4,))]
-
-
-def test_a_json_book_is_looked_at_byte_by_byte_and_for_commas_too(check):
-    text = json.dumps({"entities": ["a", "b, c"], "base": ["a"], "recipes": [["a", "a", "b, c"]]})
-    found = check("\ufeff" + text.replace(", ", ",\r\n", 1), "book.json")
-    assert [kind for kind, _ in problems(found)] == ["comma", "bom", "line-ends"]
-
-
-def test_a_component_that_waits_for_something_else_is_no_circle(check):
-    found = check("# base: a\n" + HEADER + "a,a,b\nx,y,hen\nhen,hen,egg\negg,x,hen\n")
-    assert "cycle" not in [finding.kind for finding in found.findings]
-    assert "unreachable" in [finding.kind for finding in found.findings]
-
-
-def test_long_lists_are_cut_short(check):
-    found = check(HEADER + "a,a,b\n" * 40)
-    (duplicate,) = (finding for finding in found.findings if finding.kind == "duplicate")
-    assert len(duplicate.lines) == 15
-    assert duplicate.message.endswith("listed 40 times")
 
 
 LINES = [
@@ -269,8 +257,10 @@ def test_everyday_has_the_size_and_the_shape_it_was_written_for():
     assert (figures.terminal, figures.self_pairs, figures.max_layer) == (144, 101, 13)
 
 
-def test_everyday_is_written_in_lower_case_words_and_grouped_by_result():
+def test_everyday_is_written_in_lower_case_words_grouped_by_result_and_differs_from_little_alchemy_2(alchemy):
     book = open_book("everyday")
+    shared = set(book.recipes) & set(alchemy.recipe_labels())
+    assert len(shared) == 399 <= 0.2 * len(book.recipes)
     assert all(label == label.lower() and label.replace(" ", "").isalpha() for label in book.entities)
     lines = locate_book("everyday").path.read_text(encoding="utf-8").splitlines()
     results = [line.split(",")[2] for line in lines if not line.startswith("#")][1:]
@@ -278,13 +268,10 @@ def test_everyday_is_written_in_lower_case_words_and_grouped_by_result():
     assert len(groups) == len(set(groups))
 
 
-def test_most_of_everyday_is_not_in_little_alchemy_2(alchemy):
-    everyday = RecipeGraph.from_book(open_book("everyday"))
-    shared = set(everyday.recipe_labels()) & set(alchemy.recipe_labels())
-    assert len(shared) == 399 <= 0.2 * everyday.num_recipes
-
-
-def test_a_file_that_is_no_book_is_not_read_to_its_end(check, monkeypatch):
+def test_long_lists_are_cut_short_and_a_file_that_is_no_book_is_not_read_to_its_end(check, monkeypatch):
+    (duplicate,) = (finding for finding in check(HEADER + "a,a,b\n" * 40).findings if finding.kind == "duplicate")
+    assert len(duplicate.lines) == 15
+    assert duplicate.message.endswith("listed 40 times")
     monkeypatch.setattr("wordcraft_kg.graphs.book_check.MAX_FINDINGS", 5)
     found = check("ingredient_a,ingredient_b,result\n" + "no recipe\n" * 1_000)
     assert [(kind, lines) for kind, _, lines in kinds(found)] == [("row", (number,)) for number in range(2, 8)]

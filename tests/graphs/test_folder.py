@@ -142,13 +142,10 @@ def test_a_damaged_file_of_a_graph_folder_is_refused_by_name(folder, name, data,
     assert detail in message
 
 
-def test_a_missing_split_is_refused_by_name(folder):
+def test_a_missing_split_and_the_split_of_another_graph_are_refused(folder):
     (folder / "split.json").unlink()
     with pytest.raises(ArtefactError, match=r"split\.json is missing; the folder is incomplete"):
         open_graph(folder)
-
-
-def test_the_split_of_another_graph_is_refused(folder):
     other = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")])
     text = "".join(make_split(other, SplitConfig("none")).to_json())
     (folder / "split.json").write_text(text, encoding="utf-8")

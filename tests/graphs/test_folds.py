@@ -45,13 +45,13 @@ def test_a_task_has_the_fold_of_all_its_recipes_or_none(depth):
     opened = open_graph("kitchen")
     folds = make_folds(opened.split, 3)
     tasks = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=0)).tasks
-    found = folds.of_tasks(tasks)
-    for plans, fold in zip(tasks.plans, found.tolist(), strict=True):
+    of_task = folds.of_tasks(tasks)
+    for plans, fold in zip(tasks.plans, of_task.tolist(), strict=True):
         of_rows = {int(folds.of_recipe[row]) for plan in plans for row in plan}
         assert fold == (of_rows.pop() if len(of_rows) == 1 else SEVERAL)
     # At depth 1, too: cream + cream makes butter, so cream + salt is a task with two plans.
-    assert (found != SEVERAL).any()
-    assert (found == SEVERAL).any()
+    assert (of_task != SEVERAL).any()
+    assert (of_task == SEVERAL).any()
 
 
 def test_the_same_seed_gives_the_same_folds_and_their_hash_names_them():

@@ -139,11 +139,8 @@ def test_trimming_a_line_takes_the_spaces_outside_of_quotes_and_nothing_else(cel
     padded = zip(around[::2], quoted, around[1::2], strict=True)
     loose = delimiter.join("".join(parts) for parts in padded)
     assert trimmed(loose + "\r\n", delimiter) == delimiter.join(quoted) + "\r\n"
-
-
-def test_trimming_a_line_of_spaces_takes_no_more_than_linear_time():
-    line = "a" + " " * 99_000 + "b, c,d"
-    assert trimmed(line, ",") == line.replace(", ", ",")
+    long = "a" + " " * 99_000 + "b, c,d"  # in linear time
+    assert trimmed(long, ",") == long.replace(", ", ",")
 
 
 UNKNOWN_BASE = {
@@ -157,11 +154,6 @@ UNKNOWN_BASE = {
 def test_a_base_entity_that_is_no_entity_is_refused_with_its_place_and_the_nearest_one(read, where):
     with pytest.raises(RecipeFileError, match=f"{re.escape(where)}.*'fier'.*Did you mean 'fire'"):
         read(UNKNOWN_BASE[where], re.split("[,:]", where)[0])
-
-
-def test_a_base_entity_may_occur_in_a_dropped_row_only_or_be_listed(read):
-    book = read("# base: fire, a, x\n# entities: x\n" + TABLE + "fire,coal,fire\na,a,b\n")
-    assert book.base == ("a", "fire", "x")
 
 
 ENTITIES = {
@@ -183,16 +175,12 @@ SINGLE = {
 
 @pytest.mark.parametrize("name", SINGLE)
 def test_recipes_of_one_ingredient_are_read_as_asked(read, name):
-    with refuses("single_ingredient", RecipeFileError):
-        read(SINGLE[name], name)
+    for options in ({}, {"single_ingredient": " "}):
+        with refuses("single_ingredient", RecipeFileError):
+            read(SINGLE[name], name, **options)
     for setting, sand, ore in (("self", "sand", "ore"), ("furnace", "furnace", "furnace")):
         expected = {("sand", sand, "glass"), ("ore", ore, "iron"), ("coal", "iron", "steel")}
         assert set(read(SINGLE[name], name, single_ingredient=setting).recipes) == {Recipe.of(*row) for row in expected}
-
-
-def test_what_single_ingredients_are_combined_with_has_to_be_a_label(read):
-    with refuses("single_ingredient", RecipeFileError):
-        read(SINGLE["book.csv"], single_ingredient=" ")
 
 
 def test_a_label_that_xml_cannot_hold_is_refused_and_any_other_can_be_written_as_xml():
@@ -213,10 +201,11 @@ def test_a_files_name_that_no_label_may_have_is_replaced_in_the_name_of_the_book
 
 
 def test_self_results_are_dropped_and_counted_unless_kept(read):
-    text = TABLE + "rabbit,rabbit,rabbit\nfire,coal,fire\na,b,c\n"
+    text = "# base: fire, a, x\n# entities: x\n" + TABLE + "rabbit,rabbit,rabbit\nfire,coal,fire\na,b,c\n"
     dropped, kept = read(text), read(text, keep_self_results=True)
     assert (dropped.recipes, dropped.dropped_self_results) == ((Recipe("a", "b", "c"),), 2)
     assert (len(kept.recipes), kept.dropped_self_results) == (3, 0)
+    assert dropped.base == ("a", "fire", "x")  # entities of a dropped row and listed entities count
 
 
 def test_the_same_recipe_twice_is_merged_and_counted(read):

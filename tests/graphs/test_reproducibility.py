@@ -37,13 +37,12 @@ def test_nothing_touches_the_global_generators(tmp_path, kind):
 @pytest.mark.parametrize(
     "code",
     [
-        "import wordcraft_kg",
         "import wordcraft_kg.graphs",
         "from wordcraft_kg.cli import main; main(['--help'])",
         "from wordcraft_kg.cli import main; main(['build-graph', 'kitchen', '--out', 'kitchen'])",
         "from wordcraft_kg.cli import main; main(['describe', 'kitchen', '--entity', 'bread'])",
     ],
-    ids=["package", "graphs", "help", "build-graph", "describe"],
+    ids=["graphs", "help", "build-graph", "describe"],
 )
 def test_torch_and_pykeen_stay_unimported(tmp_path, code):
     code += "\nimport sys; print('heavy:', *({'torch', 'pykeen'} & set(sys.modules)))"

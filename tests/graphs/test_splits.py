@@ -99,27 +99,23 @@ def test_no_held_out_combines_with_triple_has_its_mirror_in_an_earlier_part(spli
             assert relation != "combinesWith" or (tail, relation, head) not in given_away
 
 
-@on_every_split
-def test_uncovered_entities_are_those_of_no_train_recipe(split):
-    mentioned = {label for recipe in split.graph.recipe_labels(split.recipes("train")) for label in recipe}
-    assert set(split.graph.labels(split.uncovered)) == set(split.graph.entities) - mentioned
+def mentioned(graph: RecipeGraph, ids: np.ndarray | None = None) -> set[str]:
+    return {label for recipe in graph.recipe_labels(ids) for label in recipe}
 
 
 @on_every_split
-def test_pairs_on_both_sides_are_counted(split):
+def test_uncovered_entities_and_pairs_on_both_sides_are_counted(split):
+    covered = mentioned(split.graph, split.recipes("train"))
+    assert set(split.graph.labels(split.uncovered)) == set(split.graph.entities) - covered
     assert split.pairs_on_both_sides == sum(len(parts) > 1 for parts in parts_by(split, slice(2)).values())
 
 
 @on_every_split
-def test_a_split_read_back_from_its_json_is_the_same(split):
-    again = read_split(json.loads("".join(split.to_json())), split.graph)
-    assert np.array_equal(again.parts, split.parts)
-    assert (again.config, again.hash, again.moved_for_coverage) == (split.config, split.hash, split.moved_for_coverage)
-
-
-@on_every_split
-def test_the_same_settings_give_the_same_split(split):
-    assert make_split(split.graph, split.config).hash == split.hash
+def test_a_split_made_again_or_read_back_from_its_json_is_the_same(split):
+    for again in (read_split(json.loads("".join(split.to_json())), split.graph), make_split(split.graph, split.config)):
+        assert np.array_equal(again.parts, split.parts)
+        assert (again.config, again.hash) == (split.config, split.hash)
+        assert again.moved_for_coverage == split.moved_for_coverage
 
 
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain"])
@@ -130,34 +126,21 @@ def test_all_results_of_a_pair_stay_on_one_side_of_the_split(kind, graph, config
 
 
 @given(splittable_graphs(), configs("by-recipe"))
-def test_a_by_recipe_split_covers_every_entity_that_a_recipe_mentions(graph, config):
-    split = drawn(graph, config)
-    mentioned = {label for recipe in graph.recipe_labels() for label in recipe}
-    assert set(graph.labels(split.uncovered)) == set(graph.entities) - mentioned
-
-
-@given(splittable_graphs(), configs("by-recipe"))
-def test_covering_only_moves_recipes_to_train_and_counts_them(graph, config):
+def test_a_by_recipe_split_moves_recipes_to_train_until_every_entity_is_covered(graph, config):
     split, plain = drawn(graph, config), drawn(graph, replace(config, kind="by-recipe-plain"))
+    assert set(graph.labels(split.uncovered)) == set(graph.entities) - mentioned(graph)
     moved = split.parts != plain.parts
     assert split.moved_for_coverage == np.sum(moved)
     assert not np.any(split.parts[moved])
 
 
-@given(splittable_graphs(), configs("by-recipe-plain"))
-def test_a_plain_by_recipe_split_has_its_exact_shares_of_pairs(graph, config):
-    sides = [parts.pop() for parts in parts_by(drawn(graph, config), slice(2)).values()]
-    assert sides.count(0) == round(config.train_ratio * graph.num_pairs)
-    assert sides.count(1) == round(config.valid_ratio * graph.num_pairs)
-
-
-@given(splittable_graphs(), configs("by-goal"))
-def test_in_a_by_goal_split_every_recipe_follows_its_result_in_exact_shares(graph, config):
-    parts = parts_by(drawn(graph, config), 2)
-    assert all(len(of_goal) == 1 for of_goal in parts.values())
-    sides = [of_goal.pop() for of_goal in parts.values()]
-    assert sides.count(0) == round(config.train_ratio * len(sides))
-    assert sides.count(1) == round(config.valid_ratio * len(sides))
+@pytest.mark.parametrize(("kind", "key"), [("by-recipe-plain", slice(2)), ("by-goal", 2)])
+@given(graph=splittable_graphs(), config=configs("by-goal"))
+def test_pairs_and_goals_are_held_out_whole_in_exact_shares(kind, key, graph, config):
+    sides = [tuple(parts) for parts in parts_by(drawn(graph, replace(config, kind=kind)), key).values()]
+    assert all(len(side) == 1 for side in sides)
+    assert sides.count((0,)) == round(config.train_ratio * len(sides))
+    assert sides.count((1,)) == round(config.valid_ratio * len(sides))
 
 
 @given(splittable_graphs(), configs("by-slot"))

@@ -1,4 +1,4 @@
-"""Doses of knowledge: which recipes are taught, with which results, and what they must not tell."""
+"""Train samples: which recipes are trained on, with which results, and what they must not reveal."""
 
 from itertools import pairwise
 
@@ -27,6 +27,12 @@ def test_everything_as_it_is_is_the_train_part():
     np.testing.assert_array_equal(train_sample.triples, split.partial)
     assert not train_sample.is_wrong.any()
     assert train_sample.hash == TrainSample.of(split.graph, split.is_in("train")).hash
+    known = "72814deb4a209acd106e701d5f964c98eb7136c8c2e2cdd55fae8ac618fe044b"
+    assert draw_train_sample(split, 0.5, 0.2).hash == known
+    wrong = draw_train_sample(split, 1, 1.0).recipes
+    before, after = (np.bincount(recipes[:, 2], minlength=80) for recipes in (train_sample.recipes, wrong))
+    assert np.corrcoef(before, after)[0, 1] > 0.5
+    assert not np.any(after[before == 0])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -35,9 +41,8 @@ def test_a_smaller_share_is_part_of_a_larger_one(kind: str, seed: int):
     split = split_of(kind)
     shares = (0.1, 0.3, 0.5, 1.0)
     train_samples = [draw_train_sample(split, train_fraction, seed=seed).is_trained_on for train_fraction in shares]
-    for train_fraction, train_sample, more in zip(
-        shares, train_samples, [*train_samples[1:], split.is_in("train")], strict=True
-    ):
+    larger = [*train_samples[1:], split.is_in("train")]
+    for train_fraction, train_sample, more in zip(shares, train_samples, larger, strict=True):
         assert train_sample.sum() == round(train_fraction * split.is_in("train").sum())
         assert (more | ~train_sample).all()
     assert (train_samples[0] != draw_train_sample(split, 0.1, seed=seed + 1).is_trained_on).any()
@@ -69,14 +74,14 @@ def test_a_wrong_recipe_keeps_its_pair_and_is_part_of_nothing_that_the_book_has(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_wrong_results_come_from_taught_recipes_of_the_same_fold(kind: str):
+def test_wrong_results_come_from_recipes_of_the_same_fold(kind: str):
     split = split_of(kind)
     folds = make_folds(split, 4)
     train_sample = draw_train_sample(split, 0.7, 0.5, seed=2, of_recipe=folds.of_recipe)
     for fold in range(4):
         own = folds.of_recipe == fold
-        taught = set(split.graph.recipes[train_sample.is_trained_on & own, 2].tolist())
-        assert set(train_sample.results[train_sample.is_wrong & own].tolist()) <= taught
+        results = set(split.graph.recipes[train_sample.is_trained_on & own, 2].tolist())
+        assert set(train_sample.results[train_sample.is_wrong & own].tolist()) <= results
     # Without folds they come from all of them.
     anywhere = draw_train_sample(split, 0.7, 0.5, seed=2)
     np.testing.assert_array_equal(anywhere.is_trained_on, train_sample.is_trained_on)
@@ -84,16 +89,8 @@ def test_wrong_results_come_from_taught_recipes_of_the_same_fold(kind: str):
     assert (anywhere.results != train_sample.results).any()
 
 
-def test_results_stay_about_as_frequent():
-    split = split_of()
-    train_sample = draw_train_sample(split, 1, 1.0)
-    before, after = (np.bincount(part[:, 2], minlength=80) for part in (split.recipes("train"), train_sample.recipes))
-    assert np.corrcoef(before, after)[0, 1] > 0.5
-    assert not set(train_sample.recipes[:, 2].tolist()) - set(split.recipes("train")[:, 2].tolist())
-
-
 @pytest.mark.parametrize(("train_fraction", "label_noise"), [(0.3, 0.0), (0.5, 0.4), (1.0, 1.0)])
-def test_folds_are_those_of_all_train_recipes_whatever_the_dose(train_fraction: float, label_noise: float):
+def test_folds_are_those_of_all_train_recipes_whatever_the_sample(train_fraction: float, label_noise: float):
     split = split_of()
     folds = make_folds(split, 5)
     train_sample = draw_train_sample(split, train_fraction, label_noise, seed=4, of_recipe=folds.of_recipe)
@@ -113,12 +110,7 @@ def test_folds_are_those_of_all_train_recipes_whatever_the_dose(train_fraction: 
         assert not own & set(expected)
 
 
-def test_the_draw_is_known():
-    found = draw_train_sample(open_graph("kitchen").split, 0.5, 0.2).hash
-    assert found == "72814deb4a209acd106e701d5f964c98eb7136c8c2e2cdd55fae8ac618fe044b"
-
-
-def test_too_few_recipes_for_a_dose_are_refused():
+def test_too_few_recipes_for_a_sample_are_refused():
     split = split_of()
     of_recipe = make_folds(split, 3).of_recipe
     with refuses("train_fraction"):
@@ -127,15 +119,13 @@ def test_too_few_recipes_for_a_dose_are_refused():
         draw_train_sample(split, 0.004, of_recipe=of_recipe)
     with refuses("label_noise"):
         draw_train_sample(split, 0.012, 0.1)
-    single = make_split(
-        RecipeGraph.from_recipes([(f"a{i}", f"b{i}", "soup") for i in range(9)], name="soups"),
-        SplitConfig("by-recipe-plain"),
-    )
+    soups = RecipeGraph.from_recipes([(f"a{i}", f"b{i}", "soup") for i in range(9)], name="soups")
+    single = make_split(soups, SplitConfig("by-recipe-plain"))
     with refuses("label_noise"):
         draw_train_sample(single, label_noise=0.5)
 
 
-def test_a_dose_says_what_it_is():
+def test_a_train_sample_says_what_it_is():
     assert describe_train_sample(1, 0) == ""
     assert describe_train_sample(0.2, 0) == "20 % of the train recipes"
     assert describe_train_sample(1, 0.5) == "100 % of the train recipes, 50 % of them with a wrong result"

@@ -127,7 +127,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),  # type: ignore[arg-type]
     "patience without validation": (
         lambda: wk.ComplExConfig(patience=3),
-        "ConfigError: `patience` counts rankings of the validation triples; give `eval_every` too, such as 5.",
+        "ConfigError: `patience` counts validations; give `eval_every` too, such as 5.",
     ),
     "settings of a scorer without one": (
         lambda: wk.AgentConfig("kitchen", policy=wk.PolicyConfig(use="u,v,w")),

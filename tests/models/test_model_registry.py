@@ -93,7 +93,7 @@ def test_the_explorer_shows_it(folder: Path):
 
 def test_a_model_of_an_unknown_kind_is_refused_with_those_that_are_known(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delitem(MODELS, "train-hubs")
-    with pytest.raises(ArtefactError, match=r"a model of train-hubs, which is not known here.*train-recipes"):
+    with pytest.raises(ArtefactError, match=r"a model from train-hubs, an unknown command.*train-recipes"):
         open_model(folder)
 
 

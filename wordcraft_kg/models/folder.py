@@ -26,7 +26,7 @@ MODELS: Registry[Callable[[RunFiles], History]] = Registry(
         **dict.fromkeys(SavedConfig.commands, saved_history),
     },
 )
-"""Functions that read the history of a model, by the ``kind`` of its run; a new kind of model adds one."""
+"""Functions that read a model's history, by the run's ``kind``; a new kind of model adds a function."""
 
 
 def open_model(folder: str | Path, graph: str | None = None) -> Model:
@@ -34,10 +34,10 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
 
     Args:
         folder: folder written by a training command, ``ask-opinions`` or ``save_scorer``.
-        graph: present path of its graph, if moved.
+        graph: present path of the graph, if moved.
 
     Raises:
-        ArtefactError: if the folder is unfinished or damaged, or its graph is not found.
+        ArtefactError: if the folder is unfinished or damaged, or the graph is missing.
         GraphMismatchError: if the model was trained on another graph or split.
 
     Example:
@@ -55,13 +55,13 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
 
 
 def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> TrainSample | None:
-    """Return the training recipes of a model folder, see :attr:`Model.train_sample`; None if it holds other weights.
+    """Return a model's training recipes, see :attr:`Model.train_sample`; None if the folder holds other weights.
 
     The weights are read only for a training fraction, label noise, or a model that was not trained here.
 
     Args:
         folder: model folder.
-        opened: graph of the model.
+        opened: training graph.
         weights: expected hash of the weights.
 
     Raises:
@@ -82,7 +82,7 @@ def _history(files: RunFiles) -> History:
     files.bytes(CONFIG_FILE)
     if files.run.kind not in MODELS:
         raise ArtefactError(
-            f"'{files.folder}' is a model of {files.run.kind}, which is not known here; expected one of "
-            f"{', '.join(MODELS)}. Install the package that it comes from."
+            f"'{files.folder}' is a model from {files.run.kind}, an unknown command; expected "
+            f"{', '.join(MODELS)}. Install the package that provides {files.run.kind}."
         )
     return MODELS[files.run.kind](files)

@@ -1,4 +1,4 @@
-"""A trained model of any kind: scorer, graph, settings and history."""
+"""Trained models: scorer, graph, settings and history."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,12 +18,12 @@ from wordcraft_kg.runs.record import RunRecord
 
 @dataclass(frozen=True)
 class History:
-    """Settings and figures of a training, from the files of a model folder.
+    """Settings and metrics of a training, from a model folder.
 
     Attributes:
         config: settings; ``kg``, ``train_fraction``, ``label_noise`` and ``seed`` have the same meaning for all models.
         facts: facts for a report, by name.
-        metrics: figures of the training, if any.
+        metrics: training metrics, if any.
         trace: a record per epoch.
         chosen: names of settings chosen by the training, which may differ between seeds.
         is_trained: whether the model was trained here.
@@ -43,9 +43,9 @@ class Model:
 
     Attributes:
         scorer: scorer of the folder, cross-fitted if it has folds.
-        opened: graph and split of the training, checked by hash.
+        opened: training graph and split, checked by hash.
         run: content of ``run.json``.
-        history: settings and figures of the training.
+        history: training settings and metrics.
     """
 
     scorer: Scorer
@@ -55,7 +55,7 @@ class Model:
 
     @property
     def metrics(self) -> Record | None:
-        """Figures of the training; None if not trained here."""
+        """Training metrics; None if not trained here."""
         return self.history.metrics
 
     @property
@@ -65,7 +65,7 @@ class Model:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings that are not None, by name, without the graph."""
+        """All settings that are not None, by name, without the graph."""
         return {name: value for name, value in self.history.config.values().items() if name != "graph"}
 
     @property
@@ -76,12 +76,12 @@ class Model:
 
     @property
     def seed(self) -> int | None:
-        """Seed of the training; None if not trained here."""
+        """Training seed; None if not trained here."""
         return self.settings.get("seed") if self.history.is_trained else None
 
     @property
     def comparable_settings(self) -> dict[str, Any]:
-        """The settings without the seed and the settings chosen by the training."""
+        """The settings without the seed and settings chosen by the training."""
         left_out = {*self.history.chosen, *(("seed",) if self.history.is_trained else ())}
         return {name: value for name, value in self.settings.items() if name not in left_out}
 
@@ -95,7 +95,7 @@ class Model:
         """The training recipes, with label noise.
 
         Raises:
-            GraphMismatchError: if the draw gives other recipes than those of the training.
+            GraphMismatchError: if sampling gives other recipes than the recorded training recipes.
         """
         split = self.opened.split
         train_fraction, label_noise = self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0)
@@ -108,7 +108,7 @@ class Model:
         if self.run.inputs.get("train_sample", train_sample.hash) != train_sample.hash:
             raise GraphMismatchError(
                 f"the model was trained on recipes {self.run.inputs['train_sample'][:12]}, but `train_fraction` and "
-                f"`label_noise` give {train_sample.hash[:12]}. Train it again with this version of NumPy."
+                f"`label_noise` give {train_sample.hash[:12]}. Train the model again with this NumPy version."
             )
         return train_sample
 
@@ -119,7 +119,7 @@ class Model:
 
     @property
     def observed(self) -> Ids:
-        """The triples observed by the scorer, or else the training triples, shape (T, 3)."""
+        """The scorer's observed triples, or else the training triples, shape (T, 3)."""
         observed = self.scorer.observed
         return self.triples if observed is None else observed
 
@@ -136,10 +136,7 @@ class Model:
 
 
 def cross_fitted_words(folds: int, mrr: float | None, in_sample_mrr: float | None) -> str:
-    """Return the MRR of the folds' models in words."""
+    """Return the fold models' MRR in words."""
     if mrr is None or in_sample_mrr is None:
         return f"{folds} folds"
-    return (
-        f"{folds} folds, MRR {mrr:.3f} on train triples left out of training "
-        f"({in_sample_mrr:.3f} where they were in it)"
-    )
+    return f"{folds} folds, MRR {mrr:.3f} on train triples out-of-sample ({in_sample_mrr:.3f} in-sample)"

@@ -1,4 +1,4 @@
-"""Writing any scorer as a model folder for all commands."""
+"""Write any scorer as a model folder for all commands."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,11 +23,11 @@ from wordcraft_kg.runs.record import end_run, start_run
 
 @dataclass(frozen=True)
 class SavedConfig(RunConfig):
-    """Description of a scorer that was not trained here.
+    """Settings for a scorer that was not trained here.
 
     Attributes:
-        kg: training data according to its author: partial (train recipes only), full, or none (no recipe).
-        origin: description in a line for reports.
+        kg: training data according to the author: partial (train recipes only), full, or none (no recipe).
+        origin: one-line description for reports.
     """
 
     commands: ClassVar[tuple[str, ...]] = ("save-scorer",)
@@ -50,22 +50,22 @@ def save_scorer(
 ) -> Path:
     """Write your own scorer as a model folder for all commands.
 
-    With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn on out-of-sample scores.
-    The folder holds the form that :func:`~wordcraft_kg.models.scorers.folder.stored` returns.
+    With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn from out-of-sample
+    scores. The folder holds the result of :func:`~wordcraft_kg.models.scorers.folder.stored`.
 
     Args:
         folder: folder to write.
-        scorer: scorer of the graph's triples.
+        scorer: scorer for the graph's triples.
         opened: graph, and split for evaluation.
-        kg: training data of the scorer: ``partial`` for train recipes only; ``full`` with other recipes of the graph,
-            so that figures are marked as memory; ``none`` without recipes, such as from words alone.
-        origin: description in a line for reports. Default: the scorer's name.
+        kg: training data: ``partial`` for train recipes only; ``full`` with other recipes from the graph, so that
+            metrics are marked as memory; ``none`` without recipes, for example from words alone.
+        origin: one-line description for reports. Default: the scorer's name.
         force: replace the folder.
 
     Raises:
         OutputExistsError: if ``folder`` exists and ``force`` is False.
         GraphMismatchError: if the scorer belongs to another graph.
-        ConfigError: if a score is not a finite number, or the graph is too large for a table of all scores.
+        ConfigError: if a score is not a finite number, or the graph is too large for a score table.
 
     Example:
         >>> from wordcraft_kg.models.scorers.baselines import FrequencyScorer
@@ -79,8 +79,8 @@ def save_scorer(
     check_scorer(scorer, opened.graph)
     if tuple(scorer.entities) != opened.graph.entities:
         raise GraphMismatchError(
-            f"the scorer's `entities` are not those of '{opened.graph.name}', although it names its hash. Give it the "
-            "labels of the graph, in the order of its ids."
+            f"the scorer's `entities` differ from '{opened.graph.name}', although the graph hash is equal. Use the "
+            "graph labels, ordered by id."
         )
     whole, folded = stored(scorer), folds_of(scorer)
     out = with_a_name(Path(folder))
@@ -103,7 +103,7 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
     scorer.check_split(opened.split)
 
     def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-        scorer.trained_on(fold, opened.graph)  # or it is refused
+        scorer.trained_on(fold, opened.graph)  # raises for other training data
         return scorer.record.folds[fold].trained_on, stored(scorer.left_out(fold)).tensors()
 
     train_sample = scorer.train_sample(opened.graph)
@@ -112,7 +112,7 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
 
 
 def saved_history(files: RunFiles) -> History:
-    """Return the history of a saved scorer."""
+    """Return a saved scorer's history."""
     config = SavedConfig.read(files.folder)
     facts = {"trained by": "someone else, and saved as a model folder", "what it is": config.origin}
     return History(config, facts, is_trained=False)
@@ -120,17 +120,17 @@ def saved_history(files: RunFiles) -> History:
 
 def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
     seen = {
-        "full": "It is recorded as having seen more than the train recipes: its scores show what it remembers.",
-        "partial": "It is recorded as having seen the train recipes only.",
-        "none": "It is recorded as having seen no recipe of the graph.",
+        "full": "Recorded training data: more than the train recipes. The scores show memory, not prediction.",
+        "partial": "Recorded training data: the train recipes only.",
+        "none": "Recorded training data: no recipe from the graph.",
     }[config.kg]
     return scorer_card(
         opened,
         f"A scorer for {opened.graph.name}",
-        f"{config.origin}\n\nIt was not trained by wordcraft-kg but saved with it, so nothing here can reproduce it. "
-        + seen,
+        f"{config.origin}\n\nThe scorer was not trained by wordcraft-kg but only saved, so the folder cannot reproduce "
+        "the training. " + seen,
         (),
-        "Its quality on unseen triples is what `wordcraft-kg evaluate-links` reports. Scores are not calibrated "
+        "`wordcraft-kg evaluate-links` measures the quality on unseen triples. Scores are not calibrated "
         "probabilities.",
         [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
     )

@@ -99,7 +99,7 @@ def train(
         MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if an input belongs to another graph.
         ArtefactError: if an interrupted run is damaged, or another process is training in the folder.
-        TrainingError: if the loss is no longer finite.
+        TrainingError: if the loss becomes infinite or not a number.
     """
     opened = open_graph(config.graph)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)

@@ -138,11 +138,13 @@ def test_a_search_that_goes_on_ends_like_one_without_a_break(opened_kitchen, tmp
 @pytest.mark.usefixtures("fast_search")
 def test_ctrl_c_keeps_the_finished_trials_and_says_how_to_go_on(opened_kitchen, tmp_path):
     def press(done: int, total: int, figures: dict[str, float]) -> None:
-        if done == 1 and "of the next" in figures:
+        if done == 1 and "next trial" in figures:
             signal.raise_signal(signal.SIGINT)
 
     before = global_states()
-    with pytest.raises(KeyboardInterrupt, match=r"1 trial is saved .* best so far in .*best\.toml .*same command"):
+    with pytest.raises(
+        KeyboardInterrupt, match=r"1 trial is saved .* best so far in .*best\.toml .*Repeat the command"
+    ):
         tune(opened_kitchen, "complex", tmp_path / "search", trials=3, progress=press)
     assert global_states() == before
     assert len(tried(tmp_path / "search")) == 1

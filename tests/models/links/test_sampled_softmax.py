@@ -162,7 +162,7 @@ def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
 ):
     monkeypatch.setattr(link_config, "FULL_SOFTMAX", opened_kitchen.graph.num_entities - 1)
     trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model")
-    assert "512 sampled for each batch" in caplog.text
+    assert "samples 512 entities per batch" in caplog.text
     settings = LinksConfig.read(trained.folder).settings
     assert isinstance(settings, ComplExConfig)
     assert settings.negatives == NEGATIVES

@@ -71,7 +71,7 @@ def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trai
     assert "someone else" in model.provenance["trained by"]
     card = (folder / "README.md").read_text()
     assert "not trained by wordcraft-kg" in card
-    assert ("what it remembers" in card) == (kg == "full")
+    assert ("memory, not prediction" in card) == (kg == "full")
     assert card.startswith("---\nlibrary_name: wordcraft-kg\n")
 
 

@@ -206,7 +206,7 @@ def test_vectors_that_have_changed_are_refused(folder, scorer, vectors, tmp_path
     try:
         first, _, rest = before.partition("\n")
         vectors.write_text(f"{first}1\n{rest}")
-        with pytest.raises(ArtefactError, match="not those that"):
+        with pytest.raises(ArtefactError, match="have changed since"):
             wider(folder, scorer)
     finally:
         vectors.write_text(before)

@@ -85,7 +85,7 @@ def test_fits_side_by_side_are_those_of_one_after_the_other(book, small, monkeyp
 def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(book, small, monkeypatch):
     steps = SMALL.folds + 3
     folder = small.parent / "interrupted"  # so that the path to the book is the same
-    with pytest.raises(KeyboardInterrupt, match=r"2 of 4 fits are saved.*goes on with the others"):
+    with pytest.raises(KeyboardInterrupt, match=r"2 of 4 fits are saved.*Repeat the command"):
         train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(2 * steps))
     assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
     with pytest.raises(ArtefactError, match="interrupted, not done"):

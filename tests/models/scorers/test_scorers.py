@@ -327,7 +327,7 @@ def test_loading_what_is_no_model_is_refused(
 def test_loading_an_unfinished_model_says_how_to_go_on(opened_kitchen: OpenedGraph, tmp_path: Path):
     config = ComplExConfig(dim=4, epochs=4, n3=0.1, folds=0)
     train(opened_kitchen, config, tmp_path / "model", progress=interrupt_after(1))
-    with pytest.raises(ArtefactError, match=r"interrupted, not done.*Repeat the command"):
+    with pytest.raises(ArtefactError, match=r"interrupted, not done.*Repeat the training command"):
         load_scorer(tmp_path / "model")
 
 
@@ -417,7 +417,7 @@ def test_a_model_that_needs_a_table_too_large_is_refused_before_training_with_mo
     opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(builders, "TABLE_LIMIT", 0)
-    with pytest.raises(ConfigError, match=r"'rotate' needs a table of all scores.*distmult, and ComplEx"):
+    with pytest.raises(ConfigError, match=r"'rotate' needs a score table.*distmult, and ComplEx"):
         train(opened_kitchen, LinkModelConfig(model="rotate"), tmp_path / "model")
     assert not (tmp_path / "model").exists()
 

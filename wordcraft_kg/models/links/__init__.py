@@ -1,9 +1,9 @@
-"""Training link predictors, by PyKEEN, into model folders that serve as scorers.
+"""Train link predictors with PyKEEN into model folders that serve as scorers.
 
-Read ``config`` first (every setting), then ``training``, ``fitting`` (what happens in and after each epoch),
-``builders`` (how each kind becomes a PyKEEN model, and which parts of it the scorer keeps) and ``records``. ``complex``
-and ``symmetric_lcwa`` are the paper's model and objective, ``pykeen_bridge`` guards PyKEEN's global generators,
-``regularisation`` chooses weights on small and on large books, ``popularity`` puts one of them into the embeddings,
+Read ``config`` first (all settings), then ``training``, ``fitting`` (epochs, validation, checkpoints), ``builders``
+(from settings to a PyKEEN model, and from the model to scorer tensors) and ``records``. ``complex`` and
+``symmetric_lcwa`` are the paper's model and objective, ``pykeen_bridge`` guards PyKEEN's global generators,
+``regularisation`` chooses weights on small and on large books, ``popularity`` adds log counts to the embeddings, and
 ``tuning`` searches settings::
 
     trained = train_links(LinksConfig("everyday", ComplExConfig(epochs=20)), Path("models/mine"))

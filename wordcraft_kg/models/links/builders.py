@@ -1,4 +1,4 @@
-"""Building PyKEEN models and training loops from settings, and extracting the tensors of their scorers."""
+"""Build PyKEEN models and training loops from settings, and extract scorer tensors."""
 
 from contextlib import suppress
 from typing import Any
@@ -23,16 +23,16 @@ from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:
-    """Build a PyKEEN model and its training loop.
+    """Build a PyKEEN model and the training loop.
 
     Raises:
-        ConfigError: if PyKEEN has no such model, or cannot build it with these settings.
+        ConfigError: if PyKEEN has no such model, or cannot build the model with these settings.
     """
     return _complex_loop(config, factory) if isinstance(config, ComplExConfig) else _pykeen_loop(config, factory)
 
 
 def is_factored(name: str) -> bool:
-    """Return whether ComplEx embeddings give the scores of a PyKEEN model, so that it needs no table.
+    """Return whether ComplEx embeddings can represent a PyKEEN model's scores without a table.
 
     Raises:
         ConfigError: if PyKEEN has no such model.
@@ -41,7 +41,7 @@ def is_factored(name: str) -> bool:
 
 
 def check_table_fits(model: str, num_entities: int) -> None:
-    """Check that the table of all scores of a PyKEEN model, if it needs one, is small enough.
+    """Check that the score table, if a PyKEEN model needs a table, is small enough.
 
     Raises:
         ConfigError: if the table is too large, or PyKEEN has no such model.
@@ -49,17 +49,17 @@ def check_table_fits(model: str, num_entities: int) -> None:
     needed = table_bytes(num_entities)
     if not is_factored(model) and needed > TABLE_LIMIT:
         raise ConfigError(
-            f"`model` {model!r} needs a table of all scores, of {needed / 2**30:,.1f} GiB for {num_entities:,} "
-            f"entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models whose embeddings serve instead: "
-            "distmult, and ComplEx (wordcraft-kg train-complex)."
+            f"`model` {model!r} needs a score table, {needed / 2**30:,.1f} GiB for {num_entities:,} entities; "
+            f"expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models that need no table: distmult, and ComplEx "
+            "(wordcraft-kg train-complex)."
         )
 
 
 def scorer_kind(config: LinkSettings, num_entities: int) -> str:
-    """Return the kind of a model's scorer.
+    """Return the scorer kind for a model.
 
-    ComplEx is saved as embeddings (``complex``), any other model as a ``table`` of all scores, or above the limit as
-    embeddings if :func:`is_factored`.
+    ComplEx is saved as embeddings (``complex``), any other model as a score ``table``, or above the limit as embeddings
+    if :func:`is_factored`.
 
     Raises:
         ConfigError: if the table is too large and the model is not factored.
@@ -71,9 +71,9 @@ def scorer_kind(config: LinkSettings, num_entities: int) -> str:
 
 
 def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[str, dict[str, torch.Tensor]]:
-    """Return kind and tensors of the scorer of a model trained on ``triples``.
+    """Return scorer kind and scorer tensors for a model trained on ``triples``.
 
-    Popularity is part of ComplEx's embeddings; a table comes with the parameters of the model.
+    ComplEx embeddings include popularity; a table comes with the model parameters.
     """
     kind = scorer_kind(config, model.num_entities)
     if kind == TableScorer.kind:
@@ -117,23 +117,23 @@ def _embeddings(model: Model) -> dict[str, torch.Tensor]:
 
 
 def model_class(name: str) -> type[Model]:
-    """Return a PyKEEN model by name, except for ComplEx, which always means the paper's.
+    """Return a PyKEEN model class by name, except ComplEx, which always means the paper's model.
 
     Raises:
-        ConfigError: if the name is unknown, with the nearest names, or ComplEx, with its command.
+        ConfigError: if the name is unknown (the error lists the nearest names), or ComplEx.
     """
     if name.lower() == "complex":
         raise ConfigError(
             f"`model` {name!r}: ComplEx is trained with the paper's objective, by `wordcraft-kg train-complex`. For "
-            'PyKEEN\'s own with sampled negatives, use its pipeline(dataset="wordcraft", model="ComplEx").'
+            'PyKEEN\'s ComplEx with sampled negatives, use pipeline(dataset="wordcraft", model="ComplEx").'
         )
     if name.lower() not in model_resolver.lookup_dict:
-        raise refuse("model", name, "a model of PyKEEN", nearest(name.lower(), model_resolver.lookup_dict))
+        raise refuse("model", name, "a PyKEEN model", nearest(name.lower(), model_resolver.lookup_dict))
     return model_resolver.lookup_dict[name.lower()]
 
 
 def trainable_models() -> list[type[Model]]:
-    """Return PyKEEN's embedding models that can be built from triples alone, by name."""
+    """Return all PyKEEN embedding models that can be built from triples alone, by name."""
     three = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 2]])
     factory = TriplesFactory(three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)})
     trainable = []
@@ -157,12 +157,14 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
             random_seed=config.seed,
         ).to(config.device)
     except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
-        # Models that need more than triples (literals, inverse triples) fail in one of these ways.
-        raise ConfigError(f"`model` {config.model!r}: PyKEEN cannot build it for a recipe graph ({error!r}).") from None
+        # Raised by models that need more than triples (literals, inverse triples).
+        raise ConfigError(
+            f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph ({error!r})."
+        ) from None
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
         model=model,
         triples_factory=factory,
-        # The search for the largest batch that fits is for GPUs; on a CPU it would only train two batches for nothing.
+        # PyKEEN searches the largest batch for GPUs; on a CPU the search would only waste two batches.
         automatic_memory_optimization=model.device.type == "cuda",
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},

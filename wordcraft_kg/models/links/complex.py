@@ -1,7 +1,7 @@
-"""ComplEx as a PyKEEN model with the paper's regulariser, which scores all candidates in one matrix product.
+"""ComplEx as a PyKEEN model with the paper's regulariser and one matrix product for all candidates.
 
 PyKEEN's interaction contracts head, relation and tail from left to right, which builds a (batch, entities, dim) tensor
-when heads are scored. Here the two known factors are multiplied first, whichever slot is open.
+when heads are scored. Here the two known factors are multiplied first.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from wordcraft_kg.models.scorers.factors import real_dot
 
 
 class MatmulComplExInteraction(ComplExInteraction):
-    """ComplEx interaction that recognises one-against-all shapes and scores them in one real matrix product."""
+    """ComplEx interaction with one real matrix product for one-against-all shapes."""
 
     def forward(self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
         """Score triples, ``Re<h, r, conj(t)>``.
@@ -29,8 +29,8 @@ class MatmulComplExInteraction(ComplExInteraction):
             t: complex, shape (*batch, d).
 
         Returns:
-            float, of the broadcast batch shape. When one argument has shape (1, N, d) and the others (B, 1, d), the
-            (B, N) scores cost one product of (B, 2d) and (2d, N).
+            float, broadcast batch shape. If an argument has shape (1, N, d) and the remaining two (B, 1, d), the (B, N)
+            scores cost one (B, 2d) x (2d, N) product.
         """
         if _is_all(t) and _is_one(h) and _is_one(r):
             return real_dot((h * r).squeeze(dim=1), t.squeeze(dim=0))
@@ -38,7 +38,7 @@ class MatmulComplExInteraction(ComplExInteraction):
             return real_dot((r.conj() * t).squeeze(dim=1), h.squeeze(dim=0))
         if _is_all(r) and _is_one(h) and _is_one(t):
             return real_dot((h.conj() * t).squeeze(dim=1), r.squeeze(dim=0))
-        # Again two factors first: the plain formula, without PyKEEN's search for an einsum path.
+        # Two factors first again: the plain formula avoids PyKEEN's search for an einsum path.
         return torch.real(h * r * t.conj()).sum(dim=-1)
 
 
@@ -53,9 +53,9 @@ def _is_one(x: torch.Tensor) -> bool:
 class ComplExN3(ERModel):
     """ComplEx with softmax cross entropy and the N3 regulariser.
 
-    A PyKEEN model like any other: ``pipeline`` and ``hpo_pipeline`` take it as ``model="ComplExN3"``. Train it with
+    PyKEEN's ``pipeline`` and ``hpo_pipeline`` accept ``model="ComplExN3"``. Train with
     ``training_loop="IndexedSymmetricLCWA"``, which regularises each looked-up factor once. PyKEEN's stock
-    ``SymmetricLCWA`` looks the batch and all entities up twice and regularises both, so about half of
+    ``SymmetricLCWA`` looks up the batch and all entities twice and regularises both, so about half the
     ``regularizer_kwargs["weight"]`` has the same effect there.
 
     Source: Trouillon et al. 2016 (model), Lacroix et al. 2018 (objective), Jiang et al. 2020 (dimension).
@@ -65,7 +65,7 @@ class ComplExN3(ERModel):
     loss_default: ClassVar[type[Loss]] = CrossEntropyLoss
     loss_default_kwargs: ClassVar[Mapping[str, Any]] = {"reduction": "mean"}
     regularizer_default: ClassVar[type[PowerSumRegularizer]] = PowerSumRegularizer
-    #: N3 is the sum over dimensions of the cubed moduli, averaged over the batch: p = 3, not normalised.
+    #: N3 sums the cubed moduli over dimensions and averages over the batch: p = 3, not normalised.
     regularizer_default_kwargs: ClassVar[Mapping[str, Any]] = {"weight": N3_PARTIAL, "p": 3.0, "normalize": False}
 
     def __init__(
@@ -82,8 +82,8 @@ class ComplExN3(ERModel):
         Args:
             embedding_dim: number of complex dimensions.
             init_scale: initial standard deviation of real and imaginary parts; PyKEEN's standard normal does not learn.
-            regularizer: regulariser of the embeddings in a batch, or None.
-            regularizer_kwargs: settings of the regulariser, which override the defaults key by key.
+            regularizer: regulariser for the embeddings in a batch, or None.
+            regularizer_kwargs: regulariser settings, which override the defaults key by key.
             kwargs: passed to :class:`pykeen.models.ERModel`.
         """
         settings = {**self.regularizer_default_kwargs, **(regularizer_kwargs or {})}

@@ -1,4 +1,4 @@
-"""Settings of link predictors: every setting, default, unit and allowed range; imports neither torch nor PyKEEN."""
+"""Link predictor settings: defaults, units and allowed ranges; imports neither torch nor PyKEEN."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,37 +22,37 @@ from wordcraft_kg.runs.config_file import RunConfig
 
 PAPER_DIM = 128
 MAX_SEED = 2**32 - 1
-"""Largest seed of PyKEEN."""
+"""PyKEEN's largest seed."""
 N3_PARTIAL = 0.1
-"""For all but small books; chosen on validation parts, see docs/link-prediction.md."""
+"""For all but small books; tuned on validation parts, see docs/link-prediction.md."""
 FULL_SOFTMAX = 10_000
-"""Most entities for which ComplEx's softmax is over all of them by default."""
+"""Largest number of entities with a full softmax for ComplEx by default."""
 NEGATIVES = 512
-"""Entities that are sampled for each batch above that number."""
+"""Sampled entities per batch for larger graphs."""
 FOLDS = 5
-"""Folds of cross-fitting by default; their draw is the same for all models of a split."""
+"""Default number of cross-fitting folds; all models for a split share the same folds."""
 
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """Settings of every link predictor's training.
+    """Training settings shared by all link predictors.
 
     Attributes:
-        kg: triples to train on: partial (those of the train recipes) or full (all of them, test recipes included).
-        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for one seed.
-        label_noise: fraction of these recipes with the result replaced by the result of another recipe.
+        kg: training triples: partial (from the train recipes) or full (from all recipes, test recipes included).
+        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for equal seeds.
+        label_noise: fraction of these recipes with the result replaced by another recipe's result.
         epochs: passes over the triples.
         batch_size: triples per step.
-        eval_every: epochs between rankings of the validation triples; 0 never ranks them.
-        patience: rankings without a better validation MRR before training stops and returns to the best epoch; 0
-            never stops early.
+        eval_every: epochs between validations on the validation triples; 0 never validates.
+        patience: validations without a better MRR before training stops and returns to the best epoch; 0 never stops
+            early.
         checkpoint_every: epochs between checkpoints.
-        folds: parts of the train recipes for cross-fitting: for each, one more model is trained on all others, so that
-            an agent's train tasks can be scored by a model that has not seen their recipes; 0 trains none. Default: 5
-            on the partial graph, as far as it can be cut into so many; 0 on the full one.
-        seed: root seed of the initial parameters, the batches and what `train_fraction` and `label_noise` draw.
-        device: torch device to train on, such as cpu or cuda.
-        threads: CPU threads; 1 is rarely slower for models this small, and much faster on a busy machine.
+        folds: number of folds for cross-fitting: for each fold, another model is trained on all other train recipes, so
+            that agents learn from out-of-sample scores; 0 disables cross-fitting. Default: 5 on the partial graph if
+            large enough, 0 on the full graph.
+        seed: root seed for initial parameters, batches, `train_fraction` and `label_noise`.
+        device: torch device, such as cpu or cuda.
+        threads: CPU threads; 1 is rarely slower for such small models, and much faster on a busy machine.
     """
 
     command: ClassVar[str]
@@ -81,19 +81,18 @@ class TrainingConfig:
         whole("seed", self.seed, 0, MAX_SEED)
         if self.folds is not None:
             whole("folds", self.folds, 0, MAX_SIZE)
-            require(self, "folds", self.folds != 1, "0 for none, or 2 or more")
+            require(self, "folds", self.folds != 1, "0 to disable, or 2 or more")
         if self.kg == "full" and self.folds:
             raise ConfigError(
-                f"`folds` {self.folds} needs `kg` partial: the full graph has no recipes that stay unseen, so there is "
-                "nothing to be honest about."
+                f"`folds` {self.folds} needs `kg` partial: models trained on all recipes have no out-of-sample scores."
             )
         if self.kg == "full" and self.eval_every:
             raise ConfigError("`eval_every` needs `kg` partial: the full graph contains the validation triples.")
         if self.patience and not self.eval_every:
-            raise ConfigError("`patience` counts rankings of the validation triples; give `eval_every` too, such as 5.")
+            raise ConfigError("`patience` counts validations; give `eval_every` too, such as 5.")
 
     def for_size(self, num_entities: int) -> Self:
-        """Return the settings with defaults for a number of entities."""
+        """Return the settings with defaults that depend on the number of entities."""
         return self
 
 
@@ -102,15 +101,15 @@ class ComplExConfig(TrainingConfig):
     """ComplEx with the paper's objective.
 
     Attributes:
-        dim: complex dimensions; 128 is the paper's.
-        learning_rate: learning rate of Adagrad; 0.2 chosen on validation parts, see docs/link-prediction.md.
-        n3: weight of the N3 regulariser. Default: 0 on the full graph; on the partial graph of a small book (2,000
-            train recipes at most) chosen together with `popularity`; above that 0.1.
-        popularity: how much of log(1 + number of training triples) of head and tail is added to the scores. Default:
+        dim: complex dimensions; 128 as in the paper.
+        learning_rate: Adagrad learning rate; 0.2 was tuned on validation parts, see docs/link-prediction.md.
+        n3: weight of the N3 regulariser. Default: 0 on the full graph; on the partial graph, chosen together with
+            `popularity` for a small book (2,000 train recipes at most), otherwise 0.1.
+        popularity: weight of log(1 + number of training triples) for head and tail, added to the scores. Default:
             chosen if `n3` is not given and the book is small, or large (`negatives` above 0), else 0.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
-        negatives: entities sampled for each batch to stand for all others in the softmax; 0 takes all of them. Default:
-            0 up to 10,000 entities, 512 above, where all would take too long.
+        negatives: sampled entities per batch in place of all other entities in the softmax; 0 for the full softmax.
+            Default: 0 up to 10,000 entities, 512 above, where the full softmax would take too long.
 
     Example:
         >>> ComplExConfig(kg="full").n3
@@ -144,11 +143,11 @@ class ComplExConfig(TrainingConfig):
 
     @property
     def is_open(self) -> bool:
-        """Whether N3 weight and popularity are left to be chosen."""
+        """Whether N3 weight and popularity are still to be chosen."""
         return self.n3 is None
 
     def fixed(self) -> Self:
-        """Return the settings with fixed defaults for open ones."""
+        """Return the settings with fixed values for open settings."""
         return replace(self, n3=N3_PARTIAL) if self.is_open else self
 
     def for_size(self, num_entities: int) -> Self:  # noqa: D102 - inherited
@@ -158,15 +157,15 @@ class ComplExConfig(TrainingConfig):
 
 @dataclass(frozen=True)
 class LinkModelConfig(TrainingConfig):
-    """Any other PyKEEN model, since the paper's method takes any link predictor.
+    """Any other PyKEEN model; the paper's method works with any link predictor.
 
     Attributes:
-        model: PyKEEN's name, such as rotate, transe, distmult, tucker; `train-links --list-models` lists them.
+        model: PyKEEN name, such as rotate, transe, distmult, tucker; see `train-links --list-models`.
         dim: embedding dimensions.
-        learning_rate: learning rate of Adam.
-        loop: how triples become training examples: slcwa (sampled negatives) or symmetric (softmax over all heads and
-            all tails, the paper's objective; slow for models whose scores need large tensors).
-        negatives: negatives sampled per triple, with slcwa.
+        learning_rate: Adam learning rate.
+        loop: training objective: slcwa (sampled negatives) or symmetric (softmax over all heads and all tails, the
+            paper's objective; slow for models with large score tensors).
+        negatives: sampled negatives per triple, with slcwa.
 
     Example:
         >>> LinkModelConfig(model="distmult", loop="symmetric").dim
@@ -194,15 +193,15 @@ LinkSettings = ComplExConfig | LinkModelConfig
 CONFIGS: dict[str, type[ComplExConfig] | type[LinkModelConfig]] = {
     config.command: config for config in (ComplExConfig, LinkModelConfig)
 }
-"""Settings by the command that accepts them."""
+"""Settings classes by command."""
 
 
 @dataclass(frozen=True)
 class LinksConfig(RunConfig):
-    """All settings of a link predictor.
+    """All settings for a link predictor.
 
     Attributes:
-        settings: settings of model and training.
+        settings: model and training settings.
 
     Example:
         >>> LinksConfig("kitchen", ComplExConfig(dim=8)).command

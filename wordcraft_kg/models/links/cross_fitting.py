@@ -1,7 +1,7 @@
-"""Training the models of the folds, each on all other train recipes, in parallel if cores allow.
+"""Train a model for each fold on all other train recipes, in parallel if cores allow.
 
-Finished folds are saved among the run's checkpoints, so a resumed run trains the missing ones only. A fold's model
-depends on its settings and triples alone, not on process or order.
+Finished folds are saved among the run's checkpoints, so a resumed run trains only missing folds. A fold's model depends
+on settings and triples alone, not on process or order.
 """
 
 import logging
@@ -40,7 +40,7 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
     """Return settings with a decided number of folds.
 
     Raises:
-        ConfigError: if the given number is impossible.
+        ConfigError: if the given number is impossible for the split.
     """
     given, kind = settings.folds, opened.split.config.kind
     count = FOLDS if given is None else given
@@ -61,14 +61,14 @@ def _check_size(settings: LinkSettings, count: int, num_entities: int) -> None:
     needed = count * table_bytes(num_entities)
     if not isinstance(settings, ComplExConfig) and needed > TABLE_LIMIT:
         raise ConfigError(
-            f"`folds` {count}: a table of all scores for each fold takes {needed / 2**20:,.0f} MiB; expected at most "
+            f"`folds` {count}: a score table for each fold takes {needed / 2**20:,.0f} MiB; expected at most "
             f"{TABLE_LIMIT / 2**20:.0f} MiB. Use fewer folds or 0, or ComplEx (wordcraft-kg train-complex)."
         )
 
 
 @dataclass(frozen=True)
 class _Job:
-    """The training of a fold's model."""
+    """A fold's training."""
 
     folder: Path
     fold: int
@@ -77,16 +77,16 @@ class _Job:
     triples: Ids
 
     def train(self, after_epoch: AfterEpoch) -> None:
-        """Train the model and save its tensors among the checkpoints."""
+        """Train the model and save the scorer tensors among the checkpoints."""
         model = fit(self.settings, triples_factory(self.graph, self.triples), after_epoch)
         _, tensors = scorer_tensors(self.settings, model, self.triples)
-        # A table serves without the parameters that it was computed from.
+        # A table needs no model parameters.
         wanted = {name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")}
         _kept(self.folder).save(self.fold, copied(wanted), self.done)
 
     @property
     def done(self) -> FoldDone:
-        """Expected record of the model."""
+        """The expected model record."""
         return FoldDone(trained_on=triples_hash(self.triples), epochs=self.settings.epochs)
 
 
@@ -97,18 +97,17 @@ def _kept(folder: Path) -> Checkpoints[FoldDone]:
 def train_folds(
     folder: Path, folds: Folds, settings: LinkSettings, *, seconds: float, after_epoch: Callable[[int, int], None]
 ) -> None:
-    """Train the missing models of the folds.
+    """Train all missing fold models.
 
     Args:
         folder: run folder.
         folds: the folds.
-        settings: settings of the main model, with its final number of ``epochs``.
+        settings: main model settings, with the final number of ``epochs``.
         seconds: duration of the main training, which decides on parallel processes.
-        after_epoch: called regularly with the number of epochs done in all folds and their total; may raise to end the
-            training.
+        after_epoch: called regularly with the finished and total epochs over all folds; may raise to end the training.
 
     Raises:
-        TrainingError: if a loss is no longer finite, or a process dies.
+        TrainingError: if a loss becomes infinite or not a number, or a process dies.
     """
     settings = replace(settings, eval_every=0, patience=0, folds=0)
     graph = folds.split.graph
@@ -126,11 +125,11 @@ def train_folds(
 
 
 def write_link_folds(folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings) -> FoldsRecord:
-    """Write the files of trained folds; return their record."""
+    """Write all fold files; return the record."""
     kept = _kept(folder)
 
     def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:
-        found = kept.read(fold)
-        return found.progress.trained_on, found.tensors
+        checkpoint = kept.read(fold)
+        return checkpoint.progress.trained_on, checkpoint.tensors
 
     return write_folds(folder, folds, whole, scorer_kind(settings, len(whole.entities)), part)

@@ -1,4 +1,4 @@
-"""Training a PyKEEN model, with validation, trace and checkpoints, or without a run folder."""
+"""Train a PyKEEN model, with validation, trace and checkpoints, or without a run folder."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ def train_epochs(
     """Train to the last epoch, or until the callback stops the loop.
 
     Raises:
-        TrainingError: if the loss is no longer finite.
+        TrainingError: if the loss becomes infinite or not a number.
     """
     try:
         loop.train(
@@ -53,20 +53,20 @@ def train_epochs(
             callbacks=callback,
         )
     except NonFiniteLossError:
-        raise TrainingError("the loss is no longer a finite number. Train with a lower `learning_rate`.") from None
+        raise TrainingError("the loss became infinite or not a number. Train with a lower `learning_rate`.") from None
 
 
 def fit(settings: LinkSettings, factory: TriplesFactory, after_epoch: Callable[[int], None]) -> Model:
-    """Train a model without a run folder; the same settings and triples give the same model as a run.
+    """Train a model without a run folder; equal settings and triples give the same model as a run.
 
     Args:
-        settings: of the model and its training.
-        factory: the triples.
-        after_epoch: called with the number of each epoch; what it raises ends the training.
+        settings: model and training settings.
+        factory: training triples.
+        after_epoch: called with each epoch number; may raise to end the training.
 
     Raises:
         ConfigError: if PyKEEN cannot build the model.
-        TrainingError: if the loss is no longer finite.
+        TrainingError: if the loss becomes infinite or not a number.
     """
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
         loop = make_training_loop(settings, factory)
@@ -91,7 +91,7 @@ QUIET = 20.0
 
 
 class Epochs(TrainingCallback):
-    """The epochs of a run.
+    """PyKEEN callback for all epochs in a run.
 
     Epoch ``n`` draws from (seed, n) alone, so a checkpoint needs no generator state.
 
@@ -121,7 +121,7 @@ class Epochs(TrainingCallback):
         self._clock = self._reported = time.perf_counter()
 
     def post_batch(self, epoch: int, batch: Any, **kwargs: Any) -> None:
-        """Report the progress of a long epoch, and estimates of the remaining time."""
+        """Report progress in a long epoch, with the estimated remaining time."""
         self._batch += 1
         now = time.perf_counter()
         if self.report and now - self._reported >= QUIET and self._batch < self._batches:
@@ -147,7 +147,7 @@ class Epochs(TrainingCallback):
         self._batch, self._reported = 0, now
         begun = time.perf_counter()
         self.log(epoch, {"loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds})
-        self._clock += time.perf_counter() - begun  # a tracker's time is not the epoch's
+        self._clock += time.perf_counter() - begun  # exclude tracker time from the epoch
         if self.report:
             figures = {"epoch": epoch, "loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds}
             self.report(epoch, self._total, {name: value for name, value in figures.items() if value is not None})
@@ -156,17 +156,17 @@ class Epochs(TrainingCallback):
         seed_everything(settings.seed, epoch + 1)
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
-        """Restore a checkpoint of the same model and settings.
+        """Restore a checkpoint with the same model and settings.
 
         Raises:
-            ValueError, KeyError, RuntimeError: if its tensors or trace do not fit the model and epochs.
+            ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and epochs.
         """
         if [row.epoch for row in checkpoint.progress.trace] != list(range(1, checkpoint.number + 1)):
-            raise ValueError("its trace is not that of its epochs")
+            raise ValueError("trace and epochs differ")
         loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
         self._best = with_prefix(checkpoint.tensors, "best.")
         state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
-        # The optimiser keeps the settings that it was just made with.
+        # Keep the new optimiser's settings.
         loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
         loop._epoch = checkpoint.number
         loop.losses_per_epochs = [row.loss for row in checkpoint.progress.trace]
@@ -178,7 +178,7 @@ class Epochs(TrainingCallback):
             loop.model.load_state_dict(self._best)
 
     def _note(self, row: TraceRow, seconds: float) -> None:
-        """Add an epoch; stop early if the best ranking was too long ago."""
+        """Add an epoch; stop early if the best validation was too long ago."""
         before = self.so_far
         now = replace(before, seconds=before.seconds + seconds, trace=(*before.trace, row))
         if row.valid_mrr is not None:
@@ -207,7 +207,7 @@ class Epochs(TrainingCallback):
 
 
 def _optimizer_state(tensors: dict[str, Tensor], parameters: Sequence[Tensor]) -> dict[int, dict[str, Tensor]]:
-    """Return the optimiser's tensors by parameter, after a check that PyKEEN makes only in the next epoch."""
+    """Return the optimiser tensors by parameter, after a shape check that PyKEEN defers to the next epoch."""
     state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
     for name, value in with_prefix(tensors, "optimizer.").items():
         index, _, key = name.partition(".")

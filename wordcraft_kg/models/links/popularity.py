@@ -1,7 +1,7 @@
-"""The popularity of entities as an exact part of ComplEx, in three more dimensions per relation.
+"""Entity popularity as an exact part of ComplEx, in three more dimensions per relation.
 
-A softmax over entities first learns how often each one is an answer. On a small book the embeddings learn little more,
-and counting does it better. So a multiple of the log counts is added to the scores.
+A softmax over entities first learns how often each entity is an answer. On a small book the embeddings learn little
+more, and counting works better. So a multiple of the log counts is added to the scores.
 """
 
 import numpy as np
@@ -11,11 +11,11 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
 
 DIMS = 3 * len(RELATIONS)
-"""Complex dimensions of popularity."""
+"""Complex dimensions for popularity."""
 
 
 def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return ``log(1 + n)`` of each entity's counts as head, and as tail, of each relation: two of shape (R, E)."""
+    """Return ``log(1 + n)`` for each entity's counts as head, and as tail, by relation: two tensors, shape (R, E)."""
     heads, relations, tails = triples.T
     shape = (len(RELATIONS), num_entities)
     counts = (np.bincount(relations * num_entities + ends, minlength=shape[0] * shape[1]) for ends in (heads, tails))
@@ -24,22 +24,22 @@ def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def with_popularity(embeddings: dict[str, torch.Tensor], triples: Ids, weight: float) -> dict[str, torch.Tensor]:
-    """Return embeddings whose scores have ``weight * (log(1 + n_head) + log(1 + n_tail))`` added.
+    """Return embeddings that add ``weight * (log(1 + n_head) + log(1 + n_tail))`` to all scores.
 
-    With ``f`` the term of a head and ``g`` that of a tail, ``x = (f + g) / 2`` and ``y = (f - g) / 2``, a relation's
-    three dimensions hold ``s + x / 2s``, ``s - x / 2s`` and ``s + i y / s``, and its own embedding 1, -1 and -i there:
+    Let ``f`` be the head term, ``g`` the tail term, ``x = (f + g) / 2`` and ``y = (f - g) / 2``. In a relation's three
+    dimensions, entities have ``s + x / 2s``, ``s - x / 2s`` and ``s + i y / s``, and the relation has 1, -1 and -i:
 
     ``(s + x_h/2s)(s + x_t/2s) - (s - x_h/2s)(s - x_t/2s) = x_h + x_t`` and
-    ``Re[-i (s + i y_h/s)(s - i y_t/s)] = y_h - y_t``, together ``f_h + g_t``. Any s > 0 will do; ``s^2 = max |x| / 2``
-    keeps the terms that cancel as small as their sum.
+    ``Re[-i (s + i y_h/s)(s - i y_t/s)] = y_h - y_t``, together ``f_h + g_t``. Any s > 0 is correct;
+    ``s^2 = max |x| / 2`` keeps the cancelling terms as small as the sum.
 
     Args:
         embeddings: ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d).
-        triples: shape (T, 3), those that are counted.
+        triples: triples to count, shape (T, 3).
         weight: 0 or more.
 
     Returns:
-        the same with d + 6 dimensions; the embeddings themselves if the weight is 0.
+        embeddings with d + 6 dimensions; unchanged if the weight is 0.
     """
     if not weight:
         return embeddings

@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 
 
 def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples: bool = False) -> TriplesFactory:
-    """Return a PyKEEN factory of triples with the graph's entity and relation ids."""
+    """Return a PyKEEN triples factory with the graph's entity and relation ids."""
     return TriplesFactory(
         mapped_triples=torch.from_numpy(triples.copy()),
         entity_to_id={label: i for i, label in enumerate(graph.entities)},
@@ -28,12 +28,12 @@ def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples:
 
 @torch.no_grad()
 def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -> torch.Tensor:
-    """Return a model's scores of all triples, shape (R, E, E), by relation, head and tail.
+    """Score all triples, by relation, head and tail, shape (R, E, E).
 
     Args:
-        model: a PyKEEN model; set to evaluation mode.
-        entities: PyKEEN's entity ids in the order of the result, shape (E,).
-        relations: PyKEEN's relation ids in the order of the result.
+        model: PyKEEN model; set to evaluation mode.
+        entities: PyKEEN entity ids in result order, shape (E,).
+        relations: PyKEEN relation ids in result order.
     """
     entities = entities.to(model.device)
     # 64 heads at a time: some interactions build a (heads, entities, dim) tensor.
@@ -53,7 +53,7 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
     """Seed PyKEEN's global generators by root seed and epoch, inside :func:`pykeen_guard`."""
     value = int(np.random.SeedSequence([seed, epoch]).generate_state(1)[0])
     random.seed(value)
-    np.random.seed(value)  # noqa: NPY002 - PyKEEN's negative samplers draw from it
+    np.random.seed(value)  # noqa: NPY002 - PyKEEN's negative samplers use this generator
     torch.manual_seed(value)
 
 
@@ -62,7 +62,7 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
     """Seed the global generators for PyKEEN and set torch's CPU threads; restore everything afterwards.
 
     Objects alive at the start are exempt from garbage collection: PyKEEN collects after each epoch, which takes 0.2 s
-    for the objects of its imports.
+    for all imported objects.
     """
     states = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
     cuda_states = torch.cuda.get_rng_state_all() if torch.cuda.is_available() else []
@@ -86,7 +86,7 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
 
 @contextmanager
 def quiet_pykeen() -> Iterator[None]:
-    """Suppress warnings of PyKEEN, its helpers and torch's sparse optimisers about their own options."""
+    """Suppress PyKEEN, helper and sparse-optimiser warnings about internal options."""
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

@@ -1,4 +1,4 @@
-"""Scorers from models that PyKEEN's own pipeline has trained."""
+"""Scorers from models trained with PyKEEN's pipeline."""
 
 import torch
 from pykeen.models import Model
@@ -13,16 +13,16 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 
 
 def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> TableScorer:
-    """Return the scorer of a model that PyKEEN has trained, from a table of all its scores.
+    """Compute a table scorer from a PyKEEN model.
 
     Args:
         model: the model, on any device, with or without inverse triples.
-        factory: its training triples. Labels are matched with those of the graph; ids may differ.
+        factory: the model's training triples. Labels must match the graph; ids may differ.
         opened: the graph, and the split for evaluation.
 
     Raises:
-        GraphMismatchError: if its entities or relations are not those of the graph.
-        ConfigError: if the graph is too large for a table of all scores.
+        GraphMismatchError: if model and graph have different entities or relations.
+        ConfigError: if the graph is too large for a score table.
 
     Example:
         >>> from pykeen.pipeline import pipeline
@@ -36,7 +36,7 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
         'distmult'
     """
     graph = opened.graph
-    for what, ids, expected in (
+    for name, ids, expected in (
         ("entities", factory.entity_to_id, graph.entities),
         ("relations", factory.relation_to_id, RELATIONS),
     ):
@@ -48,11 +48,11 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
                 if labels
             ]
             raise GraphMismatchError(
-                f"the {what} of the model are not those of '{graph.name}': {', '.join(problems)}. Train it on "
+                f"the model's {name} do not match '{graph.name}': {', '.join(problems)}. Train the model on "
                 f"dataset='wordcraft', dataset_kwargs={{'graph': {opened.source!r}}}."
             )
     if table_bytes(graph.num_entities) > TABLE_LIMIT:
-        raise ConfigError(f"a table of all scores is too large for {graph.num_entities:,} entities.")
+        raise ConfigError(f"a score table is too large for {graph.num_entities:,} entities.")
     entities = torch.tensor([factory.entity_to_id[label] for label in graph.entities])
     scores = all_scores(model, entities, [factory.relation_to_id[name] for name in RELATIONS])
     return TableScorer(scores, graph.entities, graph.hash, name=type(model).__name__)

@@ -1,4 +1,4 @@
-"""Records that a model folder holds beside the weights."""
+"""Records in a link predictor's model folder."""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.wording import counted
@@ -9,13 +9,13 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """A line of ``trace.jsonl``: the figures of an epoch.
+    """A line of ``trace.jsonl``: metrics after an epoch.
 
     Attributes:
         epoch: number from 1.
         loss: mean loss over the batches.
-        valid_mrr: MRR of the validation triples, if ranked.
-        seconds: duration, including the ranking.
+        valid_mrr: MRR on the validation triples, if validated.
+        seconds: duration, including validation.
     """
 
     epoch: int
@@ -25,7 +25,7 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Candidate(Record, frozen=True, kw_only=True):
-    """A regularisation, and its MRR on held-out train recipes."""
+    """A regularisation with the MRR on held-out train recipes."""
 
     n3: float
     popularity: float
@@ -33,16 +33,16 @@ class Candidate(Record, frozen=True, kw_only=True):
 
 
 class Choice(Record, frozen=True, kw_only=True):
-    """``choice.json``: the choice of regularisation on held-out train recipes.
+    """``choice.json``: the regularisation chosen on held-out train recipes.
 
     Attributes:
-        n3: chosen weight of the N3 regulariser.
-        popularity: chosen weight of the counts.
-        mrr: MRR of the held-out triples with these weights.
-        frequency_mrr: MRR of the same triples by counting alone.
+        n3: chosen N3 weight.
+        popularity: chosen popularity weight.
+        mrr: MRR on the held-out triples with these weights.
+        frequency_mrr: MRR on the same triples with the frequency rule.
         candidates: all candidates.
-        folds: number of draws of held-out recipes.
-        epochs: epochs of each training.
+        folds: number of random held-out samples.
+        epochs: epochs per training.
         queries: number of held-out queries over all folds.
     """
 
@@ -57,40 +57,40 @@ class Choice(Record, frozen=True, kw_only=True):
 
     @property
     def beats_counting(self) -> bool:
-        """Whether any candidate beats counting."""
+        """Whether any candidate beats the frequency rule."""
         return max(candidate.mrr for candidate in self.candidates) > self.frequency_mrr
 
     def __str__(self) -> str:
-        """Return the choice and its figures in a line."""
+        """Return the choice and the metrics in a line."""
         without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
         return (
-            f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on {self.queries:,} queries of train "
-            f"recipes held out {counted(self.folds, 'time')} (counting alone {self.frequency_mrr:.3f}, without "
-            f"popularity {without:.3f})"
+            f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on {self.queries:,} held-out train "
+            f"queries in {counted(self.folds, 'fold')} (frequency rule {self.frequency_mrr:.3f}, without popularity "
+            f"{without:.3f})"
         )
 
 
 class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """``metrics.json``: the figures of a training.
+    """``metrics.json``: training metrics.
 
     Attributes:
-        kg: knowledge graph of the training: partial or full.
-        train_fraction: training fraction: share of the train recipes.
-        label_noise: label noise: share of these with a wrong result.
+        kg: training graph: partial or full.
+        train_fraction: training fraction.
+        label_noise: label noise.
         triples: number of training triples.
         epochs: number of epochs.
         best_epoch: best epoch by validation MRR, if validated.
         seconds: duration of all epochs.
-        seconds_per_epoch: mean duration of an epoch.
+        seconds_per_epoch: mean duration per epoch.
         parameters: number of model parameters.
-        loss: loss of the last epoch.
-        valid_mrr: validation MRR of the best epoch.
-        train_mrr: MRR of the training triples, filtered by themselves: memory, not prediction.
-        train_mrr_triples: number of triples behind ``train_mrr``.
-        choice: choice of the regularisation, if any.
+        loss: last epoch's loss.
+        valid_mrr: best epoch's validation MRR.
+        train_mrr: filtered MRR on the training triples: memory, not prediction.
+        train_mrr_triples: number of triples ranked for ``train_mrr``.
+        choice: chosen regularisation, if any.
         folds: number of cross-fitting folds.
-        fold_mrr: out-of-sample MRR of train triples by the folds' models, if any.
-        fold_in_sample_mrr: in-sample MRR of the same triples by the main model.
+        fold_mrr: fold models' out-of-sample MRR on train triples, if any.
+        fold_in_sample_mrr: main model's in-sample MRR on the same triples.
     """
 
     kg: KG
@@ -113,14 +113,14 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class FoldDone(Record, frozen=True, kw_only=True):
-    """Record of a fold's model in an unfinished run: hash of its triples, and epochs."""
+    """Record for a fold model in an unfinished run: training triples' hash, and epochs."""
 
     trained_on: Hash
     epochs: Count
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):
-    """Progress of a training in a checkpoint."""
+    """Training progress in a checkpoint."""
 
     seconds: float
     best_mrr: float | None
@@ -130,12 +130,12 @@ class LinkProgress(Record, frozen=True, kw_only=True):
 
 
 def links_history(files: RunFiles) -> History:
-    """Return the history of a link predictor."""
+    """Return a link predictor's history."""
     config, metrics = LinksConfig.read(files.folder), files.record("metrics.json", LinkMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),
         "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
-        "on its own training triples": f"MRR {metrics.train_mrr:.3f}",
+        "on training triples": f"MRR {metrics.train_mrr:.3f}",
         "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items()),
     }
     if metrics.folds:

@@ -1,8 +1,8 @@
-"""Choosing the regularisation of ComplEx on small and large books, by ranking held-out train recipes.
+"""Choose the regularisation for ComplEx on small and large books, with held-out train recipes.
 
 No single weight suits hundreds and thousands of recipes, and on tens of thousands of entities a few epochs learn less
-than counting. So short trainings hold out a part of the train recipes, as the split does, and rank it. Each training
-serves all weights of popularity, which change scores only.
+than the frequency rule. So short trainings hold out and rank train recipes, as the split does. Each training covers all
+popularity weights, which change scores only.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,21 +26,21 @@ from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled
 
 SMALL = 2_000
-"""Most train recipes of a small book; larger books use the fixed default."""
+"""Largest number of train recipes in a small book; larger books use the fixed default."""
 FOLDS = 4
-"""For a small book; one fold is enough for a large book."""
+"""For a small book; a large book needs only one fold."""
 HELD_OUT = 0.2
 RANKED = 2_000
-"""Most held-out triples to rank in a fold; fewer above 30,000 entities."""
+"""Largest number of ranked triples per fold; fewer above 30,000 entities."""
 SHARE_OF_EPOCHS = 0.1
-"""Epochs of each fold as a share of all epochs: with two N3 weights and four folds, about one more training."""
+"""Epochs per fold as a fraction of all epochs: with two N3 weights and four folds, about one more training."""
 N3 = (0.01, 0.1)
 """For a small book."""
 POPULARITY = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Weights of the log counts. At 16 they nearly decide the order alone, and the embeddings break their ties."""
+"""Weights for the log counts. At 16 the counts nearly decide the order, and the embeddings break ties."""
 
 CAUTION = 0.05
-"""Share of the best MRR to give up for more popularity: short trainings overfit less than the full one."""
+"""Share of the best MRR to trade for more popularity: short trainings overfit less than the full training."""
 
 
 def choose(
@@ -50,17 +50,17 @@ def choose(
     *,
     recipes: Ids | None = None,
 ) -> Choice | None:
-    """Choose open weights: N3 and popularity on a small book, popularity on a large one (with a sampled softmax).
+    """Choose open weights: N3 and popularity on a small book, only popularity on a large book (sampled softmax).
 
     Args:
         opened: graph and split; only the train recipes are used.
-        settings: settings of the training.
-        after_epoch: called with the number of epochs done and their total; may raise to end the choice.
+        settings: training settings.
+        after_epoch: called with the finished and total epochs; may raise to end the choice.
         recipes: training recipes, shape (n, 3). Default: all train recipes.
 
     Returns:
-        All candidates, and the one with the most popularity among those with nearly the best MRR; None if nothing is
-        open, or too few triples are held out.
+        All candidates and the choice: most popularity among all candidates with nearly the best MRR. None without open
+        weights, or with too few held-out triples.
     """
     split = opened.split
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
@@ -110,7 +110,7 @@ def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split
     for fold_seed in range(seed, seed + number):
         try:
             fold = split_of_train(split, HELD_OUT, fold_seed, recipes)
-        except SplitError:  # on a book where most entities occur once, nothing can be held out
+        except SplitError:  # raised if most entities occur only once
             continue
         if len(fold.held_out("test")):
             yield fold
@@ -121,26 +121,26 @@ def _queries(fold: Split) -> Ids:
 
 
 def _reciprocal_ranks(fold: Split, settings: ComplExConfig, after_epoch: Callable[[int], None]) -> np.ndarray:
-    """Return sums of held-out reciprocal ranks, shape (P + 1,): for each of :data:`POPULARITY`, and for counting."""
+    """Return sums of held-out reciprocal ranks for each :data:`POPULARITY` and the frequency rule, shape (P + 1,)."""
     graph, seen = fold.graph, fold.partial
     model = fit(settings, triples_factory(graph, seen), after_epoch)
     popular = (replace(settings, popularity=weight) for weight in POPULARITY)
-    scorers = (make_scorer(*scorer_tensors(one, model, seen), graph.entities, graph.hash) for one in popular)
+    scorers = (make_scorer(*scorer_tensors(each, model, seen), graph.entities, graph.hash) for each in popular)
     ranks = [rank_triples(scorer, _queries(fold), graph.triples) for scorer in (*scorers, FrequencyScorer(graph, seen))]
-    return np.array([(1 / one["rank"]).sum() for one in ranks])
+    return np.array([(1 / table["rank"]).sum() for table in ranks])
 
 
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:
-    """Split the train recipes once more, with the same kind of split.
+    """Split the train recipes again, with the same kind of split.
 
     Args:
-        split: the split of the whole graph.
+        split: the whole graph's split.
         held_out: share of pairs, or goals, in the new test part.
-        seed: seed of the draw.
+        seed: split seed.
         recipes: recipes to split, shape (n, 3). Default: all train recipes.
 
     Returns:
-        A split of a graph with these recipes and the same entity ids.
+        A split for a graph with these recipes and the same entity ids.
 
     Raises:
         SplitError: if a part is empty.

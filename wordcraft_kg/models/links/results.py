@@ -1,4 +1,4 @@
-"""The files of a finished model folder."""
+"""Files in a finished model folder."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def write_results(
     progress: LinkProgress,
     choice: Choice | None = None,
 ) -> tuple[Scorer, LinkMetrics]:
-    """Write the scorer's files, the metrics and the trace; return scorer and metrics."""
+    """Write scorer files, metrics and trace; return scorer and metrics."""
     model.eval()
     graph, triples = train_sample.graph, train_sample.triples
     kind, tensors = scorer_tensors(settings, model, triples)
@@ -59,40 +59,38 @@ def write_results(
 
 
 def with_folds(folder: Path, metrics: LinkMetrics, record: FoldsRecord) -> LinkMetrics:
-    """Add the folds' figures to the metrics, and write them again."""
+    """Add the fold metrics, and write ``metrics.json`` again."""
     metrics = replace(metrics, folds=record.count, fold_mrr=record.mrr, fold_in_sample_mrr=record.in_sample_mrr)
     write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
     return metrics
 
 
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
-    """Return the ``README.md`` of a model folder."""
+    """Return the model card."""
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
     sample = describe_train_sample(settings.train_fraction, settings.label_noise) or "the train recipes"
     seen = f"the triples of {sample} only."
     if settings.kg == "full":
-        seen = "all triples, including those of the test recipes: its scores show what it remembers."
-    fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on its own training triples "
+        seen = "all triples, test recipes included: the scores show memory, not prediction."
+    fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on training triples "
     points = [f"{metrics.triples:,} training triples", fitted + f"{metrics.train_mrr:.3f}"]
     if metrics.choice:
         points.append(f"regularisation chosen: {metrics.choice}")
     if isinstance(settings, ComplExConfig) and settings.negatives:
         sample = f"softmax over {settings.negatives:,} entities sampled for each batch"
-        points.append(f"objective: {sample}, not over all of them")
+        points.append(f"objective: {sample}, in place of all entities")
     if metrics.folds:
-        folds = f"cross-fitted: {metrics.folds} more models, each trained without one part of the train recipes"
+        folds = f"cross-fitted: {metrics.folds} more models, each trained without one fold of the train recipes"
         if metrics.fold_mrr is not None:
-            folds += f": MRR {metrics.fold_mrr:.3f} on these, where this one, which has seen them, has "
-            folds += f"{metrics.fold_in_sample_mrr:.3f}"
+            folds += f": MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
         points.append(folds)
-    more = "; `scorer.probability` gives those of triples outside training" if metrics.folds else ""
+    more = "; `scorer.probability` returns probabilities for triples outside training" if metrics.folds else ""
     return scorer_card(
         opened,
         f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
-        "Scores triples (head, relation, tail) with the relations `combinesWith` and `componentOf`. "
-        f"It was trained on {seen}",
+        f"Scores triples (head, relation, tail) with the relations `combinesWith` and `componentOf`. Trained on {seen}",
         points,
-        "`config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is "
-        f"what\n`wordcraft-kg evaluate-links` reports, not the figure above. Scores are not probabilities{more}.",
+        "`config.toml` reproduces the training; `run.json` records all versions. For the quality on unseen triples, "
+        f"run\n`wordcraft-kg evaluate-links`; the MRR above shows memory. Scores are not probabilities{more}.",
         [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
     )

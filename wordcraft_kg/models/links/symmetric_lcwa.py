@@ -1,9 +1,9 @@
 """The paper's training objective as PyKEEN training loops: softmax over all heads plus softmax over all tails.
 
-PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks everything up twice, regularises the candidates
-as well as the batch, and builds dense one-hot targets. The first loop reads the entity table once per batch and uses
-target indices. For many entities the second loop samples S entities per batch in place of all others; gradients are
-sparse, which Adagrad treats like dense ones.
+PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks up all factors twice, regularises the
+candidates as well as the batch, and builds dense one-hot targets. The first loop reads the entity table once per batch
+and uses target indices. For many entities the second loop samples S entities per batch in place of all entities; the
+gradients are sparse, which Adagrad treats like dense gradients.
 
 PyKEEN's minor version is pinned because private parts are used: two methods overridden and ``_plain_forward`` here,
 ``_epoch`` and ``_should_stop`` in ``fitting.py`` and ``training.py``.
@@ -46,9 +46,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         if not isinstance(model, ERModel) or any(
             len(parts) != 1 for parts in (model.entity_representations, model.relation_representations)
         ):
-            raise ConfigError(
-                f"{type(model).__name__} has no single embedding per entity; train it with 'SymmetricLCWA'."
-            )
+            raise ConfigError(f"{type(model).__name__} has no single embedding per entity; train with 'SymmetricLCWA'.")
         super().__init__(model, *args, **kwargs)
 
     def _create_training_data_loader(
@@ -78,9 +76,9 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     def _cross_entropies(
         self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor, triples: torch.Tensor, label_smoothing: float
     ) -> torch.Tensor:
-        """Return the sum of both sides' cross entropies, of factors of shape (B, 1, d) and the triples (B, 3)."""
+        """Sum both sides' cross entropies for factors of shape (B, 1, d) and triples (B, 3)."""
         (entity,) = self.model.entity_representations
-        # The public call regularises what it looks up; the candidates must not be regularised, hence the private call.
+        # The public call would regularise the candidates, hence the private call.
         everything = entity._plain_forward().unsqueeze(dim=0)
         heads, _, tails = triples.unbind(dim=1)
         return cross_entropy(
@@ -94,16 +92,16 @@ training_loop_resolver.register(IndexedSymmetricLCWATrainingLoop, raise_on_confl
 def sampled_cross_entropy(
     true: torch.Tensor, sampled: torch.Tensor, log_expected: torch.Tensor, is_true: torch.Tensor
 ) -> torch.Tensor:
-    """Return the mean cross entropy of the true entities against a sample of the others.
+    """Return the mean cross entropy of the true entities against sampled entities.
 
-    ``mean_b [ log( exp s_b + Σ_j exp(s_bj - log m_j) ) - s_b ]``, the sum over the sampled j that are not the true one.
-    If every entity is sampled once and expected once (``m_j = 1``), it is the cross entropy over all entities.
+    ``mean_b [ log( exp s_b + Σ_j exp(s_bj - log m_j) ) - s_b ]``, summed over all sampled j except the true entity. If
+    every entity is sampled once and expected once (``m_j = 1``), the result is the cross entropy over all entities.
 
     Args:
-        true: scores of the true entities, shape (B,).
-        sampled: scores of the sampled entities, shape (B, S).
-        log_expected: logarithm of how often each of them is expected in the sample, shape (S,).
-        is_true: whether a sampled entity is the true one of the query, shape (B, S), bool.
+        true: true entities' scores, shape (B,).
+        sampled: sampled entities' scores, shape (B, S).
+        log_expected: log of each sampled entity's expected count in the sample, shape (S,).
+        is_true: whether a sampled entity is the query's true entity, shape (B, S), bool.
 
     Source: Bengio and Senecal 2008, importance sampling; Jean et al. 2015, one sample for many queries.
     """
@@ -112,11 +110,11 @@ def sampled_cross_entropy(
 
 
 class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
-    """Both-side softmax cross entropy over a sample of the entities, drawn anew for each batch.
+    """Both-side softmax cross entropy over sampled entities, drawn anew for each batch.
 
-    An entity is drawn with probability ``q_j = (1 / E + c_j / 2 T) / 2``, where c_j counts it among the 2 T heads and
-    tails of the triples: half of the sample is uniform, so that every entity is pushed away from where it does not
-    belong, and half follows the frequencies, which a model of recipes has to know first.
+    Entity j is drawn with probability ``q_j = (1 / E + c_j / 2 T) / 2``, where c_j counts j among the 2 T heads and
+    tails: the uniform half gives every entity negative examples, and the other half follows the frequencies, which a
+    recipe model has to learn first.
     """
 
     def __init__(

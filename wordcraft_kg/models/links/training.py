@@ -1,6 +1,6 @@
-"""Training a link predictor on the full or partial knowledge graph, into a model folder.
+"""Train a link predictor on the full or partial knowledge graph, into a model folder.
 
-On a CPU, with the same torch and number of threads, a resumed run ends with the bits of an uninterrupted one.
+On a CPU, with equal torch versions and threads, a resumed run is bit-identical to an uninterrupted run.
 """
 
 import logging
@@ -38,12 +38,12 @@ CHOICE = "choice.json"
 
 @dataclass(frozen=True)
 class TrainedLinks:
-    """The outcome of a training run.
+    """Outcome of a training run.
 
     Attributes:
         folder: model folder.
-        epoch: last trained epoch; an interrupted run has its checkpoint.
-        metrics: content of ``metrics.json``; None for an interrupted run, which the same call resumes.
+        epoch: last trained epoch; an interrupted run has a checkpoint there.
+        metrics: content of ``metrics.json``; None if interrupted (the same call resumes the run).
     """
 
     folder: Path
@@ -64,14 +64,13 @@ def train_links(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> TrainedLinks:
-    """Train a link predictor into a model folder, or resume its interrupted run of the same settings.
+    """Train a link predictor into a model folder, or resume an interrupted run with the same settings.
 
     Args:
-        config: graph, and settings of model and training.
-        out: model folder. Default: ``models/<graph's name>-<kg>``, or ``-<model>-<kg>`` for other models.
+        config: graph, model settings and training settings.
+        out: model folder. Default: ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` for other models.
         force: train anew and replace the folder.
-        trackers: trackers of each epoch's figures: tensorboard, wandb, or your own
-            :class:`~wordcraft_kg.runs.trackers.Tracker`.
+        trackers: metric trackers: tensorboard, wandb, or your own :class:`~wordcraft_kg.runs.trackers.Tracker`.
         progress: called after each epoch; True shows a bar.
 
     Raises:
@@ -86,11 +85,11 @@ def train_links(
 
 
 class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
-    """The training of a link predictor.
+    """Trainer for link predictors.
 
     Attributes:
         train_sample: training recipes.
-        folds: their folds, if any; all models of a split share the draw.
+        folds: cross-fitting folds, if any, equal for all models on a split.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(LinksConfig.commands, "links", unit="epoch", progress=LinkProgress)
@@ -126,7 +125,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         return {"inputs": inputs, "files": [CHOICE] if (run.path / CHOICE).exists() else []}
 
     def _decide_regularisation(self, run: RunFolder[LinkProgress], report: Progress | None) -> None:
-        """Decide an open regularisation; write ``choice.json`` if it is chosen on folds."""
+        """Choose open regularisation weights; write ``choice.json`` if chosen on folds."""
         settings = self.config.settings
         if not isinstance(settings, ComplExConfig):
             return
@@ -184,7 +183,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         return TrainedLinks(run.path, metrics.epochs, metrics)
 
     def _cross_fit(self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None) -> None:
-        """Train a model for each fold, for the final number of epochs of the main model."""
+        """Train a model for each fold, with as many epochs as the main model."""
         assert self.folds is not None
         settings = self.config.settings
         ended = metrics.best_epoch if settings.patience and metrics.best_epoch else metrics.epochs
@@ -210,8 +209,8 @@ def _for_size(settings: LinkSettings, num_entities: int) -> LinkSettings:
     decided = settings.for_size(num_entities)
     if isinstance(decided, ComplExConfig) and decided != settings and decided.negatives:
         logging.getLogger(__name__).warning(
-            f"{num_entities:,} entities: the softmax is over {decided.negatives:,} sampled for each batch, because all "
-            "of them would take too long (negatives = 0 takes all)."
+            f"{num_entities:,} entities: the softmax samples {decided.negatives:,} entities per batch, because the "
+            "full softmax would take too long (negatives = 0 for the full softmax)."
         )
     return decided
 
@@ -221,25 +220,25 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
         check_table_fits(settings.model, opened.graph.num_entities)
     if settings.kg == "partial" and opened.split.config.kind == "none":
         raise ConfigError(
-            "the split of this graph holds nothing out, so there is no partial graph to train on. Use `kg` full, or "
-            "build the graph with another split, such as by-recipe."
+            "the graph has no test part and therefore no partial graph. Use `kg` full, or build the graph with "
+            "another split, such as by-recipe."
         )
     if settings.eval_every and not len(opened.split.held_out("valid")):
         raise ConfigError(
-            "`eval_every` needs validation triples and this split has none. Build the graph with a validation part, "
-            "such as `train_ratio` 0.8 and `valid_ratio` 0.1."
+            "`eval_every` needs validation triples, and the split has no validation part. Build the graph with such a "
+            "part, for example `train_ratio` 0.8 and `valid_ratio` 0.1."
         )
     check_device(settings.device)
     _check_memory(opened, settings)
 
 
 def _check_memory(opened: OpenedGraph, settings: LinkSettings) -> None:
-    """Refuse dimensions and batches whose vectors exceed the memory."""
+    """Refuse dimensions and batches that exceed the memory."""
     graph = opened.graph
     parameters = 4 * settings.dim * (graph.num_entities + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
-    # Their gradients, and what the optimiser keeps for each.
-    check_memory("dim", settings.dim, f"training vectors of {graph.num_entities:,} entities", 3 * parameters)
+    # Parameters, gradients and optimiser state.
+    check_memory("dim", settings.dim, f"training vectors for {graph.num_entities:,} entities", 3 * parameters)
     if isinstance(settings, LinkModelConfig) and settings.loop == "slcwa":
         triples = min(settings.batch_size, len(opened.triples(settings.kg)))
         needed = 4 * settings.dim * settings.negatives * triples
-        check_memory("negatives", settings.negatives, f"the vectors of the negatives of {triples:,} triples", needed)
+        check_memory("negatives", settings.negatives, f"the negatives' vectors for {triples:,} triples", needed)

@@ -1,8 +1,8 @@
-"""Choosing settings by Optuna on validation triples, never on test triples.
+"""Choose settings with Optuna on validation triples, never on test triples.
 
-The folder of a search holds ``search.json`` (its definition), ``trials.jsonl`` (a line per finished trial) and
-``best.toml`` (the best settings so far, for ``--config``). The draws of a trial depend on the seed, its number and the
-earlier trials, so a resumed search equals an uninterrupted one.
+A search folder holds ``search.json`` (the definition), ``trials.jsonl`` (a line per finished trial) and ``best.toml``
+(the best settings so far, for ``--config``). A trial depends only on the seed, the trial number and earlier trials, so
+a resumed search equals an uninterrupted search.
 """
 
 import logging
@@ -53,7 +53,7 @@ _OTHERS: dict[str, BaseDistribution] = {
 
 
 class Trial(Record, frozen=True, kw_only=True):
-    """A line of ``trials.jsonl``: settings and their validation MRR, None if the loss was not finite."""
+    """A line of ``trials.jsonl``: settings and validation MRR, None if the loss was not finite."""
 
     number: Count
     valid_mrr: Share | None
@@ -62,7 +62,7 @@ class Trial(Record, frozen=True, kw_only=True):
 
 
 class Search(Record, frozen=True, kw_only=True):
-    """``search.json``: the definition of a search, without the number of trials."""
+    """``search.json``: a search definition, without the number of trials."""
 
     format: Literal["wordcraft-kg search 1"] = "wordcraft-kg search 1"
     graph: str
@@ -74,11 +74,11 @@ class Search(Record, frozen=True, kw_only=True):
 
 
 class Tuned(Record):
-    """The best settings of a search, and the command for them.
+    """A search's best settings, and the matching command.
 
     Attributes:
-        out: folder of the search.
-        config: TOML file of the best settings.
+        out: search folder.
+        config: TOML file with the best settings.
         table: all trials.
     """
 
@@ -94,7 +94,7 @@ class Tuned(Record):
 
 @dataclass(frozen=True)
 class _Space:
-    """The search space of a model."""
+    """A model's search space."""
 
     model: str
     seed: int
@@ -129,19 +129,19 @@ def tune(
     force: bool = False,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Search settings of a model on the partial graph, or resume a search with fewer trials.
+    """Search model settings on the partial graph, or resume a search with fewer trials.
 
     Args:
         opened: graph and split; a missing validation part is drawn from the train recipes.
-        model: ``complex``, or PyKEEN's name of another model.
-        out: folder of the search.
+        model: ``complex``, or the PyKEEN name of another model.
+        out: search folder.
         trials: number of trials, including earlier ones.
         valid_ratio: share of train pairs, or goals, drawn for validation.
-        seed: seed of search, draw and trainings.
+        seed: seed for search, validation split and trainings.
         timeout: seconds after which no new trial begins.
         device: torch device.
         force: replace the folder.
-        progress: called after each epoch and trial with the number of trials done.
+        progress: called after each epoch and trial with the number of finished trials.
 
     Raises:
         ConfigError: if an argument is out of range or PyKEEN has no such model.
@@ -159,11 +159,11 @@ def tune(
         with first_interrupt() as interrupted, _quiet_optuna():
             study = _study_of(space, done)
 
-            def after_epoch(train_fraction: float) -> None:
+            def after_epoch(fraction: float) -> None:
                 if interrupted.is_set():
                     raise KeyboardInterrupt(_saved(out, done))
                 if progress:
-                    progress(len(done), trials, {"of the next": train_fraction, **_best_mrr(done)})
+                    progress(len(done), trials, {"next trial": fraction, **_best_mrr(done)})
 
             while len(done) < trials and (ends is None or time.monotonic() < ends or not done):
                 done.append(_next_trial(study, space, opened, train, valid, after_epoch))
@@ -172,7 +172,7 @@ def tune(
                     progress(len(done), trials, _best_mrr(done))
     best = _best(done)
     if best is None or best.valid_mrr is None:
-        raise TrainingError(f"the loss of all {len(done)} trials became infinite or not a number, see '{out}'.")
+        raise TrainingError(f"the loss became infinite or not a number in all {len(done)} trials, see '{out}'.")
     command, settings = space.settings(best.settings).command, space.named(best.settings)
     return Tuned(model, command, len(done), best.valid_mrr, settings, str(out), str(out / BEST), tuple(done))
 
@@ -194,24 +194,24 @@ def _checked_space(
 
 
 def _validation_split(opened: OpenedGraph, ratio: float, seed: int) -> tuple[Ids, Ids]:
-    """Return training and validation triples; a missing validation part is drawn like the test part."""
+    """Return training and validation triples; a missing validation part is sampled like the test part."""
     train, valid = opened.split.partial, opened.split.held_out("valid")
     if not len(valid):
         try:
             split = split_of_train(opened.split, ratio, seed)
             train, valid = split.partial, split.held_out("test")
-        except SplitError:  # it would speak of the wrong ratio
+        except SplitError:  # the message would name the wrong ratio
             valid = train[:0]
     if len(valid) < MIN_TRIPLES:
         raise SplitError(
-            f"only {len(valid)} triples to validate on; {MIN_TRIPLES} are needed. Choose a larger `valid_ratio`."
+            f"only {len(valid)} validation triples; expected at least {MIN_TRIPLES}. Choose a larger `valid_ratio`."
         )
     return train, valid
 
 
 @contextmanager
 def _search_folder(out: Path, search: Search, *, force: bool) -> Iterator[list[Trial]]:
-    """Open and lock the folder of a search, and yield its trials; remove a folder without trials."""
+    """Open and lock a search folder, and yield the trials; remove a folder without trials."""
     if force or not (out / SEARCH).is_file():
         check_new_run(out, force=force)
         shutil.rmtree(out, ignore_errors=True)
@@ -220,8 +220,8 @@ def _search_folder(out: Path, search: Search, *, force: bool) -> Iterator[list[T
         other = [name for name, value in as_values(search).items() if earlier[name] != value]
         if other:
             raise OutputExistsError(
-                f"'{out}' holds a search with another {' and '.join(other)}. Choose another `out`, or replace it with "
-                "`force`."
+                f"'{out}' holds a search with another {' and '.join(other)}. Choose another `out`, or replace the "
+                "search with `force`."
             )
     out.mkdir(parents=True, exist_ok=True)
     path = out / TRIALS
@@ -298,7 +298,7 @@ def _saved(out: Path, done: list[Trial]) -> str:
         return ""
     best = "".join(f", the best so far in {out / BEST} (validation MRR {mrr:.3f})" for mrr in _best_mrr(done).values())
     trials = "1 trial is" if len(done) == 1 else f"{len(done)} trials are"
-    return f"interrupted; {trials} saved in '{out}'{best}. Go on with the same command."
+    return f"interrupted; {trials} saved in '{out}'{best}. Repeat the command to resume."
 
 
 @contextmanager

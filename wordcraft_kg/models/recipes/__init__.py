@@ -1,1 +1,1 @@
-"""Recipe-level knowledge: how plausible it is that a pair makes a result, learned on recipes held out of themselves."""
+"""Recipe scorers: estimate how plausible a result is for a pair, fitted on held-out recipes."""

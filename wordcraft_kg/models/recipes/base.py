@@ -1,4 +1,4 @@
-"""Closed-form predictions from recipes, and the link features that rankers weigh."""
+"""Closed-form predictions from recipes, and link features for the rankers."""
 
 from dataclasses import dataclass
 
@@ -15,17 +15,17 @@ from wordcraft_kg.models.scorers.pair_features import FLOOR
 class Base:
     """Tables of shape (E, E) computed from recipes and words.
 
-    An entity without recipes is described by its words alone and does not change the rows of other entities.
+    An entity without recipes is described by words alone and does not change other entities' rows.
 
     Attributes:
         recipes: the recipes, shape (n, 3).
-        seen: ids of the entities in them.
-        text: cosines of words.
-        kernel: similarity of entities by recipes and words.
+        seen: ids of all entities in the recipes.
+        text: word cosines.
+        kernel: entity similarity by recipes and words.
         structure: similarity by recipes alone.
         alike: the normalised kernel, squared.
-        words_like: the positive cosines of words to the power 4.
-        combines, components: the links of the recipes, 1 or 0.
+        words_like: positive word cosines to the power 4.
+        combines, components: links from the recipes, 1 or 0.
         completed: see :func:`~wordcraft_kg.models.scorers.kernel.completion`.
         pairs, parts: combinesWith and componentOf as predicted by the kernel, standardised.
     """
@@ -45,7 +45,7 @@ class Base:
 
     @classmethod
     def of(cls, recipes: Ids, text: Tensor) -> "Base":
-        """Compute all tables; ``text`` holds cosines of words, or zeros."""
+        """Compute all tables; ``text`` holds word cosines, or zeros."""
         size = len(text)
         kernel = similarity(recipes, text)
         combines, components = link_matrices(recipes, size)
@@ -67,12 +67,12 @@ class Base:
         )
 
     def column(self, number: int) -> Tensor:
-        """Return a column of the recipes, shape (n,)."""
+        """Return a recipe column, shape (n,)."""
         return torch.from_numpy(self.recipes[:, number].copy())
 
 
 def link_features(base: Base) -> tuple[Tensor, Tensor]:
-    """Return the features of all combinesWith (symmetric) and componentOf links, shapes (E, E, F), row = head."""
+    """Return features for all combinesWith (symmetric) and componentOf links, shapes (E, E, F), row = head."""
     return torch.stack(_of_pairs(base), dim=-1), torch.stack(_of_parts(base), dim=-1)
 
 

@@ -1,4 +1,4 @@
-"""Settings of recipe scorers: every setting, default and allowed value; imports no torch."""
+"""Recipe scorer settings: defaults and allowed values; imports no torch."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,18 +12,18 @@ from wordcraft_kg.runs.config_file import RunConfig
 
 @dataclass(frozen=True)
 class RecipeScorerConfig:
-    """Settings of a recipe scorer.
+    """Settings for a recipe scorer.
 
     Attributes:
-        kg: recipes to learn from: partial (the train recipes) or full (all of them, test recipes included).
-        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for one seed.
-        label_noise: fraction of these recipes with the result replaced by the result of another recipe.
-        folds: folds that the recipes are cut into: rankers learn on what each fold's recipes look like to the others,
-            and on the partial graph there is a scorer for each fold that has not seen it.
-        features: vectors of the entities' words: glove, a file of vectors as for agents, or one-hot for none.
-        allow_missing: use zeros for entities without a vector, however many there are.
-        seed: root seed of the rankers and of what `train_fraction` and `label_noise` draw.
-        threads: CPU threads of each fit.
+        kg: training recipes: partial (the train recipes) or full (all recipes, test recipes included).
+        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for equal seeds.
+        label_noise: fraction of these recipes with the result replaced by another recipe's result.
+        folds: number of folds: the rankers learn to predict each fold from the remaining folds, and on the partial
+            graph a scorer without each fold gives out-of-sample scores.
+        features: word vectors for entities: glove, a vector file as for agents, or one-hot to use no words.
+        allow_missing: use zeros for any number of entities without a vector.
+        seed: root seed for rankers, `train_fraction` and `label_noise`.
+        threads: CPU threads per fit.
 
     Example:
         >>> RecipeScorerConfig(folds=10).features
@@ -46,7 +46,7 @@ class RecipeScorerConfig:
         one_of("kg", self.kg, get_args(KG))
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
         if isinstance(self.folds, bool) or not isinstance(self.folds, int) or self.folds < 2:
-            raise refuse("folds", self.folds, "a whole number, 2 or more: the rankers learn on what is held out")
+            raise refuse("folds", self.folds, "a whole number, 2 or more: the rankers learn on held-out folds")
         require(self, "allow_missing", isinstance(self.allow_missing, bool), "true or false")
         whole("seed", self.seed, 0)
         whole("threads", self.threads, 1, MAX_THREADS)
@@ -54,10 +54,10 @@ class RecipeScorerConfig:
 
 @dataclass(frozen=True)
 class RecipesConfig(RunConfig):
-    """All settings of a run of ``train-recipes``.
+    """All settings for ``train-recipes``.
 
     Attributes:
-        settings: settings of the recipe scorer.
+        settings: recipe scorer settings.
 
     Example:
         >>> RecipesConfig("kitchen", RecipeScorerConfig(folds=3)).command

@@ -1,8 +1,8 @@
-"""Fitting a recipe scorer by stacking: rankers learn from features of held-out recipes.
+"""Fit a recipe scorer by stacking: rankers learn from features of held-out recipes.
 
-For each fold the features come from the recipes of the other folds, and a ranker learns to weigh them. The final scorer
-applies it to the features of all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007). The scorer without a
-fold is fitted in the same way on the remaining folds.
+Each fold's features come from the remaining folds, and a ranker learns feature weights. The final scorer applies the
+ranker to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007). The scorer without a fold is
+fitted in the same way on the remaining folds.
 """
 
 import math
@@ -45,7 +45,7 @@ class Ranker:
 
 
 Batch = tuple[Tensor, Tensor, Tensor]
-"""Features (B, N, F) of N candidates for B queries; masks of competing and of right candidates (B, N)."""
+"""Features (B, N, F) for N candidates and B queries; masks for competing and right candidates (B, N)."""
 
 
 def fit_ranker(
@@ -61,11 +61,11 @@ def fit_ranker(
 
     Args:
         batches: the queries.
-        mean: of the features, shape (F,).
-        deviation: of the features, shape (F,).
+        mean: feature means, shape (F,).
+        deviation: feature standard deviations, shape (F,).
         epochs: passes over the batches.
-        learning_rate: its largest value.
-        generator: draws the first weights and the order of the batches.
+        learning_rate: largest learning rate.
+        generator: generator for initial weights and batch order.
     """
     size = len(mean)
     deviation = deviation.clamp(min=1e-6)
@@ -80,7 +80,7 @@ def fit_ranker(
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, learning_rate, total_steps=max(epochs * len(batches), 2))
 
     def standardised() -> Ranker:
-        # The scale of the features is taken into the weights: a pass over the weights, not over the features.
+        # Standardise the weights instead of the features: far fewer numbers.
         scaled = first / deviation[:, None]
         return Ranker(scaled, first_bias - mean @ scaled, second, bias)
 
@@ -102,16 +102,16 @@ def _shuffled(amount: int, epochs: int, generator: torch.Generator) -> Iterator[
 
 
 LinkRankers = tuple[Ranker, Ranker]
-"""Rankers of combinesWith and componentOf."""
+"""Rankers for combinesWith and componentOf."""
 LINK_QUERIES = 300
 """Queries per fold, relation and side."""
 LINK_BATCH = 32
 LINK_EPOCHS = 10
 LINK_RATE = 5e-3
 UNKNOWN = 0.1
-"""Share of entities that are held out once."""
+"""Share of entities to hold out once."""
 TABLES = (8, 2)
-"""Numbers of distractors on the tables of a recipe."""
+"""Numbers of distractors on each recipe's tables."""
 PAIR_BATCH = 256
 PAIR_EPOCHS = 30
 PAIR_RATE = 1e-2
@@ -125,13 +125,13 @@ def fit_recipe_scorer(
     seed: int = 0,
     after: Callable[[], None] = lambda: None,
 ) -> tuple[RecipeKnowledge, LinkRankers]:
-    """Fit a recipe scorer on the folds that are not left out; return its knowledge and link rankers.
+    """Fit a recipe scorer without the left-out folds; return knowledge and link rankers.
 
     Args:
-        folds: folds of the train recipes, which are held out in turn.
-        text: cosines of the entities' words, shape (E, E); zeros without words.
+        folds: folds of train recipes, held out in turn.
+        text: word cosines of entities, shape (E, E); zeros without words.
         left_out: folds without influence on the result.
-        seed: seed of rankers and tables.
+        seed: seed for rankers and tables.
         after: called after each fold; may raise to end the fit.
     """
     turns = [fold for fold in range(folds.count) if fold not in left_out]
@@ -153,13 +153,13 @@ def fit_recipe_scorer(
 
 
 def knowledge_from(base: Base, rankers: LinkRankers) -> RecipeKnowledge:
-    """Return the knowledge from recipes and link rankers, with a pair ranker of zeros."""
+    """Compute the knowledge from recipes and link rankers, with an all-zero pair ranker."""
     links = tuple(_scored(ranker, features) for ranker, features in zip(rankers, link_features(base), strict=True))
     return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]))
 
 
 def scorer_tensors(knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Ids) -> dict[str, Tensor]:
-    """Return a scorer's tensors: its knowledge, link rankers and training recipes, shape (n, 3)."""
+    """Return a scorer's tensors: knowledge, link rankers and training recipes, shape (n, 3)."""
     return {
         **knowledge.constants(),
         **{
@@ -187,9 +187,9 @@ def fit_link_rankers(
     generator: torch.Generator,
     after: Callable[[], None] = lambda: None,
 ) -> tuple[list[Base], LinkRankers]:
-    """Fit the rankers of both relations on links of held-out folds and of unknown entities.
+    """Fit rankers for both relations on links from held-out folds and to unknown entities.
 
-    The arguments are those of :func:`fit_recipe_scorer`; ``rng`` draws queries and unknown entities, ``generator`` the
+    See :func:`fit_recipe_scorer` for the arguments; ``rng`` draws queries and unknown entities, ``generator`` the
     initial weights.
 
     Returns:
@@ -212,14 +212,14 @@ def fit_link_rankers(
     for base, new, unknown in (*queries, _unknown_entities(folds.recipes(left_out), bases[0].text, rng)):
         for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base), strict=True):
             cells = features.flatten(0, 1)
-            moments[relation].append(cells[::7].clone())  # a view would keep all
+            moments[relation].append(cells[::7].clone())  # a view would keep the whole tensor
             spans[relation].append(cells.amax(0) - cells.amin(0))
-            # combinesWith is symmetric, so its queries for heads are those for tails.
+            # combinesWith is symmetric, so head queries equal tail queries.
             for side in ("tail",) if relation == COMBINES_WITH else ("tail", "head"):
-                asked = new[new[:, 1] == relation]
-                asked = asked[np.sort(rng.permutation(len(asked))[:LINK_QUERIES])]
-                rng.shuffle(asked)
-                for part in np.array_split(asked, max(1, round(len(asked) / LINK_BATCH))):
+                triples = new[new[:, 1] == relation]
+                triples = triples[np.sort(rng.permutation(len(triples))[:LINK_QUERIES])]
+                rng.shuffle(triples)
+                for part in np.array_split(triples, max(1, round(len(triples) / LINK_BATCH))):
                     if len(part):
                         batches[relation].append(_link_batch(features, known[relation], unknown, part, side))
         after()
@@ -227,7 +227,7 @@ def fit_link_rankers(
     for of_relation, seen, span in zip(batches, moments, spans, strict=True):
         together = torch.cat(seen)
         mean, deviation = together.mean(0), together.std(0)
-        # With few recipes a sample may miss a feature; the weight of a seemingly constant one would have no limit.
+        # With few recipes a sample may miss a feature, and a seemingly constant feature's weight would be unbounded.
         deviation = torch.where(deviation > 1e-6, deviation, torch.stack(span).amax(0))
         fitted.append(
             fit_ranker(of_relation, mean, deviation, epochs=LINK_EPOCHS, learning_rate=LINK_RATE, generator=generator)
@@ -237,17 +237,17 @@ def fit_link_rankers(
 
 
 def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:
-    """Return the triples of held-out recipes that seen recipes do not give, shape (T, 3)."""
+    """Return all held-out triples that no seen recipe gives, shape (T, 3)."""
     new = recipe_triples(held_out)
     return new[~is_in(new, recipe_triples(seen), size)]
 
 
 def _unknown_entities(recipes: Ids, text: Tensor, rng: np.random.Generator) -> tuple[Base, Ids, Tensor]:
-    """Hold out entities with all their recipes, so that the rankers learn the value of words alone.
+    """Hold out entities with all recipes, so that the rankers learn to use words alone.
 
     Returns:
-        The base of the other recipes, the links between held-out and other entities (T, 3), and the mask of held-out
-        entities (E,).
+        The base from the remaining recipes, links between held-out and remaining entities (T, 3), and the mask of
+        held-out entities (E,).
     """
     entities = np.unique(recipes)
     taken = rng.permutation(entities)[: round(UNKNOWN * len(entities))]
@@ -259,12 +259,12 @@ def _unknown_entities(recipes: Ids, text: Tensor, rng: np.random.Generator) -> t
     return Base.of(recipes[is_left], text), triples[head_taken != tail_taken], unknown
 
 
-def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, asked: Ids, side: str) -> Batch:
-    """Return the queries of one side; for an unknown answer, only unknown entities compete.
+def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, triples: Ids, side: str) -> Batch:
+    """Return queries for one side; for an unknown answer, only unknown entities compete.
 
     Known links are left out, so otherwise a ranker would learn that the answer is always unknown.
     """
-    heads, tails = torch.from_numpy(asked[:, 0].copy()), torch.from_numpy(asked[:, 2].copy())
+    heads, tails = torch.from_numpy(triples[:, 0].copy()), torch.from_numpy(triples[:, 2].copy())
     if side == "tail":
         rows, others, target = features[heads], known[heads], tails
     else:
@@ -278,7 +278,7 @@ def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, asked: Ids, si
 
 
 def _examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.random.Generator) -> Batch:
-    """Pose recipes on tables with distractors; every pair of a known recipe is right."""
+    """Make queries from recipes on tables with distractors; every pair in a known recipe is right."""
     size = knowledge.num_entities
     weights = 1.0 + np.bincount(np.concatenate([known[:, 0], known[known[:, 0] != known[:, 1], 1]]), minlength=size)
     slots = 2 + max(TABLES)
@@ -300,9 +300,9 @@ def _examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.ran
     competes = (a < size) & (b < size)
     keys = torch.unique(_keys(torch.from_numpy(known.copy()), size))
     pair = torch.stack([torch.minimum(a, b), torch.maximum(a, b), goal[:, None].expand_as(a)], dim=-1)
-    asked = _keys(pair, size)
-    place = torch.searchsorted(keys, asked).clamp(max=len(keys) - 1)
-    return features, competes, (keys[place] == asked) & competes
+    pair_keys = _keys(pair, size)
+    place = torch.searchsorted(keys, pair_keys).clamp(max=len(keys) - 1)
+    return features, competes, (keys[place] == pair_keys) & competes
 
 
 def _keys(recipes: Tensor, size: int) -> Tensor:
@@ -312,7 +312,7 @@ def _keys(recipes: Tensor, size: int) -> Tensor:
 
 
 def _tables(recipes: Ids, distractors: int, slots: int, weights: np.ndarray, rng: np.random.Generator) -> Ids:
-    """Return tables of ingredients and distractors, drawn as in the environment, shape (n, slots)."""
+    """Return tables with ingredients and distractors, drawn as in the environment, shape (n, slots)."""
     size = len(weights)
     keys = rng.exponential(size=(len(recipes), size)) / weights
     np.put_along_axis(keys, recipes, np.inf, axis=1)

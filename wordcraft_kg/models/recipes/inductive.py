@@ -1,6 +1,6 @@
-"""Inductive link prediction: entities outside the graph, scored by the words of their labels.
+"""Inductive link prediction: score entities outside the graph by label words.
 
-A recipe scorer follows from recipes, words of labels and a few weights. An entity without recipes has words alone, and
+A recipe scorer follows from recipes, label words and a few weights. An entity without recipes has words alone, and
 similar words predict similar recipes.
 """
 
@@ -32,33 +32,35 @@ from wordcraft_kg.runs.record import read_finished_run
 def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScorer:
     """Return a recipe scorer with n more entities that have words but no recipes.
 
-    Recipes and rankers stay, and so do the scores of old entities, up to the rounding of 16-bit tables.
+    Recipes and rankers stay, and old entities keep the same scores, up to rounding in 16-bit tables.
 
     Args:
-        scorer: a recipe scorer of E entities; of a cross-fitted one, its main scorer.
-        labels: labels of the new entities, whose ids follow the old ones.
-        text: cosines of words by id, shape (E + n, E + n).
+        scorer: recipe scorer for E entities; a cross-fitted scorer is replaced by the main scorer.
+        labels: new labels; new ids follow the old ids.
+        text: word cosines by id, shape (E + n, E + n).
 
     Raises:
-        ConfigError: if the scorer is of another kind, a label is invalid or known, or there are too many entities.
+        ConfigError: if the scorer has another kind, a label is invalid or known, or there are too many entities.
         ArtefactError: if the link rankers do not fit the link features.
     """
     whole = scorer.whole
     if not isinstance(whole, RecipeScorer):
-        raise ConfigError(f"{scorer.name} is no recipe scorer; expected one of `wordcraft-kg train-recipes`.")
+        raise ConfigError(f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`.")
     entities = (*whole.entities, *(check_label(label, "a new entity") for label in labels))
     if len({*entities}) < len(entities):
         repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
-        raise ConfigError(f"'{repeated}' is given as a new entity, but it is there already; expected each label once.")
+        raise ConfigError(f"the new entity '{repeated}' exists already; expected each label once.")
     if text.shape != (len(entities), len(entities)):
-        raise ConfigError(f"text of shape {tuple(text.shape)}: expected cosines of all {len(entities)} entities.")
+        raise ConfigError(
+            f"text has shape {tuple(text.shape)}; expected word cosines for all {len(entities)} entities."
+        )
     check_dense("a recipe scorer", len(entities))
     rankers = tuple(Ranker(**weights) for weights in whole.link_rankers.values())
     recipes = whole.recipes.numpy().astype("int64")
     try:
         knowledge = knowledge_from(Base.of(recipes, text), (rankers[0], rankers[1]))
-    except RuntimeError:  # a product of matrices that do not fit
-        raise ArtefactError(f"the link rankers of {scorer.name} are damaged. Train it again.") from None
+    except RuntimeError:  # matrix shapes do not match
+        raise ArtefactError(f"the link rankers in {scorer.name} are damaged. Train the model again.") from None
     ranker = {name: weights[0].cpu() for name, weights in whole.knowledge.constants().items() if name in RANKER}
     return RecipeScorer(
         scorer_tensors(knowledge.with_ranker(ranker), (rankers[0], rankers[1]), recipes),
@@ -72,13 +74,13 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
 def with_words(
     folder: str | Path, scorer: Scorer, labels: Sequence[str], *, where: Callable[[str], str] = lambda label: ""
 ) -> RecipeScorer:
-    """Return the scorer of a model folder with more entities, described by their words.
+    """Extend a model folder's scorer with new entities, described by words.
 
     Args:
         folder: folder written by ``train-recipes``.
-        scorer: scorer of the folder.
-        labels: labels of the new entities, without duplicates.
-        where: returns the beginning of an error about a label.
+        scorer: the folder's scorer.
+        labels: new labels, without duplicates.
+        where: returns an error prefix for a label.
 
     Raises:
         UnknownEntityError: if the model uses no words, or a label has no word vector.
@@ -98,26 +100,25 @@ def with_words(
     if run.kind != RecipeScorerConfig.command:
         raise unknown(
             labels[0],
-            "This model knows the entities of its graph only; one of `wordcraft-kg train-recipes` scores others by "
-            "their words.",
+            "This model knows only the graph's entities; a model from `wordcraft-kg train-recipes` scores new entities "
+            "by words.",
         )
     RunFiles(folder, run).bytes(CONFIG_FILE)
     settings = RecipesConfig.read(folder).settings
     spec = FeatureSpec.parse(settings.features)
     if spec.prefix or spec.source in ("one-hot", "random"):
-        why = f"The `features` of this model, {settings.features}, give it no words"
-        if spec.prefix:
-            why = f"The `features` of this model, {settings.features}, give it the words of other entities"
-        raise unknown(labels[0], f"{why}; train one with glove or a file of vectors.")
+        words = "the words of other entities" if spec.prefix else "no words"
+        why = f"The model uses `features` {settings.features}, which give {words}"
+        raise unknown(labels[0], f"{why}; train with glove or a vector file.")
     size = len(scorer.entities)
     features = make_features(settings.features, (*scorer.entities, *labels), allow_missing=True)
     before = replace(features, vectors=features.vectors[:size].copy(), known=features.known[:size].copy())
     if before.sha256 != run.inputs.get("features"):
         raise ArtefactError(
-            f"`features` {settings.features} are not those that '{folder}' was trained with, so new words cannot be "
-            "compared with its entities. Restore the file of vectors, or train again."
+            f"`features` {settings.features} have changed since '{folder}' was trained, so new words cannot be "
+            "compared with the entities. Restore the vector file, or train again."
         )
     for label, is_known in zip(labels, features.known[size:], strict=True):
         if not is_known:
-            raise unknown(label, f"No word of it has a vector in {settings.features}.")
+            raise unknown(label, f"No word in this label has a vector in {settings.features}.")
     return extended(scorer, labels, cosines(torch.tensor(features.vectors)))

@@ -1,4 +1,4 @@
-"""Records that the folder of a recipe scorer holds beside its tensors."""
+"""Records in a recipe scorer's folder."""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import KG
@@ -8,23 +8,23 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 class FitDone(Record, frozen=True, kw_only=True):
-    """Record of a fit in an unfinished run: the hash of its triples."""
+    """Record for a fit in an unfinished run: the training triples' hash."""
 
     trained_on: Hash
 
 
 class RecipeMetrics(Record, frozen=True, kw_only=True):
-    """``metrics.json``: the figures of a recipe scorer.
+    """``metrics.json``: recipe scorer metrics.
 
     Attributes:
-        kg: knowledge graph of the fit: partial or full.
-        train_fraction: training fraction: share of the train recipes.
-        label_noise: label noise: share of these with a wrong result.
+        kg: training graph: partial or full.
+        train_fraction: training fraction.
+        label_noise: label noise.
         recipes: number of training recipes.
         seconds: duration of all fits.
         folds: number of cross-fitting folds.
-        fold_mrr: out-of-sample MRR of train triples by the folds' models, if any.
-        fold_in_sample_mrr: in-sample MRR of the same triples by the main model.
+        fold_mrr: fold models' out-of-sample MRR on train triples, if any.
+        fold_in_sample_mrr: main model's in-sample MRR on the same triples.
     """
 
     kg: KG
@@ -38,11 +38,11 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
 
 
 def recipes_history(files: RunFiles) -> History:
-    """Return the history of a recipe scorer."""
+    """Return a recipe scorer's history."""
     config, metrics = RecipesConfig.read(files.folder), files.record("metrics.json", RecipeMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),
-        "what it is": f"rankers on what {metrics.recipes:,} recipes say about recipes held out of them",
+        "what it is": f"rankers fitted on {metrics.recipes:,} recipes, each held out in turn",
         "training": f"{metrics.seconds:.1f} s",
         "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items()),
     }

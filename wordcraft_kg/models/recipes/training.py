@@ -1,6 +1,6 @@
-"""Fitting a recipe scorer into a model folder: one on all train recipes, and one without each fold.
+"""Fit recipe scorers into a model folder: on all train recipes, and without each fold.
 
-Fits run in parallel if cores allow. Finished fits are saved, so a resumed run makes the missing ones only.
+Fits run in parallel if cores allow. Finished fits are saved, so a resumed run makes only missing fits.
 """
 
 import time
@@ -40,12 +40,12 @@ from wordcraft_kg.runs.training import Training, train
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
 ALONE = 1_000
-"""Most recipes for a single process: starting another one takes as long as a fit."""
+"""Largest number of recipes for a single process: starting another process takes as long as a fit."""
 
 
 @dataclass(frozen=True)
 class TrainedRecipes:
-    """The outcome of a run.
+    """Outcome of a run.
 
     Attributes:
         folder: model folder.
@@ -63,13 +63,13 @@ def train_recipes(
     force: bool = False,
     progress: Progress | bool | None = None,
 ) -> TrainedRecipes:
-    """Fit a recipe scorer into a model folder, or resume its interrupted run of the same settings.
+    """Fit a recipe scorer into a model folder, or resume an interrupted run with the same settings.
 
     Args:
         config: graph and settings.
-        out: model folder. Default: ``models/<graph's name>-recipes``.
+        out: model folder. Default: ``models/<graph name>-recipes``.
         force: replace the folder.
-        progress: called after each step of a fit; True shows a bar.
+        progress: called after each fitting step; True shows a bar.
 
     Raises:
         WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.
@@ -84,7 +84,7 @@ def train_recipes(
 
 
 def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
-    """Return the folds of the training recipes.
+    """Return folds of training recipes.
 
     Raises:
         ConfigError: if there is no partial graph, or the graph or training set is too large or small.
@@ -95,12 +95,12 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
         split = make_split(opened.graph, SplitConfig("none"))
     elif split.config.kind == "none":
         raise ConfigError(
-            "the split of this graph holds nothing out, so there is no partial graph to learn from. Use `kg` full, or "
-            "build the graph with another split, such as by-recipe."
+            "the graph has no test part and therefore no partial graph. Use `kg` full, or build the graph with "
+            "another split, such as by-recipe."
         )
-    # A fold is left out while the others take turns.
+    # Leaving out one fold must leave at least two for the rankers.
     if settings.kg == "partial" and settings.folds < 3:
-        raise ConfigError("`folds` 2: expected 3 or more, because one is left out while rankers learn on the others.")
+        raise ConfigError("`folds` 2: expected 3 or more, because rankers need two folds besides the left-out fold.")
     folds = make_folds(split, settings.folds)
     return folds.with_train_sample(
         draw_train_sample(
@@ -110,7 +110,7 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
 
 
 def _text(graph: RecipeGraph, settings: RecipeScorerConfig) -> tuple[Tensor, str]:
-    """Return the cosines of words, shape (E, E), and the hash of their vectors."""
+    """Return word cosines, shape (E, E), and the vectors' hash."""
     features = make_features(settings.features, graph.entities, allow_missing=settings.allow_missing)
     if features.is_one_hot:
         return torch.zeros(graph.num_entities, graph.num_entities), features.sha256
@@ -119,7 +119,7 @@ def _text(graph: RecipeGraph, settings: RecipeScorerConfig) -> tuple[Tensor, str
 
 @dataclass(frozen=True)
 class _Job:
-    """A fit: number 0 on all recipes, number k + 1 without fold k."""
+    """A fit: number 0 with all recipes, number k + 1 without fold k."""
 
     folder: Path
     fold: int
@@ -160,7 +160,7 @@ def _kept(folder: Path) -> Checkpoints[FitDone]:
 
 
 class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
-    """The fit of a recipe scorer."""
+    """Trainer for recipe scorers."""
 
     kind: ClassVar[RunKind[Any]] = RunKind(RecipesConfig.commands, "recipes", unit="fit", progress=FitDone)
     config_type = RecipesConfig
@@ -192,7 +192,10 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         settings, folds = self.config.settings, self.folds
         if not run.is_live:
             if self.features != run.record.inputs["features"]:
-                raise ArtefactError(f"`features` {settings.features} have changed since '{run.path}' was begun.")
+                raise ArtefactError(
+                    f"`features` {settings.features} have changed since '{run.path}' began. Restore the vector file, "
+                    "or train again."
+                )
             run.resume(self.config)
         began, is_partial = time.perf_counter(), settings.kg == "partial"
         jobs = [_Job(run.path, number, folds, self.text, settings) for number in range(1 + folds.count * is_partial)]
@@ -213,7 +216,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             train_jobs(waiting, settings.threads, note, is_long=len(folds.recipes()) > ALONE)
         except KeyboardInterrupt:
             done = f"interrupted; {len(kept.records())} of {len(jobs)} fits are saved in '{run.path}'."
-            raise KeyboardInterrupt(f"{done} The same command goes on with the others.") from None
+            raise KeyboardInterrupt(f"{done} Repeat the command to make the rest.") from None
         if report:
             report(total, total, {})
         return self._finish(run, kept, time.perf_counter() - began)
@@ -255,22 +258,22 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
 def _model_card(opened: OpenedGraph, config: RecipesConfig, metrics: RecipeMetrics) -> str:
     seen = f"{describe_train_sample(metrics.train_fraction, metrics.label_noise) or 'the train recipes'} only."
     if metrics.kg == "full":
-        seen = "all recipes, including the test recipes: its scores show what it remembers."
+        seen = "all recipes, test recipes included: the scores show memory, not prediction."
     points = [f"{metrics.recipes:,} recipes; words: {config.settings.features}"]
     if metrics.fold_mrr is not None:
-        figures = f"MRR {metrics.fold_mrr:.3f} of train triples by models that have not seen them"
-        points.append(f"{metrics.folds} folds: {figures}, {metrics.fold_in_sample_mrr:.3f} by the one that has")
+        figures = f"MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
+        points.append(f"{metrics.folds} folds: {figures}, on train triples")
     a, b, result = opened.graph.recipe_labels()[0]
     return scorer_card(
         opened,
         f"A recipe scorer of the {metrics.kg} knowledge graph of {opened.graph.name}",
         "Scores recipes, `score_recipes(a, b, result)`, and triples with the relations `combinesWith` and "
-        f"`componentOf`. It was fitted on {seen}",
+        f"`componentOf`. Fitted on {seen}",
         points,
-        "`config.toml` reproduces it; `run.json` names the versions that made it. Its quality on unseen triples is "
-        "what\n`wordcraft-kg evaluate-links` reports.",
+        "`config.toml` reproduces the training; `run.json` records all versions. For the quality on unseen triples, "
+        "run\n`wordcraft-kg evaluate-links`.",
         [
             f"scorer.score_recipes({a!r}, {b!r}, {result!r})  # nats: higher is more plausible",
-            f"scorer.speaking_for({a!r}, {b!r}, {result!r})  # the recipes that say so",
+            f"scorer.supporting_recipes({a!r}, {b!r}, {result!r})  # supporting evidence",
         ],
     )

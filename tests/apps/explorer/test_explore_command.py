@@ -57,7 +57,7 @@ def test_a_port_in_use_is_said_before_any_work(run):
     ("arguments", "message", "kind"),
     [
         ("--port 70000", "70000", "ConfigError"),
-        ("--host no.such.host.invalid", "no such host", "ConfigError"),
+        ("--host no.such.host.invalid", "unknown host", "ConfigError"),
         ("--host 203.0.113.7", "not an address of this machine", "ConfigError"),
         ("--force", "--export", "ConfigError"),
         ("--model nowhere", "nowhere", "ArtefactError"),

@@ -123,7 +123,7 @@ def test_entities_are_offered_where_an_entity_is_not_there(client: TestClient, p
         ("/entities?sort=size", 400, "size"),
         ("/entities?page=99", 400, "page"),
         ("/entities?q=%ff", 400, "UTF-8"),
-        ("/entities?q=" + "a" * LONGEST_ADDRESS, 414, "longer than"),
+        ("/entities?q=" + "a" * LONGEST_ADDRESS, 414, "too long"),
         ("/entities?" + "&".join(f"q{i}=1" for i in range(500)), 400, "UTF-8"),
         ("/entity/brea", 404, "No entity &#39;brea&#39;"),
     ],

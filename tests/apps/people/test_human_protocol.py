@@ -201,7 +201,7 @@ def test_another_name_of_the_same_graph_goes_on(protocol: HumanProtocol, kitchen
 )
 def test_a_file_that_is_something_else_is_refused_and_stays(protocol: HumanProtocol, path: Path, content: str):
     path.write_text(content, encoding="latin-1")
-    with pytest.raises(ArtefactError, match="not a file of the human protocol"):
+    with pytest.raises(ArtefactError, match="not a session file"):
         open_session(path, protocol)
     assert path.read_text(encoding="latin-1") == content
 
@@ -285,7 +285,7 @@ def test_wilson_intervals_are_those_of_newcombe_1998_table_1(successes: int, n: 
 def test_the_wilson_interval_holds_the_probabilities_that_a_score_test_does_not_refuse(
     n: int, data: st.DataObject, level: float
 ):
-    successes = data.distractor_seed(st.integers(0, n))
+    successes = data.draw(st.integers(0, n))
     z = NormalDist().inv_cdf((1 + level) / 2)
 
     def is_kept(p: float) -> bool:

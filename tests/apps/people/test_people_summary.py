@@ -11,7 +11,7 @@ import pytest
 from tests.apps.people.stored import answered
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
-from wordcraft_kg.apps.people.beside import greedy_slots, successes_beside
+from wordcraft_kg.apps.people.comparison import agent_successes, greedy_slots
 from wordcraft_kg.apps.people.protocol import HumanProtocol
 from wordcraft_kg.apps.people.session_file import Session
 from wordcraft_kg.apps.people.summary import HumanSummary, view_people
@@ -35,8 +35,8 @@ def protocol(kitchen: RecipeGraph) -> HumanProtocol:
     return HumanProtocol(kitchen, tasks=3)
 
 
-def summed(*sessions: Session, beside: Any = None) -> HumanSummary:
-    view = view_people({Path(f"{number}.jsonl"): (one,) for number, one in enumerate(sessions)}, beside)
+def summed(*sessions: Session, agents: Any = None) -> HumanSummary:
+    view = view_people({Path(f"{number}.jsonl"): (one,) for number, one in enumerate(sessions)}, agents)
     checked_values(view)
     return view
 
@@ -65,7 +65,7 @@ def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol: H
 def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(protocol: HumanProtocol, answers: str):
     people = [session(protocol, right) for right in (answers[:2], answers, answers[:1])]
     made = {one.table_of(answer): answers == "111" for one in people for answer in one.answers}
-    row = summed(*people, beside={"agent": made}).conditions[0].parts["train"]
+    row = summed(*people, agents={"agent": made}).conditions[0].parts["train"]
     right = 3 * (answers == "111")
     assert row.people_interval == wilson_interval(right, 3)
     assert (row.agents["agent"].tables, row.agents["agent"].interval) == (3, wilson_interval(right, 3))
@@ -152,12 +152,12 @@ def test_the_greedy_picks_are_those_of_a_player_in_an_engine_with_the_same_table
     assert 0 < sum(made) < len(made)
 
 
-def test_an_agent_stands_beside_each_answer_at_the_table_of_that_answer(agent: OpenedAgent):
+def test_an_agent_is_compared_at_the_table_of_each_answer(agent: OpenedAgent):
     first, second = (HumanProtocol(agent.opened, 5, seed, tasks=20) for seed in (0, 1))
     people = [session(first, "1" * 40), session(first, "0" * 7), session(second, "01" * 12)]
-    made = successes_beside(agent, people)
+    made = agent_successes(agent, people)
     assert len(made) == 40 + 24
-    view = summed(*people, beside={"guided": made})
+    view = summed(*people, agents={"guided": made})
     for part, row in view.conditions[0].parts.items():
         expected = []
         for protocol, one in zip((first, first, second), people, strict=True):
@@ -166,23 +166,23 @@ def test_an_agent_stands_beside_each_answer_at_the_table_of_that_answer(agent: O
                     task = protocol.task(part, answer.number)
                     pair = greedy_slots(agent.policy, protocol.world.variant(part=part), [task])[0].tolist()
                     expected.append(protocol.answer(task, (pair[0], pair[1]), 1.0).success)
-        beside = row.agents["guided"]
-        assert (beside.successes, row.answered) == (sum(expected), len(expected))
-        assert beside.rate == sum(expected) / len(expected)
-        assert beside.tables == len({(key[1], key[3]) for key in made if key[2] == part})
-        assert beside.interval is not None
-        assert beside.interval[0] <= beside.rate <= beside.interval[1]
+        rate = row.agents["guided"]
+        assert (rate.successes, row.answered) == (sum(expected), len(expected))
+        assert rate.rate == sum(expected) / len(expected)
+        assert rate.tables == len({(key[1], key[3]) for key in made if key[2] == part})
+        assert rate.interval is not None
+        assert rate.interval[0] <= rate.rate <= rate.interval[1]
 
 
 def test_an_agent_of_another_graph_or_split_is_refused(agent: OpenedAgent, kitchen: RecipeGraph):
     other = OpenedGraph(kitchen, make_split(kitchen, SplitConfig(seed=1)), "here")
     for graph in (other, "everyday"):
         with pytest.raises(GraphMismatchError):
-            successes_beside(agent, [session(HumanProtocol(graph, 5, tasks=3), "1")])
+            agent_successes(agent, [session(HumanProtocol(graph, 5, tasks=3), "1")])
 
 
 def test_answers_at_a_table_that_is_not_posed_today_are_refused(agent: OpenedAgent):
     one = session(HumanProtocol(agent.opened, 5, tasks=3), "1")
     turned = replace(one, answers=(msgspec.structs.replace(one.answers[0], table=one.answers[0].table[::-1]),))
     with pytest.raises(ArtefactError, match="poses another task"):
-        successes_beside(agent, [turned])
+        agent_successes(agent, [turned])

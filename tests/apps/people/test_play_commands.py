@@ -65,9 +65,9 @@ def test_a_goal_is_made_by_typing_the_words_of_the_plan(typed: Run):
     words, env = solution(1, part="all")
     outcome = typed(words, *ONCE, "0")
     assert (outcome.code, outcome.err) == (0, "")
-    for shown in (f"Make: {env.task.goal}", f"You made {env.task.goal}.", "The plan: " + " + ".join(words)):
+    for shown in (f"Goal: {env.task.goal}", f"You made the goal: {env.task.goal}.", "Solution: " + " + ".join(words)):
         assert shown in outcome.out
-    assert outcome.out.splitlines()[-1] == "goals made: 1 of 1   the same tasks again: --seed 0"
+    assert outcome.out.splitlines()[-1] == "goals made: 1 of 1   to repeat these tasks: --seed 0"
 
 
 def test_a_deeper_task_brings_what_is_made_to_the_table(typed: Run):
@@ -77,19 +77,21 @@ def test_a_deeper_task_brings_what_is_made_to_the_table(typed: Run):
     outcome = typed(words, *PLAY, *options, "--json")
     assert outcome.out.count("\n") == 1
     assert json.loads(outcome.out) == {"graph": "kitchen", "successes": 1} | settings
-    for shown in ("attempts left: 3", "attempts left: 2", f"hand: {words[0]}", "You made"):
+    for shown in ("attempts left: 3", "attempts left: 2", f"first item: {words[0]}", "You made the goal"):
         assert shown in outcome.err
 
 
 def test_a_goal_that_was_not_made_is_followed_by_a_plan(typed: Run):
     shown = typed(["1", "1"], *ONCE, "2").out
-    assert re.search(r"was not made\.\n.*plan.*\ngoals made: 0 of 1   the same tasks again: --seed 2\n$", shown)
+    assert re.search(
+        r"You did not make .*\.\n.*olution.*\ngoals made: 0 of 1   to repeat these tasks: --seed 2\n$", shown
+    )
 
 
 def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed: Run):
     def goals(lines: list[str], seed: int) -> list[str]:
         shown = typed(lines, *PLAY, "--seed", seed, "--attempts", "2", "--episodes", "4").out
-        return [line.partition("   (made")[0] for line in shown.splitlines() if "Make: " in line]
+        return [line.partition("   (goals made")[0] for line in shown.splitlines() if "Goal: " in line]
 
     assert len(goals(["1"] * 16, 3)) == 4
     assert goals(["1"] * 16, 3) == goals(["2", "1"] * 8, 3) != goals(["1"] * 16, 4)
@@ -99,8 +101,8 @@ def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed: Run):
 def test_bad_input_is_asked_again_and_changes_nothing(typed: Run, bad: str):
     words, _ = solution(1, part="all")
     shown = typed([bad, words[0], bad, bad, words[1]], *ONCE, "0").out
-    assert "You made" in shown
-    assert shown.count("number of a thing" if bad == "?" else "expected 1 to 10") == 3 + (bad == "?")
+    assert "You made the goal" in shown
+    assert shown.count("Select two items" if bad == "?" else "expected 1 to 10") == 3 + (bad == "?")
     assert "attempts left: 0" not in shown
 
 
@@ -114,7 +116,7 @@ def test_thousands_of_bad_lines_are_answered_one_by_one(typed: Run):
 def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed: Run, lines: list[str]):
     outcome = typed(lines, *PLAY, "--seed", "7")
     assert (outcome.code, outcome.err) == (0, "")
-    assert outcome.out.splitlines()[-1] == "goals made: 0 of 0   the same tasks again: --seed 7"
+    assert outcome.out.splitlines()[-1] == "goals made: 0 of 0   to repeat these tasks: --seed 7"
 
 
 def test_the_game_fits_80_columns(typed: Run):
@@ -128,7 +130,7 @@ def test_input_that_is_not_text_is_bad_input():
     done = subprocess.run([*command, *ONCE, "2"], input=text, capture_output=True, cwd=ROOT, env=environment)
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"expected 1 to 10" in done.stdout
-    assert done.stdout.endswith(b"goals made: 0 of 1   the same tasks again: --seed 2\n")
+    assert done.stdout.endswith(b"goals made: 0 of 1   to repeat these tasks: --seed 2\n")
 
 
 @pytest.mark.parametrize(
@@ -164,17 +166,17 @@ def test_options_that_cannot_be_are_one_line(
 def test_the_first_pick_can_be_put_back(typed: Run):
     words, _ = solution(1, part="all")
     shown = typed(["u", "1", "u", "2", "UNDO", *words], *ONCE, "0").out
-    assert "Nothing to put back: the hand is empty." in shown
-    assert shown.count(" is put back.") == 2
-    assert "You made" in shown
+    assert "There is no selection to undo." in shown
+    assert shown.count("Undone: ") == 2
+    assert "You made the goal" in shown
 
 
 def test_the_tally_goes_along_with_the_game(typed: Run):
     words = [word for number in (1, 2) for word in solution(number, part="all")[0]]
     shown = typed([*words, "1", "1", "1", "1", "q"], *PLAY, "--seed", "0").out
-    headings = [line.partition("   ")[2] for line in shown.splitlines() if "Make: " in line]
-    assert headings[:4] == ["", "(made 1 of 1)", "(made 2 of 2)", "(made 2 of 3)"]
-    assert "3 of 7. Make: " in typed(["1"] * 5, *PLAY, "--seed", "0", "--episodes", "7").out
+    headings = [line.partition("   ")[2] for line in shown.splitlines() if "Goal: " in line]
+    assert headings[:4] == ["", "(goals made: 1 of 1)", "(goals made: 2 of 2)", "(goals made: 2 of 3)"]
+    assert "3 of 7. Goal: " in typed(["1"] * 5, *PLAY, "--seed", "0", "--episodes", "7").out
 
 
 def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed: Run):
@@ -189,9 +191,9 @@ def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed: 
 @pytest.mark.parametrize(
     ("lines", "command", "kept", "message"),
     [
-        (["1"] * 3, (*PLAY, "--seed", "2"), None, "goals made: 0 of 1   the same tasks again: --seed 2\n"),
-        ([*GOOD, "air"], (*WORLD, "--out"), 3, "known: 7 of 739, 2 of them discovered, after 2 of 100 attempts; "),
-        (["1"] * 5, (*PROTOCOL, "--out"), 3, "2 answers are in"),
+        (["1"] * 3, (*PLAY, "--seed", "2"), None, "goals made: 0 of 1   to repeat these tasks: --seed 2\n"),
+        ([*GOOD, "air"], (*WORLD, "--out"), 3, "known items: 7 of 739 (2 discovered) after 2 of 100 attempts; "),
+        (["1"] * 5, (*PROTOCOL, "--out"), 3, "2 answers are saved in"),
     ],
 )
 def test_ctrl_c_ends_the_line_and_shows_the_tally(
@@ -214,14 +216,14 @@ def test_ctrl_c_ends_the_line_and_shows_the_tally(
 def test_the_open_ended_world_is_discovered_by_typing_names(typed: Run):
     outcome = typed([*GOOD, "air", "air", "mud", "time", "l"], *WORLD)
     assert (outcome.code, outcome.err) == (0, "")
-    for shown in ("water + earth -> mud", "air + air -> wind", "air + air -> nothing new (tried before)", "  7 wind"):
+    for shown in ("water + earth -> mud", "air + air -> wind", "air + air -> nothing new (already tried)", "  7 wind"):
         assert shown in outcome.out
     graph = open_graph("everyday").graph
     made = graph.labels(graph.results("mud", "time"))
     discovered = 2 + len(set(made) - {"mud", "wind"})
     assert outcome.out.splitlines()[-2:] == [
-        f"known: {5 + discovered} of 739, {discovered} of them discovered, after 4 of 100 attempts",
-        f"attempts with nothing new: {1 + (not made)}, pairs tried before: 1",
+        f"known items: {5 + discovered} of 739 ({discovered} discovered) after 4 of 100 attempts",
+        f"attempts without a new item: {1 + (not made)}, repeated pairs: 1",
     ]
 
 
@@ -252,7 +254,7 @@ def test_a_game_goes_on_from_its_file(typed: Run, tmp_path: Path, path: Path, co
     kept = count - count % 2  # the first pick of an attempt is not kept
     assert json.loads(typed(lines[kept:], *game, path, "--json").out) == expected | {"out": str(path)}
     assert path.read_bytes() == whole.read_bytes()
-    assert f"{path} is finished; nothing was changed." in typed(["1", "1"], *game, path).out
+    assert f"{path} is complete; nothing was changed." in typed(["1", "1"], *game, path).out
     assert path.read_bytes() == whole.read_bytes()
 
 
@@ -264,7 +266,7 @@ def test_a_game_on_other_terms_or_a_damaged_one_is_refused_and_stays(typed: Run,
     assert "base" in refused(typed([], *again, "--base", "air,earth"))
     refused(typed([], *PLAY, "--open-ended", "--out", path), "GraphMismatchError")
     assert path.read_bytes() == before
-    for line in ('{"picks": ["mud", "dragon"]}', '{"picks": ["mud"]}', "{}", "no line of a game"):
+    for line in ('{"actions": ["mud", "dragon"]}', '{"actions": ["mud"]}', "{}", "no line of a game"):
         path.write_bytes(before + line.encode() + b"\n")
         assert "damaged" in refused(typed([], *again), "ArtefactError")
     path.write_text("my notes\n")
@@ -276,7 +278,7 @@ def test_a_torn_last_line_of_a_game_is_dropped(typed: Run, path: Path, caplog: p
     typed(GOOD, *WORLD, "--out", path)
     whole = path.read_bytes()
     path.write_bytes(whole[:-5])
-    assert "Continuing after 1 attempts" in typed([], *WORLD, "--out", path).out
+    assert "Resuming after 1 attempts" in typed([], *WORLD, "--out", path).out
     assert "torn" in caplog.text
     typed(GOOD[2:], *WORLD, "--out", path)
     assert path.read_bytes() == whole
@@ -293,12 +295,12 @@ def test_the_protocol_shows_the_answer_of_train_tasks_only(typed: Run, path: Pat
     outcome = typed(ALL, *PROTOCOL, "--out", path)
     assert (outcome.code, outcome.err) == (0, "")
     learning, testing = outcome.out.split("The test begins")
-    assert learning.count("answer: ") == learning.count("wrong: ") + learning.count("right: ") == 40
+    assert learning.count("solution: ") == len(re.findall("(?:in)?correct: ", learning)) == 40
     *tasks, result = testing.splitlines()
-    assert not re.search("->|right", "\n".join(tasks))
+    assert not re.search("->|correct", "\n".join(tasks))
     rows = without_seconds(path)
     right = {part: sum(row["success"] for row in rows[1:] if row["part"] == part) for part in ("train", "test")}
-    assert result.startswith(f"right: train {right['train']} of 40, test {right['test']} of 40")
+    assert result.startswith(f"correct: train {right['train']} of 40, test {right['test']} of 40")
 
 
 def test_the_lines_are_the_tasks_and_what_was_picked(typed: Run, path: Path):
@@ -348,8 +350,8 @@ def test_an_unfinished_session_says_how_to_go_on_and_not_how_many_test_tasks_wer
     values = json.loads(typed(["1"] * 150, *PROTOCOL, "--out", path, "--json").out)
     assert values == {"out": str(path), "answered": 75, "tasks": 80, "finished": False}
     shown = typed([], *PROTOCOL, "--out", path).out
-    assert "Continuing after 75 answers" in shown
-    assert shown.splitlines()[-1].startswith("answered 75 of 80; the same command continues")
+    assert "Resuming after 75 answers" in shown
+    assert shown.splitlines()[-1].startswith("answered 75 of 80; run the same command to continue")
 
 
 def test_a_session_keeps_the_seed_that_it_began_with(typed: Run, tmp_path: Path, path: Path):
@@ -371,8 +373,8 @@ def test_a_finished_file_says_so_and_stays(typed: Run, path: Path):
     before = path.read_bytes()
     outcome = typed(["1", "1"], *PROTOCOL, "--out", path)
     assert outcome.code == 0
-    assert "is finished; nothing was changed" in outcome.out
-    assert "Make:" not in outcome.out
+    assert "is complete; nothing was changed" in outcome.out
+    assert "Goal:" not in outcome.out
     assert path.read_bytes() == before
 
 
@@ -390,7 +392,7 @@ def test_a_killed_session_goes_on_as_if_it_had_not_been(
     command = [sys.executable, "-m", "wordcraft_kg", *PROTOCOL, "--out", str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, cwd=ROOT) as process:
         assert process.stdin is not None
-        process.stdin.write(b"1\n" * 91)  # 45 answers, and one thing in hand
+        process.stdin.write(b"1\n" * 91)  # 45 answers, and one selected item
         process.stdin.flush()
         deadline = time.monotonic() + 60
         while not path.exists() or path.read_bytes().count(b"\n") < 46:
@@ -401,7 +403,7 @@ def test_a_killed_session_goes_on_as_if_it_had_not_been(
     assert process.returncode == -signal.SIGKILL
     with path.open("ab") as file:
         file.write(b'{"part": "test", "num')  # what a kill in the middle of a write leaves
-    assert "Continuing after 45 answers" in typed(["1"] * 160, *PROTOCOL, "--out", path).out
+    assert "Resuming after 45 answers" in typed(["1"] * 160, *PROTOCOL, "--out", path).out
     assert "torn" in caplog.text
     typed(["1"] * 160, *PROTOCOL, "--out", tmp_path / "whole.jsonl")
     assert without_seconds(path) == without_seconds(tmp_path / "whole.jsonl")
@@ -417,7 +419,7 @@ def test_human_summary_shows_rates_with_intervals(typed: Run, run: Run, tmp_path
     assert (test["answered"], test["successes"]) == (80, right)
     text = run("people", "summary", *files).out
     assert "kitchen; sessions: 2, finished: 2" in text
-    assert f"{right} of 80 right, rate {test['rate']:.3f} [{test['interval'][0]:.3f}, " in text
+    assert f"{right} of 80 correct, rate {test['rate']:.3f} [{test['interval'][0]:.3f}, " in text
 
 
 def test_human_summary_of_no_answers_says_so(typed: Run, run: Run, path: Path):

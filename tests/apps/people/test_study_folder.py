@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from refusals import refuses
 
@@ -294,6 +295,11 @@ def test_a_study_with_other_settings_is_refused_with_what_differs(
         check_study_folder(folder, Study(kitchen, replace(SMALL, **changes)).record)
 
 
+def test_a_study_with_other_page_texts_is_refused(study: Study, folder: Path):
+    with unchanged(folder), pytest.raises(ConfigError, match="other texts"):
+        check_study_folder(folder, msgspec.structs.replace(study.record, texts_hash="0" * 64))
+
+
 def test_a_study_of_another_graph_or_split_is_refused(kitchen: RecipeGraph, folder: Path):
     for other in ("everyday", OpenedGraph(kitchen, make_split(kitchen, SplitConfig(seed=1)), "here")):
         with pytest.raises(GraphMismatchError):
@@ -318,7 +324,7 @@ def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study: Study, tm
 
 
 RECORDS: dict[str, Any] = {
-    "another format": lambda record: record | {"format": "wordcraft-kg study 2"},
+    "another format": lambda record: record | {"format": "wordcraft-kg study 1"},
     "a key more": lambda record: record | {"name": "somebody"},
     "a key less": lambda record: {key: value for key, value in record.items() if key != "seed"},
     "a negative seed": lambda record: record | {"seed": -1},
@@ -363,7 +369,7 @@ def test_a_damaged_database_is_refused_and_stays(study: Study, folder: Path, dam
     answered(folder, study)
     path = folder / ANSWERS_FILE
     path.write_bytes(spoil(path.read_bytes())[damage])
-    refuses_all(folder, read_study, opened, match=r"sqlite is (damaged|not a database of answers)")
+    refuses_all(folder, read_study, opened, match=r"sqlite is (damaged|not an answers database)")
 
 
 def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: RecipeGraph, folder: Path):
@@ -372,7 +378,7 @@ def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: 
     path.unlink()
     with closing(sqlite3.connect(path)) as connection:
         connection.execute("CREATE TABLE mine (thing TEXT)")
-    refuses_all(folder, opened, match="not a database of answers")
+    refuses_all(folder, opened, match="not an answers database")
     path.write_bytes(own)
     record.write_text(record.read_text().replace('"seed": 5', '"seed": 6'))
     refuses_all(folder, opened, read_study, match="belongs to another study")
@@ -381,7 +387,7 @@ def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: 
 CHANGES = {
     "an answer is missing": "DELETE FROM answers WHERE part = 'train' AND number = 2",
     "a success that was none": "UPDATE answers SET success = 1 - success WHERE number = 1",
-    "a pick that was not there": 'UPDATE answers SET picks = \'["gold", "gold"]\' WHERE number = 1',
+    "an action off the table": 'UPDATE answers SET actions = \'["gold", "gold"]\' WHERE number = 1',
     "no list": "UPDATE answers SET made = '3' WHERE number = 1",
     "no JSON": "UPDATE answers SET made = '[' WHERE number = 1",
     "negative seconds": "UPDATE answers SET seconds = -1 WHERE number = 1",
@@ -406,7 +412,7 @@ def test_answers_that_cannot_be_are_refused(study: Study, folder: Path, change: 
     [
         "CREATE TRIGGER t AFTER INSERT ON answers BEGIN DELETE FROM answers; END",
         "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS number, 'a' AS goal, "
-        "'[]' AS slots, '[]' AS picks, '[]' AS made, 0 AS success, 0.0 AS seconds, 1 AS loads",
+        "'[]' AS slots, '[]' AS actions, '[]' AS made, 0 AS success, 0.0 AS seconds, 1 AS loads",
         "CREATE TABLE more (thing TEXT)",
     ],
 )
@@ -414,7 +420,7 @@ def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder:
     opened(folder).close()
     with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
         connection.executescript(foreign)
-    refuses_all(folder, read_study, opened, match="its tables are not those of a study")
+    refuses_all(folder, read_study, opened, match="expected the tables of a study")
 
 
 def test_a_database_that_was_not_finished_is_made_again(study: Study, folder: Path):

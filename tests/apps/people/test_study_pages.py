@@ -120,7 +120,7 @@ def test_the_consent_text_is_shown_as_text_in_its_paragraphs(browser: Browser):
 def test_only_an_explicit_yes_begins_a_session(browser: Browser, consent: str, code: str, place: str):
     page = browser.post("/begin", {"consent": consent, "code": code})
     assert browser.place == place
-    assert ("nothing was stored" in page) == (consent == "no")
+    assert ("no data were stored" in page) == (consent == "no")
     assert browser.answers.stored().people == 0
 
 
@@ -142,12 +142,12 @@ def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: B
     page = browser.post("/return", {"code": code.upper().replace("-", " ")})
     assert browser.place == f"/s/{code}"
     assert "Welcome back" in page
-    assert "Answered 1 of 4" in page
+    assert "1 of 4 tasks completed" in page
     for _ in range(3):
         browser.take(code, 1, 2)
     assert browser.place == f"/s/{code}/end"
     assert f">{code}<" in browser.page
-    assert "Thank you for taking part" in browser.post("/return", {"code": code})
+    assert "Thank you for participating" in browser.post("/return", {"code": code})
 
 
 def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser: Browser):
@@ -180,7 +180,11 @@ def test_a_withdrawal_needs_a_form_of_this_site(browser: Browser, code: str):
 
 @pytest.mark.parametrize(
     ("typed", "status", "said"),
-    [("k7qm-2xwd-9hrt", 404, "No session has this code"), ("<b>", 400, "12 letters"), ("", 400, "12 letters")],
+    [
+        ("k7qm-2xwd-9hrt", 404, "There is no session with this code"),
+        ("<b>", 400, "12 letters"),
+        ("", 400, "12 letters"),
+    ],
 )
 def test_a_code_that_leads_nowhere_is_answered_on_the_first_page(browser: Browser, typed: str, status: int, said: str):
     page = browser.post("/return", {"code": typed})
@@ -206,33 +210,33 @@ def test_a_person_gets_the_tasks_of_the_protocol_with_answers_in_practice_only(
         page = browser.page
         labels = [unescape(label) for label in re.findall(r'class="label">([^<]*)<', page)]
         assert labels == list(task.table)
-        assert f"{'Practice' if task.part == 'train' else 'Test'} {task.number} of 2" in page
+        assert f"{'Practice' if task.part == 'train' else 'Test'} task {task.number} of 2" in page
         assert f'value="{place}" max="4"' in page
         one, other = (labels.index(label) + 1 for label in task.plans[0][:2])
-        held = browser.get(f"/s/{code}/task?task={place}&held={one}")
+        held = browser.get(f"/s/{code}/task?task={place}&first={one}")
         assert f"<strong>{labels[one - 1]}</strong>" in held
         is_right = place % 2 == 0
         shown = browser.answer(code, one, other if is_right else next(i for i in range(1, 9) if i not in (one, other)))
         if task.part == "train":
             assert browser.place == f"/s/{code}/feedback/{task.number}"
-            assert ("Right: " in shown, "Not right: " in shown) == (is_right, not is_right)
-            assert ("The answer: " in shown) == (not is_right)
+            assert ("Correct: " in shown, "Incorrect: " in shown) == (is_right, not is_right)
+            assert ("solution: " in shown.lower()) == (not is_right)
         else:
             assert browser.place == f"/s/{code}/{'task' if place < 3 else 'end'}"
             assert "ight: " not in shown
         right[task.part] += browser.lines()[-1].success
     assert right == {"train": 1, "test": 1}
-    assert browser.page.count("1 of 2 right") == 2
+    assert browser.page.count("1 of 2 correct") == 2
 
 
 def test_how_many_are_right_is_said_at_the_end_only(browser: Browser, code: str):
     for _ in range(3):
         browser.take(code, 1, 1)
         for path in ("", "/task", "/end", "/feedback/1", "/feedback/2", "/feedback/3"):
-            assert not re.search(r"\d of \d right", browser.get(f"/s/{code}{path}"))
+            assert not re.search(r"\d of \d correct", browser.get(f"/s/{code}{path}"))
             assert not browser.place.endswith(("/end", "/feedback/3"))
     browser.take(code, 1, 1)
-    assert re.search(r"\d of 2 right", browser.get(f"/s/{code}/task"))
+    assert re.search(r"\d of 2 correct", browser.get(f"/s/{code}/task"))
     assert browser.place == f"/s/{code}/end"
 
 
@@ -247,18 +251,18 @@ def test_the_answer_of_a_task_is_not_shown_before_it_was_answered(browser: Brows
 
 
 # A second tab, or the browser after going back, still shows another task.
-STALE = ("task=0&held=3", "held=3", "task=2&held=3", "task=x&held=3")
+STALE = ("task=0&first=3", "first=3", "task=2&first=3", "task=x&first=3")
 NO_SLOT = ("", "0", "11", "-1", "1.0", "x", "²", "٣", "9" * 5_000)
 
 
-@pytest.mark.parametrize("query", [*STALE, *(f"task=1&held={held}" for held in NO_SLOT), "task=1&held=1&held=2"])
+@pytest.mark.parametrize("query", [*STALE, *(f"task=1&first={held}" for held in NO_SLOT), "task=1&first=1&first=2"])
 def test_a_first_pick_that_is_none_or_at_another_table_is_no_pick(browser: Browser, code: str, query: str):
     browser.take(code, 1, 1)
-    assert "Put it back" not in browser.get(f"/s/{code}/task")
-    assert "Put it back" in browser.get(f"/s/{code}/task?task=1&held=3")
+    assert ">Undo<" not in browser.get(f"/s/{code}/task")
+    assert ">Undo<" in browser.get(f"/s/{code}/task?task=1&first=3")
     page = browser.get(f"/s/{code}/task?{query}")
     assert (browser.status, browser.place) == (200, f"/s/{code}/task")
-    assert ("Pick the first thing" in page) == ("held=1&" not in query)
+    assert ("Select the first item" in page) == ("first=1&" not in query)
 
 
 def test_the_same_thing_may_be_picked_twice(browser: Browser, code: str):
@@ -269,7 +273,7 @@ def test_the_same_thing_may_be_picked_twice(browser: Browser, code: str):
 
 
 def test_a_table_is_not_seen_before_its_time_begins(browser: Browser, code: str):
-    browser.get(f"/s/{code}/task?task=0&held=1")
+    browser.get(f"/s/{code}/task?task=0&first=1")
     browser.now += 7
     browser.answer(code, 1, 1)
     assert [line.seconds for line in browser.lines()] == [7.0]
@@ -282,7 +286,7 @@ def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_count
     browser.client.head(f"/s/{code}/task")
     browser.now += 2.25
     for held in ("1", "", "2"):
-        browser.get(f"/s/{code}/task?task=0&held={held}")
+        browser.get(f"/s/{code}/task?task=0&first={held}")
     browser.now += 1
     browser.answer(code, 2, 1)
     browser.now += 50  # looks at the answer
@@ -393,7 +397,7 @@ def test_an_error_within_shows_nothing_of_itself(browser: Browser, code: str, mo
     page = browser.get(f"/s/{code}/task")
     assert browser.status == 500
     assert "secret" not in page
-    assert "No answer is lost" in page
+    assert "Your answers are safe" in page
 
 
 def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitchen: RecipeGraph, tmp_path: Path):
@@ -427,7 +431,7 @@ def test_labels_stay_text(tmp_path: Path):
             page = browser.get(f"/s/{code}/task")
             assert page.count("<") == plain
             assert [unescape(text) for text in re.findall(r'class="label">([^<]*)<', page)] == list(task.table)
-            browser.get(f"/s/{code}/task?task={place}&held=1")
+            browser.get(f"/s/{code}/task?task={place}&first=1")
             browser.answer(code, 1, 2)
         assert browser.place.endswith("/end")
         assert [line.table for line in browser.lines()] == [task.table for task in study.tasks(study.cells[0])]

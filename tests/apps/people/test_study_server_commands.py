@@ -94,12 +94,12 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
             answer(address, code, task)
         process.kill()
     with served(out, "--json") as (process, address):
-        assert "Answered 3 of 4" in page(address, "/return", code=code)
-        assert "Thank you for taking part" in answer(address, code, 3)
+        assert "3 of 4 tasks completed" in page(address, "/return", code=code)
+        assert "Thank you for participating" in answer(address, code, 3)
         process.send_signal(signal.SIGINT)
         said, log = process.communicate(timeout=20)
         assert (process.returncode, said) == (0, "")
-        assert log == f"ended; 1 person (1 finished) and 4 answers stored in {out}; the same command goes on\n"
+        assert log == f"stopped; 1 person (1 finished) and 4 answers stored in {out}; run the same command to resume\n"
     assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
 
 
@@ -110,7 +110,7 @@ def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(
             page(address, f"/s/{code}/nothing")
         process.send_signal(signal.SIGTERM)
         said, log = process.communicate(timeout=20)
-    assert (process.returncode, "ended; 1 person" in log) == (0, True)
+    assert (process.returncode, "stopped; 1 person" in log) == (0, True)
     assert sorted(path.name for path in (tmp_path / "study").iterdir()) == ["answers.sqlite", "study.json"]
     assert code not in said + log
     assert "GET" not in log
@@ -123,7 +123,7 @@ def test_two_servers_do_not_share_a_folder(run: Run, tmp_path: Path):
         code = begin(address)
         outcome = run(*SERVE, out, *SMALL)
         assert "is being served by another process" in refused(outcome, "ArtefactError")
-        assert "First come 2 practice tasks" in page(address, f"/s/{code}")
+        assert "The study begins with 2 practice tasks" in page(address, f"/s/{code}")
 
 
 def test_a_port_in_use_is_an_error_before_anything_is_written(run: Run, tmp_path: Path):
@@ -173,9 +173,9 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("--distractors x", "--distractors 'x': expected whole numbers"),
         ("--distractors 10000", "--distractors 10000"),
         ("--port 65536", "--port 65536"),
-        ("--host 256.1.1.1", "--host '256.1.1.1': there is no such host"),
+        ("--host 256.1.1.1", "--host '256.1.1.1': unknown host"),
         ("--consent nowhere.txt", "--consent nowhere.txt: expected a text file"),
-        ("--consent latin.txt", "not a text in UTF-8"),
+        ("--consent latin.txt", "expected UTF-8 text"),
         ("--consent empty.txt", "--consent: the text has 0 characters"),
     ],
 )
@@ -235,7 +235,7 @@ def test_answers_can_be_exported_while_they_come_in(summary: Run, tmp_path: Path
         answer(address, code, 0)
         assert "answers: 1, people: 1" in summary(tmp_path / "study", "--export", tmp_path / "one.jsonl").out
         answer(address, code, 1)
-        assert "of 2 right" in summary(tmp_path / "study").out
+        assert "of 2 correct" in summary(tmp_path / "study").out
 
 
 @pytest.mark.parametrize("options", [["--export", "out"], []])
@@ -255,9 +255,9 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(summary: Run, be
     assert answered == {1: [4, 2], 8: [3, 1]}
     text = summary(begun).out.splitlines()
     assert text[0] == "kitchen; sessions: 4, finished: 1"
-    assert text[1].startswith("1 distractor, train   2 of 4 right, rate 0.500 [")
+    assert text[1].startswith("1 distractor, train   2 of 4 correct, rate 0.500 [")
     assert text[2] == "  over 2 people       [0.500, 0.500]"
-    assert text[-2].startswith("Intervals of 95 %: of the rates by Wilson")
+    assert text[-2].startswith("95 % intervals: Wilson")
     assert max(map(len, text)) <= 80
 
 
@@ -271,7 +271,7 @@ def test_a_study_and_files_of_play_are_summed_up_together(summary: Run, begun: P
     assert values["conditions"][1]["parts"]["train"]["answered"] == 4
 
 
-def test_agents_stand_beside_people(run: Run, summary: Run, begun: Path, tmp_path: Path):
+def test_agents_are_compared_with_people(run: Run, summary: Run, begun: Path, tmp_path: Path):
     for name in ("one", "two"):
         assert run("train-agent", "kitchen", "--steps", "256", "--eval-every", "0", "--out", tmp_path / name).code == 0
     options = ("--run", tmp_path / "one", "--run", tmp_path / "two")
@@ -284,7 +284,7 @@ def test_agents_stand_beside_people(run: Run, summary: Run, begun: Path, tmp_pat
     assert "expected a run" in refused(summary(begun, "--run", tmp_path / "nowhere"), "ArtefactError")
 
 
-def test_an_agent_of_another_graph_does_not_stand_beside_people(run: Run, summary: Run, begun: Path, tmp_path: Path):
+def test_an_agent_of_another_graph_is_not_compared(run: Run, summary: Run, begun: Path, tmp_path: Path):
     steps = ("--steps", "64", "--batch-size", "16", "--eval-every", "0")
     assert run("train-agent", "paper-examples", *steps, "--distractors", "0", "--out", tmp_path / "other").code == 0
     assert "graph" in refused(summary(begun, "--run", tmp_path / "other"), "GraphMismatchError")
@@ -323,4 +323,7 @@ def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_dou
             answered = {task for other, task in acknowledged if other == code}
             assert answered == set(range(len(answered)))
             shown = page(address, "/return", code=code)
-            assert any(f"Answered {n} of 4" in shown for n in (len(answered), len(answered) + 1)) or len(answered) > 2
+            assert (
+                any(f"{n} of 4 tasks completed" in shown for n in (len(answered), len(answered) + 1))
+                or len(answered) > 2
+            )

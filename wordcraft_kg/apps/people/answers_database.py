@@ -1,7 +1,7 @@
-"""The database of a study's answers: each answer is on disk before the person sees the next page.
+"""The answers database of a study: each answer is on disk before the next page.
 
 SQLite in write-ahead mode with full synchronisation: commits survive a killed process and a power failure.
-The primary keys keep a form that is sent twice from becoming two answers.
+The primary keys prevent two answers from a repeated form.
 """
 
 import json
@@ -21,16 +21,16 @@ from wordcraft_kg.base.records import as_record
 
 ANSWERS_FILE = "answers.sqlite"
 APPLICATION = 0x57434B47
-VERSION = 1
+VERSION = 2
 TABLES = (
     "CREATE TABLE study (record TEXT PRIMARY KEY) STRICT",
     "CREATE TABLE sessions (number INTEGER PRIMARY KEY, code TEXT NOT NULL UNIQUE, form INTEGER NOT NULL, "
     "distractors INTEGER NOT NULL) STRICT",
-    # Only for unanswered tasks: the time of an answer is private.
+    # Only for unanswered tasks: answer times are private.
     "CREATE TABLE showings (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
     "shown REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
     "CREATE TABLE answers (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
-    "goal TEXT NOT NULL, slots TEXT NOT NULL, picks TEXT NOT NULL, made TEXT NOT NULL, success INTEGER NOT NULL, "
+    "goal TEXT NOT NULL, slots TEXT NOT NULL, actions TEXT NOT NULL, made TEXT NOT NULL, success INTEGER NOT NULL, "
     "seconds REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
 )
 COUNTS = """
@@ -44,7 +44,7 @@ BUSY = 10
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """A person's assignment: a task draw, numbered from 0, and a condition."""
+    """The assignment of a person: a form, numbered from 0, and a condition."""
 
     form: int
     distractors: int
@@ -52,7 +52,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Participant:
-    """A person in a study, numbered from 1 by beginning."""
+    """A person in a study, numbered from 1 in starting order."""
 
     number: int
     cell: Cell
@@ -69,7 +69,7 @@ class StoredAnswer:
 
 @dataclass(frozen=True)
 class Stored:
-    """Numbers of people, finished people, and answers."""
+    """Counts for people, finished people, and answers."""
 
     people: int
     finished: int
@@ -77,15 +77,15 @@ class Stored:
 
 
 class AnswersDatabase:
-    """A study's answers, for the server; safe in several threads."""
+    """The answers of a study, for the server; thread-safe."""
 
     def __init__(self, path: Path, study: str, turns: int):
-        """Open or create a study's database.
+        """Open or create the database of a study.
 
         Args:
-            path: the file; an ArtefactError leaves a damaged or different file unchanged.
-            study: hash of the study's record.
-            turns: number of tasks for each person.
+            path: the file; damaged and different files are an ArtefactError and stay unchanged.
+            study: hash of the study record.
+            turns: tasks per person.
         """
         if not path.exists():
             _make(path, study)
@@ -114,12 +114,12 @@ class AnswersDatabase:
                 raise
 
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
-        """Begin a session in the cell with the fewest begun sessions; ties: fewest finished sessions, then order.
+        """Start a session in the cell with the fewest sessions; ties: fewest finished sessions, then order.
 
-        A code keeps its session, so that a repeated form begins one session.
+        A repeated code returns the existing session, so a repeated form starts one session.
 
         Args:
-            code: hash of the person's code.
+            code: hash of the code.
             cells: forms and conditions in order of preference.
         """
         with self._writing() as connection:
@@ -142,13 +142,13 @@ class AnswersDatabase:
             return _find(self._connection, code)
 
     def answers_of(self, person: Participant) -> list[Answer]:
-        """Return a person's answers in order."""
+        """Return the answers of a person in order."""
         with self._lock:
             query = f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number"
             return [_answer(row).answer for row in self._connection.execute(query, (person.number,))]
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
-        """Record a page load for an unanswered task: the time (first load) and the number."""
+        """Record a page load for an unanswered task: the time of the first load, and the load count."""
         key = (person.number, part, number)
         with self._writing() as connection:
             if connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone() is None:
@@ -158,14 +158,14 @@ class AnswersDatabase:
                 )
 
     def shown(self, person: Participant, part: str, number: int) -> float | None:
-        """Return the time when an unanswered task was first shown; None for other tasks."""
+        """Return the time of the first page load for an unanswered task; None for other tasks."""
         key = (person.number, part, number)
         with self._lock:
             row = self._connection.execute(f"SELECT shown FROM showings WHERE {_KEY}", key).fetchone()
         return None if row is None else float(row[0])
 
     def add(self, person: Participant, answer: Answer) -> bool:
-        """Store the answer to a shown task; return False without a change for other tasks."""
+        """Store the answer to a shown task; return False for other tasks."""
         key = (person.number, answer.part, answer.number)
         lists = (json.dumps(value, ensure_ascii=False) for value in (answer.table, answer.actions, answer.made))
         with self._writing() as connection:
@@ -180,35 +180,35 @@ class AnswersDatabase:
             return True
 
     def withdraw(self, person: Participant) -> None:
-        """Remove a person's answers and code; the number of the session is not used again."""
+        """Remove the answers and the code of a person; the session number is not used again."""
         with self._writing() as connection:
             for table in ("answers", "showings"):
                 connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
             connection.execute("UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?", (person.number,))
 
     def stored(self) -> Stored:
-        """Return the numbers for people and answers."""
+        """Return counts for people and answers."""
         with self._lock:
             counts = self._connection.execute(COUNTS, (self._turns,)).fetchall()
             (answers,) = self._connection.execute("SELECT COUNT(*) FROM answers").fetchone()
         return Stored(sum(row[2] for row in counts), sum(row[3] for row in counts), answers)
 
     def close(self) -> None:
-        """Close the database, and remove the log."""
+        """Close the database and remove the log."""
         with self._lock:
             self._connection.close()
 
 
 _KEY = "session = ? AND part = ? AND number = ?"
 _PEOPLE = "SELECT number, form, distractors FROM sessions WHERE code NOT LIKE 'withdrawn %'"
-_ANSWERS = "SELECT session, part, number, goal, slots, picks, made, success, seconds, loads FROM answers"
+_ANSWERS = "SELECT session, part, number, goal, slots, actions, made, success, seconds, loads FROM answers"
 
 
 def read_answers(path: Path, study: str) -> tuple[list[Participant], list[StoredAnswer]]:
-    """Return the people of a study and their answers, in order; nothing is written, and a server may be running.
+    """Return all people and answers in order; nothing is written, and a server may be running.
 
     Raises:
-        ArtefactError: if the file is damaged or not the database of this study.
+        ArtefactError: for damaged files and the databases of other studies.
     """
     with _reading(path, study) as connection:
         rows = connection.execute(f"{_PEOPLE} ORDER BY number").fetchall()
@@ -222,25 +222,25 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
 
 @contextmanager
 def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
-    """Open and check a study's database for reading; errors as in :func:`read_answers`."""
+    """Open and check a database for reading; errors as in :func:`read_answers`."""
     check_file(path)
-    # Without a log there is no writer, and no lock is needed.
+    # Without a log there is no writer, so no lock is needed.
     mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True, timeout=BUSY)) as connection:
             connection.execute("BEGIN")
             kind = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
             if kind != [APPLICATION, VERSION]:
-                raise ArtefactError(f"{path} is not a database of answers of this version. Nothing was changed.")
-            # Views and triggers of a foreign file would run as soon as it is queried.
+                raise ArtefactError(f"{path} is not an answers database of this version. Nothing was changed.")
+            # Views and triggers in a foreign file would run on the first query.
             schema = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL").fetchall()
             if sorted(schema) != sorted((table,) for table in TABLES):
-                raise _damaged(path, "its tables are not those of a study")
+                raise _damaged(path, "expected the tables of a study")
             if (problem := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
                 raise _damaged(path, problem)
             if connection.execute("SELECT record FROM study").fetchall() != [(study,)]:
                 raise ArtefactError(
-                    f"{path} belongs to another study than the study.json beside it, or that was changed. "
+                    f"{path} belongs to another study than the study.json in its folder, or study.json was changed. "
                     "Nothing was changed; restore a copy."
                 )
             yield connection
@@ -249,7 +249,7 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
 
 
 def _make(path: Path, study: str) -> None:
-    """Create the database under another name first, so that no partial file appears."""
+    """Create the database under a temporary name first, so that no partial file appears."""
     new = path.with_name(f".{path.name}.new")
     new.unlink(missing_ok=True)
     try:

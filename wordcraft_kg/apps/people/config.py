@@ -6,25 +6,25 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import whole
 
 TASKS_PER_PART = 40
-"""The paper's number."""
+"""The number in the paper."""
 MOST_TASKS = 1_000
-"""Most tasks of a part: more than anybody answers."""
+"""Maximum tasks per part."""
 MOST_FORMS = 1_000
 MOST_CONDITIONS = 10
 LONGEST_CONSENT = 20_000
 """Characters."""
-CONSENT = """You are asked to take part in a study of how people combine things. Each task names something to make and \
-shows a table of things; you pick the two that make it.
+CONSENT = """You are invited to take part in a study of how people combine items. Each task shows a goal and a set of \
+items. You select the two items that make the goal.
 
-Taking part is voluntary. You may stop at any time by closing the page. You need not say why, and it has no \
-disadvantage for you.
+Participation is voluntary. You may stop at any time, without giving a reason and without any disadvantage, by \
+closing the page.
 
-What is kept: the things that you pick, how long each task takes, and how often its page was loaded. Nothing else is \
-kept: no name, no address of your computer, no cookies, no date. Nobody can tell from the answers who gave them. They \
-may be published for research.
+We store the items that you select, the time that you take for each task, and the number of times its page was \
+loaded. We do not store your name, your IP address, cookies or dates. The stored answers contain nothing that \
+identifies you. The answers may be published for research.
 
-You get a code with which you can go on later, or withdraw: then all your answers are removed. Keep it to yourself:
-whoever has it can go on in your place."""
+You will receive a code. With this code you can continue later or withdraw from the study. If you withdraw, all your \
+answers are removed. Do not share the code: anyone who has it can continue your session."""
 """Default consent text."""
 
 
@@ -33,10 +33,10 @@ class StudyConfig:
     """Settings of a study.
 
     Attributes:
-        tasks: number of tasks of each part.
-        distractors: conditions: numbers of distractors on a table.
-        forms: number of draws of tasks; people are spread evenly over forms and conditions.
-        seed: seed of the first form; each further form has the next seed.
+        tasks: tasks per part.
+        distractors: conditions, as distractors per table.
+        forms: sampled task lists; people are spread evenly over forms and conditions.
+        seed: seed for the first form; each further form has the next seed.
         consent: consent text; blank lines separate paragraphs.
     """
 
@@ -51,9 +51,10 @@ class StudyConfig:
         whole("forms", self.forms, 1, MOST_FORMS)
         whole("seed", self.seed, 0, 2**63 - 1 - MOST_FORMS)
         if not 1 <= len(self.distractors) <= MOST_CONDITIONS or len(set(self.distractors)) < len(self.distractors):
-            raise ConfigError(f"`num_distractors` {self.distractors}: expected 1 to {MOST_CONDITIONS} different ones.")
+            raise ConfigError(
+                f"`num_distractors` {self.distractors}: expected 1 to {MOST_CONDITIONS} different numbers."
+            )
         if not self.consent.strip() or len(self.consent) > LONGEST_CONSENT:
             raise ConfigError(
-                f"`consent`: the text has {len(self.consent):,} characters; expected some, and at most "
-                f"{LONGEST_CONSENT:,}."
+                f"`consent`: the text has {len(self.consent):,} characters; expected 1 to {LONGEST_CONSENT:,}."
             )

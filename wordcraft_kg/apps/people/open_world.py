@@ -1,4 +1,4 @@
-"""``wordcraft-kg play --open-ended``: the open-ended world by hand, with a file to continue a game."""
+"""``wordcraft-kg play --open-ended``: open-ended mode by hand, with a file to resume a game."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,14 +15,14 @@ from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import combined
 
 ATTEMPTS = 100
-HELP = """Combine two things that you know, or one with itself; what they make is known
-for good, and nothing is used up. Type the number of a thing, its word, or the
-word's beginning. u puts the first pick back, l lists what is known, ? shows
-this, q quits."""
+HELP = """Combine two known items, or one item with itself. Every item you make stays
+available, and ingredients are not used up. Type an item's number, its name, or
+the start of its name. u undoes the first selection, l lists the known items,
+? shows this help, q quits."""
 
 
 class _GameHeader(Record):
-    """The first line in a game's file."""
+    """The first line of a game file."""
 
     format: Literal["wordcraft-kg open-ended game 1"]
     graph: str
@@ -47,14 +47,14 @@ def play_open_world(
     if out is not None:
         names = env.graph.labels(env.discovery.base)
         header = _GameHeader("wordcraft-kg open-ended game 1", env.graph.name, env.graph.hash, names, attempts)
-        game.go_back_to(_open_game(out, header), out)
+        game.replay(_open_game(out, header), out)
     with terminal.until_quit(lambda: "; ".join(game.tally())):
         game.play()
     output.result(game.values(), game.tally())
 
 
 def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
-    """Begin a game's file, or read the existing file; a torn last line is dropped."""
+    """Create or read a game file; a torn last line is dropped."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, as_lines([header]))
@@ -70,7 +70,7 @@ def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
 
 
 class _Game:
-    """The environment, and the counts in the tally."""
+    """The environment and the counts for the tally."""
 
     def __init__(self, terminal: Terminal, env: OpenEndedEnv, out: Path | None):
         env.reset()
@@ -83,22 +83,24 @@ class _Game:
         return self.env.graph.labels(self.env.discovery.known)
 
     def combine(self, one: str, other: str) -> tuple[tuple[str, ...], bool]:
-        """Make an attempt; return the new entities, and whether the pair had been tried before."""
+        """Make an attempt; return the new entities, and whether the pair is a repetition."""
         _, _, self.is_over, _, info = self.env.step([*map(self.env.graph.id_of, (one, other))])
         self.attempted += 1
         self.fruitless += not info["new_entities"]
         self.repeated += info["repeated"]
         return self.env.graph.labels(info["new_entities"]), info["repeated"]
 
-    def go_back_to(self, moves: Sequence[_GameMove], path: Path) -> None:
+    def replay(self, moves: Sequence[_GameMove], path: Path) -> None:
         for line, move in enumerate(moves, start=2):
             if self.is_over or not set(move.actions) <= set(self.known):
-                raise ArtefactError(f"{path}, line {line} is damaged: {' + '.join(move.actions)} was impossible then.")
+                raise ArtefactError(
+                    f"{path}, line {line} is damaged: {' + '.join(move.actions)} was impossible at that point."
+                )
             self.combine(*move.actions)
         if self.is_over:
-            self.terminal.say(f"{path} is finished; nothing was changed.")
+            self.terminal.say(f"{path} is complete; nothing was changed.")
         elif moves:
-            self.terminal.say(f"Continuing after {self.attempted} attempts.")
+            self.terminal.say(f"Resuming after {self.attempted} attempts.")
 
     def play(self) -> None:
         if self.is_over:
@@ -108,13 +110,13 @@ class _Game:
         while not self.is_over:
             known = self.known
             left = self.env.max_attempts - self.attempted
-            prompt = f"known: {len(known)}   attempts left: {left}   hand: {{}} > "
-            one, other = (known[place] for place in self.terminal.pick_two(prompt, known, answers))
+            prompt = f"known items: {len(known)}   attempts left: {left}   first item: {{}} > "
+            one, other = (known[place] for place in self.terminal.select_two(prompt, known, answers))
             new, repeated = self.combine(one, other)
             if self.out is not None:
                 append_record(self.out, _GameMove((one, other)))
             line = combined((one, other), new, "nothing new")
-            self.terminal.say(line if new else line + " (tried before)" * repeated)
+            self.terminal.say(line if new else line + " (already tried)" * repeated)
 
     def values(self) -> dict[str, Any]:
         env, base = self.env, self.env.discovery.base
@@ -135,10 +137,10 @@ class _Game:
     def tally(self) -> list[str]:
         known, discovered = len(self.known), len(self.known) - len(self.env.discovery.base)
         lines = [
-            f"known: {known} of {self.env.discovery.reachable}, {discovered} of them discovered, "
+            f"known items: {known} of {self.env.discovery.reachable} ({discovered} discovered) "
             f"after {self.attempted} of {self.env.max_attempts} attempts",
-            f"attempts with nothing new: {self.fruitless}, pairs tried before: {self.repeated}",
+            f"attempts without a new item: {self.fruitless}, repeated pairs: {self.repeated}",
         ]
         if self.out is not None and not self.is_over:
-            lines.append(f"the same command goes on with {self.out}")
+            lines.append(f"run the same command to continue {self.out}")
         return lines

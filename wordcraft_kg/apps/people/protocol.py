@@ -1,4 +1,4 @@
-"""The paper's protocol for people: tasks in order, and records for answers."""
+"""The protocol of the paper for people: tasks in order, and records for answers."""
 
 import copy
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 HUMAN_FORMAT: Literal["wordcraft-kg human protocol 1"] = "wordcraft-kg human protocol 1"
 HUMAN_PARTS = ("train", "test")
-"""Parts in their order. The answer is shown after each train task, and after no test task."""
+"""Parts in order. The solution follows each train task, but no test task."""
 Turn = tuple[str, int]
 """Part of a task, and its number there, from 1."""
-_SEED_KEYS = ("all", "train", "valid", "test")  # a part's place goes into the seeds, so it must never change
+_SEED_KEYS = ("all", "train", "valid", "test")  # the index is part of the seeds and must never change
 
 
 def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
-    """Return part and number for all tasks in a session with ``tasks`` tasks in each part."""
+    """Return part and number for all tasks in a session, with ``tasks`` tasks per part."""
     return tuple((part, number) for part in HUMAN_PARTS for number in range(1, tasks + 1))
 
 
 def episode_seed(seed: int, part: str, number: int) -> int:
-    """Return an episode's seed, independent from earlier episodes.
+    """Return the seed for an episode, independent from earlier episodes.
 
     Raises:
         ConfigError: if the seed is negative.
@@ -40,7 +40,7 @@ def episode_seed(seed: int, part: str, number: int) -> int:
 
 
 class Header(Record):
-    """The first line in a session's file: properties that comparable sessions share."""
+    """The first line in a session file: properties that comparable sessions share."""
 
     format: Literal["wordcraft-kg human protocol 1"]
     graph: str
@@ -51,14 +51,14 @@ class Header(Record):
 
 
 class Answer(Record):
-    """A further line in a session's file, with nothing about the person or the machine.
+    """A further line in a session file, without data about person or machine.
 
     Attributes:
         part: ``train`` or ``test``.
-        number: number of the task in the part, from 1.
+        number: task number in the part, from 1.
         table: entities on the table, slot by slot.
-        made: results of the picks.
-        seconds: time from showing the task to the second pick.
+        made: results of the two actions.
+        seconds: time from the first page load to the second action.
     """
 
     part: str
@@ -79,7 +79,7 @@ class Answer(Record):
 
 @dataclass(frozen=True)
 class PosedTask:
-    """A person's task, see :class:`Answer`; plans are recipes for the goal, ``index`` is the number for agents."""
+    """A task, see :class:`Answer`; plans are recipes for the goal, ``index`` is the task number for agents."""
 
     part: str
     number: int
@@ -94,21 +94,21 @@ class PosedTask:
 
 
 class HumanProtocol:
-    """The paper's protocol: 40 train tasks with answers, then 40 test tasks; depth 1, single attempts.
+    """The protocol of the paper: 40 train tasks with feedback, then 40 test tasks; depth 1, one attempt.
 
-    Tasks and tables are drawn as for agents and depend only on graph, split, number of distractors and seed; fewer
-    tasks a part are the first of more tasks.
+    Tasks and tables are sampled as for agents and depend only on graph, split, distractor condition and seed. A
+    shorter protocol is the start of a longer protocol.
 
     Attributes:
-        turns: part and number of each task, in order.
-        header: the first line of a session's file.
+        turns: part and number for each task, in order.
+        header: the first line in a session file.
     """
 
     def __init__(
         self, graph: GraphLike | World, num_distractors: int = 8, seed: int = 0, *, tasks: int = TASKS_PER_PART
     ):
-        """Prepare the environments for both parts, sharing a given world; a part without tasks is a TaskError."""
-        episode_seed(seed, "train", 1)  # refuses a negative one
+        """Prepare environments for both parts, with a shared world; a part without tasks is a TaskError."""
+        episode_seed(seed, "train", 1)  # rejects negative seeds
         self.seed = seed
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
         self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
@@ -119,25 +119,25 @@ class HumanProtocol:
         self.header = Header(HUMAN_FORMAT, graph.name, graph.hash, self.world.split.hash, settings, seed)
 
     def with_seed(self, seed: int) -> "HumanProtocol":
-        """Return the protocol with another seed; both share environments and must not be used at once."""
+        """Return the protocol with another seed; both share environments and must not run concurrently."""
         other = copy.copy(self)
         other.seed, other.header = seed, msgspec.structs.replace(self.header, seed=seed)
         return other
 
     def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
-        """Begin a task's episode; return environment and observation."""
+        """Start the episode for a task; return environment and observation."""
         env = self._envs[part]
         observation, _ = env.reset(seed=episode_seed(self.seed, part, number))
         return env, observation
 
     def task(self, part: str, number: int) -> PosedTask:
-        """Return a task."""
+        """Return a task for a part and number."""
         env, observation = self.pose(part, number)
         plans = tuple(plan[0] for plan in env.task.plans)
         return PosedTask(part, number, env.task.goal, table_labels(env, observation), plans, env.state.task)
 
     def answer(self, task: PosedTask, slots: tuple[int, int], seconds: float) -> Answer:
-        """Return the answer for two slots of a task and a time in seconds, rounded to hundredths."""
+        """Return the answer for two slots and a time in seconds, rounded to hundredths."""
         actions = (task.table[slots[0]], task.table[slots[1]])
         made = results_of(self._envs[task.part], *actions)
         return Answer(

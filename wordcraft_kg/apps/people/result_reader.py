@@ -1,4 +1,4 @@
-"""Reader of people's answers, for comparison with the reference figures."""
+"""Reader for answers of people, for comparison with the reference figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,8 +38,8 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
     if not estimates:
         has = ", ".join(str(condition.distractors) for condition in view.conditions)
         raise ConfigError(
-            f"--beside: '{path}' has no answers to {play.part} tasks with {', '.join(map(str, columns))} distractors; "
-            f"it is of {has} distractors, and of train and test tasks."
+            f"--external-results: '{path}' has no answers to {play.part} tasks with {', '.join(map(str, columns))} "
+            f"distractors; expected train or test tasks with {has} distractors."
         )
     return ReferenceRow(
         player=path.name,

@@ -1,4 +1,4 @@
-"""A person's file: a header and a line for each answer, on disk before the next task."""
+"""Session files: a header and one line per answer, on disk before the next task."""
 
 import logging
 import os
@@ -14,12 +14,12 @@ from wordcraft_kg.base.records import Record, as_lines, as_values, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE
 
 TableKey = tuple[int, int, str, int]
-"""The origin of a table in a graph and split: number of distractors, seed, part, number of the task."""
+"""The origin of a table: distractor count, seed, part, task number."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """A person's answers in order, and the length in bytes for a torn last line."""
+    """Answers in order, and the length of a torn last line in bytes."""
 
     header: Header
     answers: tuple[Answer, ...]
@@ -27,12 +27,12 @@ class Session:
 
     @property
     def tasks(self) -> int:
-        """Number of tasks in each part."""
+        """Tasks per part."""
         return int(self.header.settings["tasks_per_part"])
 
     @property
     def distractors(self) -> int:
-        """Number of distractors on each table."""
+        """Distractors per table."""
         return int(self.header.settings["num_distractors"])
 
     @property
@@ -46,10 +46,10 @@ class Session:
 
 
 def open_session(path: Path, protocol: HumanProtocol) -> Session:
-    """Begin a session's file, or read the existing file; a torn last line is dropped.
+    """Create or read a session file; a torn last line is dropped.
 
     Raises:
-        ArtefactError: if the file is not of this kind, is damaged, or has tasks that the protocol does not pose.
+        ArtefactError: for other or damaged files, and for tasks outside the protocol.
         GraphMismatchError: for another graph or split.
         ConfigError: for different settings. The file is unchanged in all cases.
     """
@@ -61,19 +61,19 @@ def open_session(path: Path, protocol: HumanProtocol) -> Session:
     check_alike(path, session.header, "this command", protocol.header)
     for line, answer in enumerate(session.answers, start=2):
         if not protocol.task(answer.part, answer.number).is_of(answer):
-            raise ArtefactError(f"{path}, line {line}: this version poses another task there. Nothing was changed.")
+            raise ArtefactError(f"{path}, line {line}: this version poses another task. Nothing was changed.")
     drop_torn_line(path, session.torn)
     return replace(session, torn=0)
 
 
 def append_answer(path: Path, session: Session, answer: Answer) -> Session:
-    """Add an answer to a session and the file."""
+    """Add an answer to a session and its file."""
     append_record(path, answer)
     return replace(session, answers=(*session.answers, answer))
 
 
 def append_record(path: Path, record: Record) -> None:
-    """Add a line to a file; the line is on disk on return."""
+    """Append a line to a file; the line is on disk on return."""
     with path.open("ab") as file:
         file.write(as_lines([record])[0].encode())
         file.flush()
@@ -88,19 +88,17 @@ def drop_torn_line(path: Path, torn: int) -> None:
 
 
 def read_session(path: Path) -> Session:
-    """Read a session's file.
+    """Read a session file.
 
     Raises:
-        ArtefactError: with the line, if the file is not of this kind or is damaged; a torn last line is no error.
+        ArtefactError: for other or damaged files, with the line number; a torn last line is allowed.
     """
     if not path.is_file():
         fault = "is not a file" if path.exists() else "does not exist"
-        raise ArtefactError(f"'{path}' {fault}; expected a file of `wordcraft-kg play --protocol paper`.")
+        raise ArtefactError(f"'{path}' {fault}; expected a session file (`wordcraft-kg play --protocol paper`).")
     first, *lines = read_small_file(path).split(b"\n")
     if HUMAN_FORMAT.encode() not in first or not lines:
-        raise ArtefactError(
-            f"'{path}' is not a file of the human protocol of this version ({HUMAN_FORMAT}). Nothing was changed."
-        )
+        raise ArtefactError(f"'{path}' is not a session file of this version ({HUMAN_FORMAT}). Nothing was changed.")
     header = parse_record(first, Header, f"{path}, line 1")
     for name, least, most in (("tasks_per_part", 1, MOST_TASKS), ("num_distractors", 0, MAX_SIZE)):
         check_number(header.settings, name, least, most, f"{path}, line 1")
@@ -112,7 +110,7 @@ def read_session(path: Path) -> Session:
     for line, (text, (part, number)) in enumerate(zip(lines, turns, strict=False), start=2):
         answer = parse_record(text, Answer, f"{path}, line {line}")
         if not answer.is_sound or (answer.part, answer.number) != (part, number):
-            raise ArtefactError(f"{path}, line {line} is damaged: it is not an answer to {part} task {number}.")
+            raise ArtefactError(f"{path}, line {line} is damaged: expected an answer to {part} task {number}.")
         answers.append(answer)
     return Session(header, tuple(answers), len(rest))
 
@@ -125,7 +123,7 @@ def check_number(settings: dict[str, int | str], name: str, least: int, most: in
 
 
 def check_alike(path: Path, header: Header, other: str, reference: Header) -> None:
-    """Check that a header differs from the reference only in the graph's name.
+    """Check that a header equals the reference, except for the graph name.
 
     Raises:
         GraphMismatchError: if graph or split differ.
@@ -137,7 +135,7 @@ def check_alike(path: Path, header: Header, other: str, reference: Header) -> No
 
 
 def check_equal(subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]) -> None:
-    """Refuse a file with other properties than wanted; the graph's name may differ."""
+    """Check that the properties of a file equal the wanted properties, except for the graph name."""
     for name in {**want, **have}:
         if name != "graph" and have.get(name) != want.get(name):
             is_hash = name.endswith("_hash")

@@ -1,12 +1,14 @@
-"""A study: several people take the protocol, with several task draws and distractor numbers."""
+"""A study: several people take the protocol, in several forms and distractor conditions."""
 
 import hashlib
+import json
 import os
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,9 +33,13 @@ STUDY_FILE = "study.json"
 
 
 class StudyRecord(Record):
-    """``study.json``: a study's identity; the settings exclude the number of distractors."""
+    """``study.json``: the identity of a study; the settings exclude the number of distractors.
 
-    format: Literal["wordcraft-kg study 1"]
+    Attributes:
+        texts_hash: hash of the page templates; a study keeps its texts from begin to end.
+    """
+
+    format: Literal["wordcraft-kg study 2"]
     graph: str
     graph_hash: Hash
     split_hash: Hash
@@ -42,6 +48,7 @@ class StudyRecord(Record):
     seed: Count
     forms: Count
     consent: str
+    texts_hash: Hash
     created: str
 
     def header(self, cell: Cell) -> Header:
@@ -55,8 +62,15 @@ class StudyRecord(Record):
         return int(self.settings["tasks_per_part"])
 
 
+def texts_hash() -> str:
+    """Return the hash of all page templates, the text version of a study."""
+    folder = files("wordcraft_kg.apps.people") / "templates"
+    texts = {file.name: file.read_text(encoding="utf-8") for file in folder.iterdir()}
+    return hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()
+
+
 class Study:
-    """A study's tasks, posed on first use; ``cells`` are in assignment order."""
+    """The tasks of a study, posed on first use; ``cells`` are in assignment order."""
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
         """Prepare the tasks; a part without tasks is a TaskError."""
@@ -66,7 +80,7 @@ class Study:
         }
         header = first.header
         self.record = StudyRecord(
-            format="wordcraft-kg study 1",
+            format="wordcraft-kg study 2",
             graph=header.graph,
             graph_hash=header.graph_hash,
             split_hash=header.split_hash,
@@ -75,9 +89,10 @@ class Study:
             seed=config.seed,
             forms=config.forms,
             consent=config.consent,
+            texts_hash=texts_hash(),
             created=datetime.now(UTC).isoformat(timespec="seconds"),
         )
-        # Conditions alternate before forms do: a study compares conditions.
+        # Conditions alternate before forms, since a study compares conditions.
         self.cells = tuple(Cell(form, amount) for form in range(config.forms) for amount in config.distractors)
         self._posed: dict[Cell, tuple[PosedTask, ...]] = {}
         self._lock = threading.Lock()
@@ -97,7 +112,7 @@ class Study:
 
 @contextmanager
 def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
-    """Yield a study's answers in a new or begun folder, for one server.
+    """Yield the answers of a new or begun study folder, for one server.
 
     Raises:
         ArtefactError: if another server uses the folder, a file is damaged, or this version poses different tasks.
@@ -122,19 +137,20 @@ def _check_tasks(folder: Path, study: Study) -> None:
         for stored, task in zip(kept.answers[person.number], study.tasks(person.cell), strict=False):
             if not task.is_of(stored.answer):
                 raise ArtefactError(
-                    f"'{folder}': this version poses another {task.part} task {task.number} than person "
-                    f"{person.number} has answered. Nothing was changed; continue with the version that began it."
+                    f"'{folder}': this version poses another {task.part} task {task.number} than the task "
+                    f"that person {person.number} answered. Nothing was changed; continue with the version that began "
+                    "the study."
                 )
 
 
 def check_study_folder(folder: Path, record: StudyRecord) -> bool:
-    """Return whether a folder holds this study; False if the study can begin there.
+    """Return whether a folder holds this study; False for a new or empty folder.
 
     Raises:
         ArtefactError: if ``study.json`` is damaged.
         GraphMismatchError: if the folder's study has another graph or split.
         ConfigError: if the folder's study has different settings.
-        OutputExistsError: if the folder holds something else.
+        OutputExistsError: for other folders and files.
     """
     if not os.path.lexists(folder) or (folder.is_dir() and not any(folder.iterdir())):
         return False
@@ -145,18 +161,23 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
     begun, _ = read_study_record(folder)
     if begun.consent != record.consent:
         raise ConfigError(f"'{folder}': people agreed to another text. Nothing was changed; give that text.")
+    if begun.texts_hash != record.texts_hash:
+        raise ConfigError(
+            f"'{folder}': the pages of this version have other texts than the pages that people have seen. Nothing was "
+            "changed; continue with the version that began the study."
+        )
     check_equal(f"'{folder}' is a study with", _identity(begun), "this command has", _identity(record))
     return True
 
 
 def _identity(record: StudyRecord) -> dict[str, Any]:
-    """Return the values by which two studies can differ, besides the consent text."""
+    """Return the identifying values except the consent text."""
     values = as_values(record) | record.settings | {"distractors": ", ".join(map(str, record.distractors))}
     return {name: value for name, value in values.items() if name not in ("created", "consent", "settings")}
 
 
 def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
-    """Return ``study.json`` and its SHA-256, which the database of answers repeats."""
+    """Return ``study.json`` and the SHA-256, which the answers database repeats."""
     path = folder / STUDY_FILE
     if not path.exists():
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected the folder that `people serve` writes.")
@@ -168,7 +189,7 @@ def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
 
 @dataclass(frozen=True)
 class ReadStudy:
-    """A study on disk: people by beginning, and answers by person number."""
+    """A study on disk: people in starting order, and answers by person number."""
 
     record: StudyRecord
     people: tuple[Participant, ...]
@@ -182,7 +203,7 @@ class ReadStudy:
         )
 
     def lines(self) -> Iterator[dict[str, Any]]:
-        """Yield the answers for an export; ``session`` is the number of the person, ``loads`` counts page loads."""
+        """Yield exported answers; ``session`` is the person number, ``loads`` counts page loads."""
         for person in self.people:
             who = {"session": person.number, "form": person.cell.form, "distractors": person.cell.distractors}
             who["seed"] = self.record.seed + person.cell.form
@@ -191,10 +212,10 @@ class ReadStudy:
 
 
 def read_study(folder: Path) -> ReadStudy:
-    """Read a study's folder, which a server may be using; nothing is written.
+    """Read a study folder; nothing is written, and a server may be running.
 
     Raises:
-        ArtefactError: if the folder is not a study's, or is damaged.
+        ArtefactError: if the folder is damaged or not a study folder.
     """
     record, identity = read_study_record(folder)
     path = folder / ANSWERS_FILE
@@ -206,9 +227,9 @@ def read_study(folder: Path) -> ReadStudy:
     for number, given in answers.items():
         order = tuple((one.answer.part, one.answer.number) for one in given)
         if order != turns[: len(order)] or not all(one.answer.is_sound and one.loads >= 1 for one in given):
-            raise ArtefactError(f"{path} is damaged: the answers of person {number} are not as they are stored.")
+            raise ArtefactError(f"{path} is damaged: the answers of person {number} are inconsistent.")
     if set(answers) != {person.number for person in people}:
-        raise ArtefactError(f"{path} is damaged: it has answers of somebody who has not begun.")
+        raise ArtefactError(f"{path} is damaged: it has answers without a session.")
     if unknown := {person.cell.distractors for person in people} - set(record.distractors):
         raise ArtefactError(f"{path} is damaged: {unknown.pop()} distractors are not a condition of this study.")
     return ReadStudy(record, tuple(people), {number: tuple(given) for number, given in answers.items()})

@@ -1,4 +1,4 @@
-"""People's success rates in the paper's protocol, and agents' rates at the same tables."""
+"""Success rates of people in the protocol of the paper, and of agents at the same tables."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,8 +14,8 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 
 
-class BesideRate(Record):
-    """An agent's results at people's tables, once for each answer.
+class AgentRate(Record):
+    """The results of an agent at the tables of people, with one result per answer.
 
     The 95 % interval is a bootstrap over tables; Wilson's for equal results; None for a single table.
     """
@@ -27,12 +27,12 @@ class BesideRate(Record):
 
 
 class AnswerRate(Record):
-    """Number and share of right answers; None without answers.
+    """Number and share of correct answers; None without answers.
 
     Attributes:
         interval: 95 % Wilson interval for independent answers of these people.
         people_interval: 95 % bootstrap interval over people; Wilson's for equal results; None for a single person.
-        agents: agents at the same tables, by name.
+        agents: results of agents at the same tables, by name.
     """
 
     answered: Count
@@ -41,11 +41,11 @@ class AnswerRate(Record):
     interval: tuple[Share, Share] | None
     people: Count
     people_interval: tuple[Share, Share] | None
-    agents: dict[str, BesideRate]
+    agents: dict[str, AgentRate]
 
 
 class PeopleCondition(Record):
-    """People with equal numbers of distractors, and right answers by part."""
+    """People in one distractor condition, and correct answers by part."""
 
     distractors: Count
     sessions: Count
@@ -54,7 +54,7 @@ class PeopleCondition(Record):
 
 
 class HumanSummary(Record):
-    """Sessions with equal graph, split and settings, by number of distractors."""
+    """Sessions with equal graph, split and settings, by distractor condition."""
 
     graph: str
     graph_hash: str
@@ -65,7 +65,7 @@ class HumanSummary(Record):
 
 
 class ExportedAnswers(Record):
-    """A file with answers, and the numbers for people and answers."""
+    """An exported file, with numbers of people and answers."""
 
     out: str
     people: Count
@@ -73,11 +73,11 @@ class ExportedAnswers(Record):
 
 
 def view_people(
-    sources: Mapping[Path, Sequence[Session]], beside: Mapping[str, Mapping[TableKey, bool]] | None = None
+    sources: Mapping[Path, Sequence[Session]], agents: Mapping[str, Mapping[TableKey, bool]] | None = None
 ) -> HumanSummary:
-    """Return the rates of right answers over sessions with equal graph, split and settings.
+    """Return success rates over sessions with equal graph, split and settings.
 
-    ``beside`` holds the success of agents at each table, by name.
+    ``agents`` holds the success of each agent by name and table.
 
     Raises:
         ArtefactError: if a file ends in a torn line, or two have the same answers.
@@ -95,7 +95,7 @@ def view_people(
             distractors=amount,
             sessions=len(group),
             finished=sum(session.is_finished for session in group),
-            parts={part: _rate(part, group, beside or {}) for part in HUMAN_PARTS},
+            parts={part: _rate(part, group, agents or {}) for part in HUMAN_PARTS},
         )
         for amount, group in sorted(by_amount.items())
     )
@@ -115,7 +115,7 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
     for path, sessions in sources.items():
         for session in sessions:
             if session.torn:
-                raise ArtefactError(f"{path} ends in a torn line; continue its session, which asks that task again.")
+                raise ArtefactError(f"{path} ends in a torn line; continue the session to repeat the torn answer.")
             reference = reference or (path, session)
             settings = reference[1].header.settings | {"num_distractors": session.distractors}
             like = msgspec.structs.replace(reference[1].header, seed=session.header.seed, settings=settings)
@@ -126,14 +126,16 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
         if any(answers):
             seen[answers] = path
     if reference is None:
-        raise ConfigError("no session: expected at least one file, or a study that somebody has begun.")
+        raise ConfigError("no session: expected at least one file, or a study with participants.")
 
 
-def _rate(part: str, sessions: Sequence[Session], beside: Mapping[str, Mapping[TableKey, bool]]) -> AnswerRate:
-    given = [(who, one) for who, session in enumerate(sessions) for one in session.answers if one.part == part]
-    keys = [sessions[who].table_of(answer) for who, answer in given]
+def _rate(part: str, sessions: Sequence[Session], agents: Mapping[str, Mapping[TableKey, bool]]) -> AnswerRate:
+    given = [
+        (person, answer) for person, session in enumerate(sessions) for answer in session.answers if answer.part == part
+    ]
+    keys = [sessions[person].table_of(answer) for person, answer in given]
     right = np.array([answer.success for _, answer in given], dtype=float)
-    people = np.array([who for who, _ in given], dtype=np.int64)
+    people = np.array([person for person, _ in given], dtype=np.int64)
     n, successes = len(given), int(right.sum())
     return AnswerRate(
         answered=n,
@@ -142,21 +144,21 @@ def _rate(part: str, sessions: Sequence[Session], beside: Mapping[str, Mapping[T
         interval=wilson_interval(successes, n) if n else None,
         people=len(set(people.tolist())),
         people_interval=_over(right, people),
-        agents={name: _beside([made[key] for key in keys], keys) for name, made in beside.items() if keys},
+        agents={name: _agent_rate([made[key] for key in keys], keys) for name, made in agents.items() if keys},
     )
 
 
-def _beside(made: Sequence[bool], keys: Sequence[TableKey]) -> BesideRate:
+def _agent_rate(made: Sequence[bool], keys: Sequence[TableKey]) -> AgentRate:
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
     won = np.array(made, dtype=float)
     tables = np.array([numbers[key] for key in keys], dtype=np.int64)
-    return BesideRate(int(won.sum()), float(won.mean()), len(numbers), _over(won, tables))
+    return AgentRate(int(won.sum()), float(won.mean()), len(numbers), _over(won, tables))
 
 
 def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:
     """Return the interval of a mean over people or tables, None for a single cluster.
 
-    If all are right or all wrong, each resample is the same and the bootstrap's interval is a point; Wilson's is not.
+    For equal results, all resamples are equal and the bootstrap interval is a point, unlike Wilson's.
     """
     amount = len(np.unique(clusters))
     if amount < 2:

@@ -1,4 +1,4 @@
-"""A game in a terminal: lines of text and typed picks."""
+"""A game in a terminal: lines of text and typed selections."""
 
 import io
 import sys
@@ -22,7 +22,7 @@ class Quit(Exception):
 
 @dataclass(frozen=True)
 class Terminal:
-    """Shows the game on a stream and reads stdin."""
+    """Show the game on a stream and read stdin."""
 
     stream: TextIO
 
@@ -37,7 +37,7 @@ class Terminal:
 
     @contextmanager
     def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
-        """Let :class:`Quit` end a game; Ctrl-C adds the tally to the interruption."""
+        """End a game on :class:`Quit`; Ctrl-C adds the tally to the interruption."""
         try:
             yield
         except Quit:
@@ -51,13 +51,13 @@ class Terminal:
         print(prompt, end="", file=self.stream, flush=True)
         line = sys.stdin.readline() if sys.stdin else ""
         if not line or not sys.stdin.isatty():
-            self.say(line.strip())  # a terminal has shown it already
+            self.say(line.strip())  # a terminal has shown the line already
         if not line or line.strip().casefold() == "q":
             raise Quit
         return line.strip()
 
-    def pick(self, prompt: str, table: Sequence[str], answers: Answers) -> int | None:
-        """Return the picked index of ``table``, asking until the input is valid; None to put a pick back."""
+    def select(self, prompt: str, table: Sequence[str], answers: Answers) -> int | None:
+        """Prompt until the input is valid; return the selected index in ``table``, or None to undo a selection."""
         while True:
             typed = self.ask(prompt)
             if typed.casefold() in UNDO:
@@ -70,21 +70,21 @@ class Terminal:
             except ActionError as error:
                 self.say(str(error))
 
-    def pick_two(self, prompt: str, table: Sequence[str], answers: Answers) -> tuple[int, int]:
-        """Return the indices in ``table`` of two picks; ``{}`` in the prompt shows the held entity."""
+    def select_two(self, prompt: str, table: Sequence[str], answers: Answers) -> tuple[int, int]:
+        """Return two selected indices in ``table``; ``{}`` in the prompt shows the first selection."""
         while True:
-            one = self.pick(prompt.format("nothing"), table, answers)
+            one = self.select(prompt.format("none"), table, answers)
             if one is None:
-                self.say("Nothing to put back: the hand is empty.")
+                self.say("There is no selection to undo.")
                 continue
-            other = self.pick(prompt.format(table[one]), table, answers)
+            other = self.select(prompt.format(table[one]), table, answers)
             if other is not None:
                 return one, other
-            self.say(f"{table[one]} is put back.")
+            self.say(f"Undone: {table[one]}.")
 
 
 def cells(labels: Sequence[str]) -> Iterator[str]:
-    """Lay labels out in numbered columns."""
+    """Yield lines with labels in numbered columns."""
     numbered = [f"{place:>3} {label}" for place, label in enumerate(labels, start=1)]
     width = max(map(len, numbered)) + 2
     per_line = max(1, WIDTH // width)

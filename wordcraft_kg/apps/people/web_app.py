@@ -1,7 +1,7 @@
 """A study as a web application: consent, tasks, answers. The answers alone determine a person's progress.
 
-A form that is sent twice, late or again after a lost connection leads to the next page, and never to a second answer.
-Only the code and the picks of a request are used, and no cookie is set.
+A repeated, late or resent form leads to the next page and never to a second answer. The server uses only the code and
+the selected items of a request, and sets no cookie.
 """
 
 import hashlib
@@ -26,11 +26,12 @@ from wordcraft_kg.apps.web.guard import Guard
 from wordcraft_kg.reports.pages import make_environment
 
 PRIVATE = {"Cache-Control": "no-store"}
-"""Headers of every page: the next person at the same machine must not come back to it."""
+"""Headers of every page: the next person at the same machine must not see an earlier page."""
 ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
-"""Letters of codes: without 0 and o, 1, l and i, which look alike."""
+"""Letters of codes, without the similar characters 0 and o, 1, l and i."""
 LENGTH, GROUP = 12, 4
-"""Characters of a code, about 59 bits, and of its groups."""
+"""Characters per code (about 59 bits), and per group."""
+NOT_A_CODE = "A code consists of 12 letters and digits, such as k7qm-2xwd-9hrt."
 Form = Mapping[str, str]
 Endpoint = Callable[[Request], Awaitable[Response]]
 Reply = Callable[[Request, Form, str, Participant], Response]
@@ -44,7 +45,7 @@ def make_study_app(
     *,
     clock: Callable[[], float] = time.time,
 ) -> ASGIApp:
-    """Return the application, for a host and further host names; the clock counts seconds across restarts."""
+    """Return the application for a host and further host names; the clock counts seconds across restarts."""
     server = _Server(study, answers, clock)
     routes = [
         Route("/", server.first),
@@ -65,7 +66,7 @@ def make_study_app(
 
 
 def new_code() -> str:
-    """Return a random code for coming back, such as ``k7qm-2xwd-9hrt``; codes are never stored."""
+    """Return a random code to resume a session, such as ``k7qm-2xwd-9hrt``; codes are never stored."""
     return _grouped("".join(secrets.choice(ALPHABET) for _ in range(LENGTH)))
 
 
@@ -77,7 +78,7 @@ def read_code(typed: str) -> str | None:
 
 
 def code_hash(code: str) -> str:
-    """Return the hash that is stored in place of a code."""
+    """Return the hash to store in place of a code."""
     return hashlib.sha256(code.encode()).hexdigest()
 
 
@@ -100,7 +101,7 @@ class _Server:
         return lambda _: self._page(name)
 
     async def begin(self, request: Request) -> Response:
-        """Begin a session after consent; the code comes with the form, so that a repeated form begins one session."""
+        """Begin a session after consent; the form contains the code, so a repeated form begins one session."""
         form = await _form(request)
         if form.get("consent") == "no":
             return _to("/declined")
@@ -115,11 +116,11 @@ class _Server:
         code = read_code(typed)
         if code is not None and await run_in_threadpool(self.answers.find, code_hash(code)) is not None:
             return _to(f"/s/{code}")
-        problem = "No session has this code." if code else "A code has 12 letters and digits, such as k7qm-2xwd-9hrt."
+        problem = "There is no session with this code." if code else NOT_A_CODE
         return self._page("first", 404 if code else 400, code=new_code(), problem=problem, typed=typed)
 
     def of_person(self, reply: Reply) -> Endpoint:
-        """Return an endpoint for the person whose code is in the path."""
+        """Return an endpoint for the person with the code in the path."""
 
         async def endpoint(request: Request) -> Response:
             form = await _form(request) if request.method == "POST" else {}
@@ -128,10 +129,12 @@ class _Server:
                 code = read_code(request.path_params["code"])
                 person = None if code is None else self.answers.find(code_hash(code))
                 if code is None or person is None:
-                    return self._missing("No session has this code. Check it, and type it on the first page.")
+                    return self._missing(
+                        "There is no session with this code. Please check the code and enter it on the start page."
+                    )
                 return reply(request, form, code, person)
 
-            return await run_in_threadpool(replied)  # it waits for the database
+            return await run_in_threadpool(replied)  # waits for the database
 
         return endpoint
 
@@ -145,23 +148,23 @@ class _Server:
         tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
         if place == len(tasks):
             return _to(f"/s/{code}/end")
-        task, asked = tasks[place], request.query_params
-        if "held" in asked and (
-            asked.get("task") != str(place) or self.answers.shown(person, task.part, task.number) is None
+        task, query = tasks[place], request.query_params
+        if "first" in query and (
+            query.get("task") != str(place) or self.answers.shown(person, task.part, task.number) is None
         ):
-            # A pick at the table of another task, as from a second tab or after going back, is none at this one.
+            # The item was selected at another task, as in a second tab or after going back.
             return _to(f"/s/{code}/task")
-        held = _slot(asked.get("held", ""), task)
-        # A reload with a pick, or after putting it back, is not a new showing.
-        if "held" not in asked and request.method == "GET":
+        selection = _slot(query.get("first", ""), task)
+        # A reload after a first selection or an undo does not count as a page load.
+        if "first" not in query and request.method == "GET":
             self.answers.show(person, task.part, task.number, self.clock())
-        return self._page("task", code=code, task=task, held=held, place=place, all=len(tasks))
+        return self._page("task", code=code, task=task, selection=selection, place=place, all=len(tasks))
 
     def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
         now = self.clock()
         tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
         number = int(form["task"]) if form.get("task", "").isdecimal() and len(form["task"]) < 6 else -1
-        if number < place:  # it has been answered: this is a copy
+        if number < place:  # a repeated form
             return self._after(code, tasks, number) if number >= 0 else _to(f"/s/{code}/task")
         task = tasks[number] if number == place < len(tasks) else None
         shown = None if task is None else self.answers.shown(person, task.part, task.number)
@@ -175,7 +178,7 @@ class _Server:
         return self._after(code, tasks, number)
 
     def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
-        """Redirect after an answer: train tasks are followed by feedback."""
+        """Redirect after an answer, to feedback after train tasks."""
         task = tasks[place]
         if task.part == "train":
             return _to(f"/s/{code}/feedback/{task.number}")
@@ -197,8 +200,8 @@ class _Server:
         given = self.answers.answers_of(person)
         if len(given) < len(self.study.tasks(person.cell)):
             return _to(f"/s/{code}/task")
-        right = {part: [answer.success for answer in given if answer.part == part] for part in HUMAN_PARTS}
-        return self._page("end", code=code, right={part: (sum(made), len(made)) for part, made in right.items()})
+        correct = {part: [answer.success for answer in given if answer.part == part] for part in HUMAN_PARTS}
+        return self._page("end", code=code, correct={part: (sum(made), len(made)) for part, made in correct.items()})
 
     def _page(self, name: str, status: int = 200, **values: Any) -> Response:
         return Response(self._render(name, **values), status, media_type="text/html", headers=PRIVATE)
@@ -207,11 +210,11 @@ class _Server:
         return self.environment.get_template(f"{name}.html.j2").render(**values)
 
     def error(self, status: int, message: str) -> str:
-        if status == 500:  # the log is not for who takes part
-            message = "Something went wrong here. Please load the page again."
+        if status == 500:  # participants must not see the log
+            message = "Something went wrong. Please reload the page."
         return self._render("error", status=status, message=message)
 
-    def _missing(self, message: str = "There is no such page.") -> Response:
+    def _missing(self, message: str = "This page does not exist.") -> Response:
         return Response(self.error(404, message), 404, media_type="text/html", headers=PRIVATE)
 
     async def not_found(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -227,12 +230,12 @@ async def _form(request: Request) -> dict[str, str]:
 
 
 def _slot(text: str, task: PosedTask) -> int | None:
-    """Return the slot for a field that counts from 1; None if invalid."""
+    """Return the slot for a field (numbers from 1); None if invalid."""
     if text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= len(task.table):
         return int(text) - 1
     return None
 
 
 def _to(path: str) -> Response:
-    # 303: the browser asks for the next page, and a reload of that sends no form again.
+    # 303: the browser requests the next page, and a reload does not resend the form.
     return RedirectResponse(path, 303, PRIVATE)

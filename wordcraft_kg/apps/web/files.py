@@ -1,4 +1,4 @@
-"""The style sheet for all pages, and an application's own files."""
+"""The style sheet for all pages, and the static files of an application."""
 
 from collections.abc import Awaitable, Callable, Collection
 from importlib.resources import files
@@ -16,7 +16,7 @@ def style_sheet() -> str:
 
 
 def static_texts(package: str, names: Collection[str]) -> dict[str, str]:
-    """Return texts from a package's folder ``static``, by name."""
+    """Return texts from the folder ``static`` of a package, by name."""
     folder = files(package) / "static"
     return {name: (folder / name).read_text(encoding="utf-8") for name in names}
 
@@ -24,19 +24,19 @@ def static_texts(package: str, names: Collection[str]) -> dict[str, str]:
 def file_endpoint(
     package: str, names: Collection[str], missing: Callable[[str], Response]
 ) -> Callable[[Request], Awaitable[Response]]:
-    """Return the endpoint for ``/files/{name}``: the style sheet and a package's static files.
+    """Return the endpoint for ``/files/{name}``: the style sheet and the static files of a package.
 
     Args:
-        package: package with the files.
-        names: names of the files.
-        missing: returns the answer for other names from a message.
+        package: package with the static files.
+        names: file names.
+        missing: function from a message to the response for other names.
     """
     texts = {"explorer.css": style_sheet(), **static_texts(package, names)}
 
     async def file(request: Request) -> Response:
         name = request.path_params["name"]
         if name not in texts:
-            return missing(f"There is no file '{name[:60]}'.")
+            return missing(f"The file '{name[:60]}' does not exist.")
         kind = "text/css" if name.endswith(".css") else "text/javascript"
         return Response(texts[name], media_type=kind, headers={"Cache-Control": "no-cache"})
 

@@ -1,4 +1,4 @@
-"""The guard of every application with pages: permitted hosts and sites, sizes, and error pages."""
+"""The guard for web applications: permitted hosts and sites, request sizes, and error pages."""
 
 import logging
 from collections.abc import Callable, Collection
@@ -12,22 +12,22 @@ POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
-"""Nothing is loaded from elsewhere, and only the site's own files run, even with hostile labels."""
+"""Only local files are loaded and run, even with hostile labels."""
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "X-Content-Type-Options": "nosniff",
-    # With no-referrer, browsers would send "Origin: null" with our own forms as well.
+    # With no-referrer, browsers would send "Origin: null" with local forms as well.
     "Referrer-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 LONGEST_ADDRESS = 8_192
-"""Bytes of path and query."""
+"""Bytes for path and query."""
 LONGEST_BODY = 65_536
 """Bytes."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 ErrorPage = Callable[[int, str], str]
-"""Returns the page of an error from its status and message."""
+"""Renders an error page from a status and a message."""
 
 
 class Guard:
@@ -42,7 +42,7 @@ class Guard:
         *,
         methods: Collection[str] = ("GET", "HEAD"),
     ):
-        """Guard an application without own error pages, such as a Router, for this machine and further hosts."""
+        """Guard an application without error pages, such as a Router, for this machine and further hosts."""
         self.app, self.error_page, self.methods = app, error_page, methods
         self.hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
 
@@ -66,12 +66,12 @@ class Guard:
                 await self.app(scope, _limited(receive), with_headers)
                 return
             except _TooLong:
-                refusal = 413, f"The request is longer than {LONGEST_BODY:,} bytes."
+                refusal = 413, f"The request is too large (limit: {LONGEST_BODY:,} bytes)."
             except Exception:
-                logging.getLogger(__name__).exception("an error while answering %s", scope["path"][:200])
+                logging.getLogger(__name__).exception("error in request %s", scope["path"][:200])
                 if has_begun:
                     raise
-                refusal = 500, "Something went wrong here. The terminal says what."
+                refusal = 500, "Something went wrong. See the terminal for details."
         status, message = refusal
         response = Response(self.error_page(status, message), status, media_type="text/html")
         await response(scope, receive, with_headers)
@@ -80,20 +80,20 @@ class Guard:
         headers = Headers(scope=scope)
         host = _split(f"//{headers.get('host', '')}").hostname or ""
         if host not in self.hosts:
-            return 421, f"This site does not answer for the host '{host[:60]}'."
+            return 421, f"This server does not accept requests for the host '{host[:60]}'."
         if scope["method"] not in self.methods:
-            return 405, f"{scope['method'][:20]} is not possible here."
+            return 405, f"The method {scope['method'][:20]} is not allowed here."
         origin = headers.get("origin")
-        # The port counts too: another program on this machine is another site.
+        # Compare the port, too: another program on this machine is another site.
         if scope["method"] == "POST" and origin is not None and _split(origin).netloc != headers.get("host"):
-            return 403, "The form of another site was sent here. Open this site's own page."
+            return 403, "This form was sent from another site. Please open the page on this site."
         if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
-            return 414, f"The address is longer than {LONGEST_ADDRESS:,} bytes."
+            return 414, f"The address is too long (limit: {LONGEST_ADDRESS:,} bytes)."
         return None
 
 
 class _TooLong(Exception):
-    """A body is longer than any form."""
+    """A body exceeds the limit."""
 
 
 def _limited(receive: Receive) -> Receive:

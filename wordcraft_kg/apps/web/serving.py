@@ -1,4 +1,4 @@
-"""Serving an application on a port until Ctrl-C."""
+"""Serve an application on a port until Ctrl-C."""
 
 import errno
 import os
@@ -16,11 +16,11 @@ from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
 LARGEST_PORT = 65_535
 PATIENCE = 3
-"""Seconds for requests to end after Ctrl-C."""
+"""Seconds to finish requests after Ctrl-C."""
 
 
 class Serving(Record):
-    """Result from a serving command: the address that answers requests."""
+    """The result of a serving command: the server address."""
 
     address: str
 
@@ -32,9 +32,9 @@ def listen(host: str, port: int) -> socket.socket:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
     except (OSError, UnicodeError):
         raise ConfigError(
-            f"`host` '{host}': there is no such host; expected one of this machine, such as 127.0.0.1."
+            f"`host` '{host}': unknown host; expected an address of this machine, such as 127.0.0.1."
         ) from None
-    # asyncio sends small packets at once (TCP_NODELAY) only if the protocol is named; else a page may wait for 40 ms.
+    # asyncio sets TCP_NODELAY only for a named protocol; otherwise a page may wait for 40 ms.
     listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -43,8 +43,8 @@ def listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         listening.close()
         reasons = {
-            errno.EADDRINUSE: "is in use by another program; end that, or choose another port (0 takes a free one)",
-            errno.EACCES: "may not be used by this user; choose one above 1023",
+            errno.EADDRINUSE: "is in use by another program; choose another port (0 selects a free port)",
+            errno.EACCES: "is not permitted for this user; choose a port above 1023",
             errno.EADDRNOTAVAIL: f"cannot be opened: '{host}' is not an address of this machine",
         }
         raise ConfigError(f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}.") from None
@@ -59,14 +59,14 @@ def serve(
     has_lifespan: bool = False,
     in_browser: bool = False,
 ) -> None:
-    """Answer requests until Ctrl-C or SIGTERM, and let running requests end.
+    """Serve until Ctrl-C or SIGTERM, and finish running requests.
 
     Args:
-        app: the application.
-        listening: see :func:`listen`.
-        started: called with the address as soon as the server answers.
-        has_lifespan: whether the application handles ASGI's lifespan events.
-        in_browser: open the address in the user's browser.
+        app: application.
+        listening: socket, see :func:`listen`.
+        started: callback with the address, called when the server is ready.
+        has_lifespan: whether the application handles ASGI lifespan events.
+        in_browser: open the address in the browser.
     """
     import uvicorn
 
@@ -89,10 +89,10 @@ def serve(
         timeout_graceful_shutdown=PATIENCE,
     )
     try:
-        with sigterm_as_interrupt():  # the server lets requests end, and then raises the signal again
+        with sigterm_as_interrupt():  # the server finishes requests and raises the signal again
             Server(config).run(sockets=[listening])
     except KeyboardInterrupt:
-        pass  # the way to end it
+        pass  # the normal end
     finally:
         listening.close()
 
@@ -105,7 +105,7 @@ def address_of(listening: socket.socket) -> str:
 
 
 def _open_browser(address: str) -> None:
-    """Open a page in the user's browser if there is a screen: a text browser would occupy the terminal."""
+    """Open a page in the browser if there is a screen: a text browser would occupy the terminal."""
     screens = ("DISPLAY", "WAYLAND_DISPLAY")
     if sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in screens):
         webbrowser.open_new_tab(address)

@@ -55,7 +55,7 @@ def begin(page: Any, study: Served) -> None:
     """Agree, and go to the first task."""
     page.goto(study.address)
     page.get_by_role("button", name="Yes, I agree").click()
-    page.get_by_role("link", name="Begin").click()
+    page.get_by_role("link", name="Start").click()
     page.wait_for_url("**/task")
 
 
@@ -72,14 +72,14 @@ def after(place: int) -> str:
 def test_a_session_by_mouse(page: Any, study: Served):
     for place in range(4):
         thing(page, place).click()
-        page.wait_for_url("**held=*")
-        assert "in hand" in thing(page, place).inner_text()
+        page.wait_for_url("**first=*")
+        assert "first item" in thing(page, place).inner_text()
         thing(page, 5).click()
         page.wait_for_url(after(place))
         if place < 2:
-            page.get_by_role("link", name="Begin the test" if place else "Next task").click()
+            page.get_by_role("link", name="Start the test" if place else "Next task").click()
             page.wait_for_url("**/task")
-    assert page.get_by_role("heading", level=1).inner_text() == "Thank you for taking part"
+    assert page.get_by_role("heading", level=1).inner_text() == "Thank you for participating"
     assert all(line.actions == (line.table[place], line.table[5]) for place, line in enumerate(study.lines()))
 
 
@@ -97,11 +97,11 @@ def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
     page.wait_for_url("**/task")
     for place, keys in enumerate((("1", "2"), ("0", "9"), ("5", "5"), ("3", "1"))):
         page.keyboard.press("7")
-        page.wait_for_url("**held=7")
+        page.wait_for_url("**first=7")
         page.keyboard.press("Escape")
-        page.wait_for_url("**held=")
+        page.wait_for_url("**first=")
         page.keyboard.press(keys[0])
-        page.wait_for_url(f"**held={keys[0].replace('0', '10')}")
+        page.wait_for_url(f"**first={keys[0].replace('0', '10')}")
         page.keyboard.press(keys[1])
         page.wait_for_url(after(place))
         if place < 2:
@@ -116,7 +116,7 @@ def test_a_session_without_javascript(open_page: OpenPage, study: Served):
     begin(page, study)
     for place in range(4):
         thing(page, 2).click()
-        page.get_by_role("link", name="Put it back").click()
+        page.get_by_role("link", name="Undo").click()
         thing(page, place).click()
         thing(page, place).click()
         if place < 2:
@@ -127,9 +127,9 @@ def test_a_session_without_javascript(open_page: OpenPage, study: Served):
 
 def test_a_double_click_is_one_pick(page: Any, study: Served):
     thing(page, 3).dblclick()
-    page.wait_for_url("**held=4")
+    page.wait_for_url("**first=4")
     page.wait_for_timeout(500)
-    assert page.url.endswith("held=4")
+    assert page.url.endswith("first=4")
     assert study.lines() == []
     thing(page, 3).click()  # meant
     page.wait_for_url("**/feedback/1")
@@ -138,13 +138,13 @@ def test_a_double_click_is_one_pick(page: Any, study: Served):
 
 def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key_is(page: Any):
     thing(page, 3).click()
-    page.wait_for_url("**held=4")
+    page.wait_for_url("**first=4")
     page.evaluate(
-        "performance.now = () => 399; const held = document.querySelector('.held');"
-        "held.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true, cancelable: true }))"
+        "performance.now = () => 399; const selected = document.querySelector('.selected');"
+        "selected.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true, cancelable: true }))"
     )
     page.wait_for_timeout(300)
-    assert page.url.endswith("held=4")
+    assert page.url.endswith("first=4")
     page.keyboard.press("4")
     page.wait_for_url("**/feedback/1")
 
@@ -154,13 +154,13 @@ def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pic
         "for (const key of ['1', '2', '3']) document.body.dispatchEvent(new KeyboardEvent('keydown', "
         "{ key, bubbles: true }))"
     )
-    page.wait_for_url("**held=1")
+    page.wait_for_url("**first=1")
 
 
 def pick(page: Any) -> None:
     """Answer with the first two things."""
     thing(page, 0).click()
-    page.wait_for_url("**held=1")
+    page.wait_for_url("**first=1")
     thing(page, 1).click()
 
 
@@ -172,7 +172,7 @@ def test_the_back_button_and_reloads_change_no_answer(page: Any, study: Served):
     page.reload()
     page.go_back()
     page.wait_for_load_state()
-    assert "Practice 2 of 2" in page.locator("main").inner_text()
+    assert "Practice task 2 of 2" in page.locator("main").inner_text()
     page.goto(task)
     assert study.lines() == [kept]
     page.reload()
@@ -187,7 +187,7 @@ def test_a_click_while_the_server_is_away_is_sent_again_by_a_reload(open_page: O
     page = context.new_page()
     begin(page, study)
     thing(page, 0).click()
-    page.wait_for_url("**held=1")
+    page.wait_for_url("**first=1")
     context.set_offline(True)
     thing(page, 1).click()
     page.wait_for_url("chrome-error://**")
@@ -214,11 +214,11 @@ def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page: OpenPage
         check()
     page.get_by_role("button", name="Yes, I agree").click()
     check()
-    page.get_by_role("link", name="Begin").click()
+    page.get_by_role("link", name="Start").click()
     for place in range(4):
         check()
         thing(page, place).click()
-        page.wait_for_url("**held=*")
+        page.wait_for_url("**first=*")
         check()
         thing(page, 5).click()
         page.wait_for_url(after(place))
@@ -237,7 +237,7 @@ def test_several_people_at_once_in_browsers_of_their_own(chromium: Any, study: S
     for _ in range(2):
         for number, page in enumerate(pages):
             thing(page, number).click()
-            page.wait_for_url("**held=*")
+            page.wait_for_url("**first=*")
             thing(page, 4).click()
             page.wait_for_url("**/feedback/*")
             page.goto(f"{page.url.partition('/feedback')[0]}/task")

@@ -34,27 +34,27 @@ def explore(
     no_browser: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Look at a graph, at what models predict and at what agents think, in the browser; Ctrl-C ends it.
+    """Explore a graph, model predictions and agent decisions in the browser; Ctrl-C stops the server.
 
-    Nothing is written into the folders. Only this machine can open the pages, unless --host opens them to others.
+    The folders stay unchanged. Only this machine can open the pages, unless --host opens them to other machines.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
-        model: folder of a link predictor of this graph; several by several options.
-        run: run folder of an agent on this graph, or a folder of seeds; several by several options. A run that is still
-            training is shown as it goes.
-        export: write the pages into this folder instead, to publish them.
-        force: replace that folder if it exists.
-        host: address of this machine to listen on; others than 127.0.0.1, such as 0.0.0.0, open the pages to others.
-        port: port to listen on; 0 takes a free one.
-        allow_host: a further name or address by which the pages may be asked for, as with --host 0.0.0.0 or behind a
-            proxy; several by several options.
+        graph: graph folder, recipe book file, or built-in book name.
+        model: folder of a link predictor for this graph. May be given several times.
+        run: run folder of an agent on this graph, or a folder with several seeds; unfinished runs update live. May be
+            given several times.
+        export: write a static site to this folder instead.
+        force: replace the exported folder if it exists.
+        host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages to other machines.
+        port: port to listen on; 0 selects a free port.
+        allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a proxy. May be given
+            several times.
         no_browser: do not open the browser.
     """
     from wordcraft_kg.base.extras import check_extra
 
     if export is None and force:
-        raise ConfigError("--force replaces what --export wrote; name a folder with --export.")
+        raise ConfigError("--force replaces an exported folder; add --export FOLDER.")
     check_extra("explore")
     from wordcraft_kg.apps.explorer.explored import Explored
 
@@ -72,7 +72,7 @@ def explore(
         raise
 
     def started(address: str) -> None:
-        output.result(Serving(address), [f"{address}   Ctrl-C ends it"])
+        output.result(Serving(address), [f"{address}   Ctrl-C stops the server"])
         warm(explored)
 
     serve(make_app(explored, host, allow_host or ()), listening, started, in_browser=not no_browser)
@@ -87,5 +87,5 @@ def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Ou
     size, largest = f"{site.bytes / 2**20:.1f} MiB", f"{site.largest / 2**10:.0f} KiB"
     lines = [f"wrote {out}: {site.pages:,} pages, {size}, the largest {largest}"]
     if site.skipped:
-        lines.append(f"could not be made: {len(site.skipped):,}, such as {next(iter(site.skipped.items()))}")
+        lines.append(f"skipped pages: {len(site.skipped):,}, such as {next(iter(site.skipped.items()))}")
     output.result(site, [*lines, f"open {out / 'index.html'}"])

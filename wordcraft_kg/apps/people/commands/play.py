@@ -30,13 +30,14 @@ EXAMPLES = (
     "wordcraft-kg play everyday --protocol paper --out human.jsonl",
 )
 
-HELP = """Two picks make an attempt: the two are combined, and their results come to the
-table. Nothing is used up, and the same thing may be picked twice. Type the
-number of a thing, its word, or the word's beginning. u puts the first pick
-back, ? shows this, q quits."""
-INTRODUCTION = """The paper's protocol: 40 train tasks, each with its answer afterwards, then 40
-test tasks without. Every goal can be made in one attempt, from two things on
-the table or from one with itself."""
+HELP = """Select two items to combine them; new items are added to the table. Ingredients
+are not used up, and you may select the same item twice. Type an item's number,
+its name, or the start of its name. u undoes the first selection, ? shows this
+help, q quits."""
+INTRODUCTION = """This session follows the protocol of the paper: 40 practice tasks with feedback,
+then 40 test tasks without feedback. Every goal can be made in one attempt, from
+two items on the table or from one item combined with itself."""
+NAMES = {"train": "practice", "test": "test"}
 ANSWERS: Answers = {"?": lambda: [HELP]}
 
 
@@ -55,21 +56,21 @@ def play(
     out: Path | None = None,
     output: Output = Output(),
 ) -> None:
-    """Play crafting tasks by hand, discover the open-ended world, or take the paper's test for people.
+    """Play crafting tasks by hand, play in open-ended mode, or take the human protocol of the paper.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
-        depth: fewest attempts that solve a task, 1 to 5.
-        distractors: entities on the table that no plan needs.
+        graph: graph folder, recipe book file, or built-in book name.
+        depth: minimum number of attempts to solve a task, 1 to 5.
+        distractors: number of distractors on the table.
         part: tasks to play: train, valid, test or all.
-        attempts: attempts in an episode. Default: depth; 100 in the open-ended world.
-        seed: seed of tasks and tables. Default: another one each time, which is shown; with a protocol that of the
-            file, or 0 for a new one.
-        episodes: number of episodes to play; 0 plays until you quit.
-        open_ended: no tasks: begin with the base entities and discover as many others as you can.
-        base: comma-separated entities known at the start of the open-ended world. Default: the graph's base.
-        protocol: paper asks 40 train tasks with their answers and then 40 test tasks, at depth 1 with one attempt.
-        out: file for a protocol's answers or an open-ended game (JSON lines). The same command goes on with it.
+        attempts: attempts per episode. Default: depth; 100 in open-ended mode.
+        seed: seed for tasks and tables. Default: a random seed, which is shown; with a protocol, the seed in the
+            file, or 0 for a new file.
+        episodes: number of episodes; 0 plays until you quit.
+        open_ended: play without goals: start with the base entities and discover as many entities as you can.
+        base: comma-separated entities known at the start in open-ended mode. Default: the base entities of the graph.
+        protocol: paper: 40 train tasks with feedback, then 40 test tasks without feedback, at depth 1 with one attempt.
+        out: JSON lines file for protocol answers or an open-ended game. Repeat the command to resume.
     """
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
     is_untouched = (depth, distractors, part, seed, episodes) == (1, WordCraftConfig.num_distractors, "all", None, 0)
@@ -77,13 +78,15 @@ def play(
         from wordcraft_kg.apps.people.open_world import play_open_world
 
         if protocol is not None or not is_untouched:
-            raise ConfigError("--open-ended has no tasks; of the options, it takes attempts, base and out.")
+            raise ConfigError("--open-ended has no tasks; the only options are attempts, base and out.")
         play_open_world(terminal, graph, split_labels(base) if base else None, attempts, out, output)
     elif base:
         raise ConfigError(f"--base {','.join(base)}: tasks have no base; add --open-ended.")
     elif protocol is None:
         if out is not None:
-            raise ConfigError(f"--out {out}: only a protocol or an open-ended game is saved; add --protocol paper.")
+            raise ConfigError(
+                f"--out {out}: only protocol answers and open-ended games are saved; add --protocol paper."
+            )
         settings = {"part": part, "depth": depth, "num_distractors": distractors, "max_attempts": attempts}
         _play_tasks(terminal, graph, settings, seed, episodes, output)
     elif out is None:
@@ -95,10 +98,10 @@ def play(
         output.result(*_protocol_result(session, out))
 
 
-def _pick(terminal: Terminal, table: Sequence[str], left: int) -> tuple[tuple[int, int], float]:
+def _select(terminal: Terminal, table: Sequence[str], left: int) -> tuple[tuple[int, int], float]:
     terminal.say(*cells(table))
     began = time.monotonic()
-    slots = terminal.pick_two(f"hand: {{}}   attempts left: {left} > ", table, ANSWERS)
+    slots = terminal.select_two(f"first item: {{}}   attempts left: {left} > ", table, ANSWERS)
     return slots, time.monotonic() - began
 
 
@@ -120,14 +123,14 @@ def _play_tasks(
     played = successes = 0
 
     def tally() -> str:
-        return f"goals made: {successes} of {played}   the same tasks again: --seed {seed}"
+        return f"goals made: {successes} of {played}   to repeat these tasks: --seed {seed}"
 
     with terminal.until_quit(tally):
         while not episodes or played < episodes:
             observation, _ = env.reset(seed=episode_seed(seed, env.config.part, played + 1))
             number = f"{played + 1} of {episodes}" if episodes else f"{played + 1}"
-            so_far = f"   (made {successes} of {played})" if played else ""
-            terminal.say("" if played else f"{HELP}\n", f"{number}. Make: {env.task.goal}{so_far}")
+            so_far = f"   (goals made: {successes} of {played})" if played else ""
+            terminal.say("" if played else f"{HELP}\n", f"{number}. Goal: {env.task.goal}{so_far}")
             successes += _play_task(terminal, env, observation)
             played += 1
     config = env.config
@@ -150,7 +153,7 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
     outcome = "in_progress"
     while outcome == "in_progress":
         table = table_labels(env, observation)
-        (one, other), _ = _pick(terminal, table, int(observation["attempts_left"]))
+        (one, other), _ = _select(terminal, table, int(observation["attempts_left"]))
         env.step(one)
         observation, _, _, _, info = env.step(other)
         outcome, actions = info["outcome"], (table[one], table[other])
@@ -158,8 +161,8 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
     goal, plans = env.task.goal, env.task.plans
     made = outcome == "goal"
     terminal.say(
-        f"You made {goal}." if made else f"No attempt is left; {goal} was not made.",
-        f"{'The plan' if len(plans) == 1 else f'One of {len(plans)} plans'}: {_recipes(plans[0])}",
+        f"You made the goal: {goal}." if made else f"You have no attempts left. You did not make {goal}.",
+        f"{'Solution' if len(plans) == 1 else f'One of {len(plans)} solutions'}: {_recipes(plans[0])}",
     )
     return made
 
@@ -174,22 +177,24 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
     protocol = HumanProtocol(graph, distractors, seed)
     session = open_session(out, protocol)
     if session.is_finished:
-        terminal.say(f"{out} is finished; nothing was changed.")
+        terminal.say(f"{out} is complete; nothing was changed.")
         return session
     terminal.say(INTRODUCTION, HELP)
     if session.answers:
-        terminal.say(f"Continuing after {len(session.answers)} answers.")
-    with terminal.until_quit(lambda: f"{len(session.answers)} answers are in {out}, the same command continues"):
+        terminal.say(f"Resuming after {len(session.answers)} answers.")
+    with terminal.until_quit(
+        lambda: f"{len(session.answers)} answers are saved in {out}; run the same command to continue"
+    ):
         for part, number in protocol.turns[len(session.answers) :]:
             task = protocol.task(part, number)
             if (part, number) == ("test", 1):
-                terminal.say("", "The test begins; no answers are shown from here on.")
-            terminal.say("", f"{part} {number} of {session.tasks}. Make: {task.goal}")
-            answer = protocol.answer(task, *_pick(terminal, task.table, 1))
+                terminal.say("", "The test begins. From now on there is no feedback.")
+            terminal.say("", f"{NAMES[part]} {number} of {session.tasks}. Goal: {task.goal}")
+            answer = protocol.answer(task, *_select(terminal, task.table, 1))
             session = append_answer(out, session, answer)
             if part == "train":
-                line = f"{'right' if answer.success else 'wrong'}: {combined(answer.actions, answer.made)}"
-                terminal.say(line, f"answer: {_recipes(task.plans[:1])}")
+                line = f"{'correct' if answer.success else 'incorrect'}: {combined(answer.actions, answer.made)}"
+                terminal.say(line, f"solution: {_recipes(task.plans[:1])}")
     return session
 
 
@@ -198,8 +203,8 @@ def _protocol_result(session: "Session", out: Path) -> tuple[dict[str, Any], lis
 
     answered, finished, tasks = len(session.answers), session.is_finished, len(HUMAN_PARTS) * session.tasks
     values = {"out": str(out), "answered": answered, "tasks": tasks, "finished": finished}
-    if not finished:  # the number of right test answers is shown at the end only
-        return values, [f"answered {answered} of {tasks}; the same command continues {out}"]
-    right = {part: sum(answer.success for answer in session.answers if answer.part == part) for part in HUMAN_PARTS}
-    shown = ", ".join(f"{part} {count} of {session.tasks}" for part, count in right.items())
-    return values | {"successes": right}, [f"right: {shown}   next: wordcraft-kg people summary {out}"]
+    if not finished:  # test results appear only at the end
+        return values, [f"answered {answered} of {tasks}; run the same command to continue {out}"]
+    correct = {part: sum(answer.success for answer in session.answers if answer.part == part) for part in HUMAN_PARTS}
+    shown = ", ".join(f"{part} {count} of {session.tasks}" for part, count in correct.items())
+    return values | {"successes": correct}, [f"correct: {shown}   next: wordcraft-kg people summary {out}"]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.apps.people.answers_database import Stored
 
 GROUP = "Tasks and play"
-SUBJECT = "Let people take the paper's test in the browser, and compare them with agents: serve, summary."
+SUBJECT = "Run a study with people in the browser, and compare people with agents: serve, summary."
 EXAMPLES = (
     "wordcraft-kg people serve everyday --tasks 20 --out study",
     "wordcraft-kg people serve kitchen --distractors 1,8 --forms 10 --out study",
@@ -37,24 +37,24 @@ def people_serve(
     no_browser: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Let people take the paper's test in the browser, several at once; Ctrl-C ends it, the same command goes on.
+    """Serve the human protocol of the paper in the browser; Ctrl-C stops the server, the same command resumes.
 
-    Each answer is on the disk before the next page. Nothing is kept of a person but picks, times, and how
-    often a page was loaded.
+    Several people can participate at once. Each answer is on disk before the next page. The study stores only the
+    selected items, times and page loads.
 
     Args:
-        graph: graph folder, recipe book or known book's name.
-        out: folder of the study.
-        tasks: train tasks, which are followed by their answers, and as many test tasks.
-        distractors: comma-separated numbers of things on a table that the goal does not need. Several are conditions
-            that people are spread over evenly. Default: 8.
-        forms: number of different draws of tasks that people are spread over evenly; 1 gives all the same tasks.
-        seed: seed of the first draw; the others have the seeds that follow.
-        consent: text file with what people have to agree to. Default: a text that fits what is stored.
-        host: address of this machine to listen on; others than 127.0.0.1, such as 0.0.0.0, open the pages to others.
-        port: port to listen on; 0 takes a free one.
-        allow_host: a further name or address by which the pages may be asked for, as with --host 0.0.0.0 or behind a
-            proxy; several by several options.
+        graph: graph folder, recipe book file, or built-in book name.
+        out: study folder.
+        tasks: number of train tasks with feedback, and of test tasks without feedback.
+        distractors: comma-separated numbers of distractors on a table. Several numbers are conditions, with people
+            spread evenly over them. Default: 8.
+        forms: number of task samples, with people spread evenly over them; 1 gives everybody the same tasks.
+        seed: seed for the first form; further forms have the following seeds.
+        consent: text file with the consent text. Default: a text that matches the stored data.
+        host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages to other machines.
+        port: port to listen on; 0 selects a free port.
+        allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a proxy. May be given
+            several times.
         no_browser: do not open the browser.
     """
     from wordcraft_kg.apps.people.study import Study, kept_answers
@@ -72,14 +72,16 @@ def people_serve(
         with kept_answers(out, study) as answers:
 
             def started(address: str) -> None:
-                output.result(Serving(address), [f"{address}   {_counts(answers.stored())} so far   Ctrl-C ends it"])
+                output.result(
+                    Serving(address), [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"]
+                )
 
             app = make_study_app(study, answers, host, allow_host or ())
             serve(app, listening, started, in_browser=not no_browser)
             stored = answers.stored()
     finally:
         listening.close()
-    print(f"ended; {_counts(stored)} stored in {out}; the same command goes on", file=sys.stderr)
+    print(f"stopped; {_counts(stored)} stored in {out}; run the same command to resume", file=sys.stderr)
 
 
 def _consent(path: Path | None) -> str:
@@ -89,10 +91,10 @@ def _consent(path: Path | None) -> str:
     if not path.is_file() or path.stat().st_size > 8 * LONGEST_CONSENT:
         raise ConfigError(f"--consent {path}: expected a text file of at most {LONGEST_CONSENT:,} characters.")
     try:
-        # Editors of Windows put a mark before it.
+        # Windows editors may add a byte order mark.
         lines = path.read_text(encoding="utf-8-sig").strip().splitlines()
     except UnicodeError:
-        raise ConfigError(f"--consent {path}: not a text in UTF-8.") from None
+        raise ConfigError(f"--consent {path}: expected UTF-8 text.") from None
     paragraphs = "\n".join(line.strip() for line in lines).split("\n\n")
     return "\n\n".join(paragraph.strip() for paragraph in paragraphs if paragraph.strip())
 

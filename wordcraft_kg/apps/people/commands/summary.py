@@ -21,8 +21,8 @@ EXAMPLES = (
     "wordcraft-kg people summary study --export answers.jsonl",
 )
 NOTE = (
-    "Intervals of 95 %: of the rates by Wilson, as if all answers were independent;",
-    "over people and tables by bootstrap (Wilson if all are alike), narrow for few.",
+    "95 % intervals: Wilson for rates, as if all answers were independent; bootstrap",
+    "over people and tables (Wilson for equal results), too narrow for few people.",
 )
 
 
@@ -33,13 +33,13 @@ def people_summary(
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Show how often people made the goal in the paper's protocol, with 95% intervals, and agents beside them.
+    """Show success rates of people in the protocol of the paper, with 95% intervals, and of agents for comparison.
 
     Args:
-        sessions: folders of `people serve`, and files of `play --protocol paper`, with the same graph and split.
-        run: run folder of an agent, which is asked at exactly the tables that people had. May be given several times.
-        export: instead, write the answers of one folder into this file as JSON lines; it may be served meanwhile.
-        force: replace that file if it exists.
+        sessions: study folders (`people serve`) and session files (`play --protocol paper`) with equal graph and split.
+        run: run folder of an agent, which plays at exactly the same tables. May be given several times.
+        export: write the answers in one study folder to this JSON lines file instead; the server may be running.
+        force: replace the exported file if it exists.
     """
     from wordcraft_kg.apps.people.session_file import read_session
     from wordcraft_kg.apps.people.study import read_study
@@ -47,15 +47,15 @@ def people_summary(
 
     if export is not None:
         if run or len(sessions) != 1:
-            raise ConfigError("--export takes one folder of `people serve`, and no --run.")
+            raise ConfigError("--export takes one folder of `people serve`, without --run.")
         output.result(*_exported(sessions[0], export, force))
         return
     if force:
-        raise ConfigError("--force replaces what --export wrote; name a file with --export.")
+        raise ConfigError("--force replaces an exported file; add --export FILE.")
     sources = {path: read_study(path).sessions() if path.is_dir() else (read_session(path),) for path in sessions}
     if len(sources) < len(sessions):
-        raise ConfigError("a file is given twice; give each once.")
-    view = view_people(sources, _beside(run or [], [session for group in sources.values() for session in group]))
+        raise ConfigError("a path is given twice; give each path once.")
+    view = view_people(sources, _compared(run or [], [session for group in sources.values() for session in group]))
     output.result(view, _text(view))
 
 
@@ -73,13 +73,13 @@ def _exported(folder: Path, out: Path, force: bool) -> tuple["ExportedAnswers", 
     return view, [f"wrote {out}: answers: {view.answers:,}, people: {view.people:,}"]
 
 
-def _beside(runs: list[Path], sessions: "list[Session]") -> "dict[str, dict[TableKey, bool]]":
+def _compared(runs: list[Path], sessions: "list[Session]") -> "dict[str, dict[TableKey, bool]]":
     if not runs:
         return {}
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.apps.people.beside import successes_beside
+    from wordcraft_kg.apps.people.comparison import agent_successes
 
-    return {agent.name: successes_beside(agent, sessions) for agent in map(open_agent, runs)}
+    return {agent.name: agent_successes(agent, sessions) for agent in map(open_agent, runs)}
 
 
 def _text(view: "HumanSummary") -> Iterator[str]:
@@ -102,7 +102,7 @@ def _text(view: "HumanSummary") -> Iterator[str]:
 def _figures(row: "AnswerRate") -> str:
     if row.interval is None:
         return "no answers"
-    return f"{row.successes} of {row.answered} right, rate {row.rate:.3f} {_interval(row.interval)}"
+    return f"{row.successes} of {row.answered} correct, rate {row.rate:.3f} {_interval(row.interval)}"
 
 
 def _interval(bounds: tuple[float, float] | None) -> str:

@@ -8,21 +8,21 @@
       element.click();
     }
   };
-  // One page takes one pick: what is pressed before the next page is there would be taken for another first pick.
+  // Each page takes one selection: a further key press before the next page loads would select another first item.
   let isSent = false;
   document.addEventListener("submit", (event) => {
     if (isSent) event.preventDefault();
     isSent = true;
   });
-  // The second half of a double click may meet the next page, where it would pick the same thing again.
+  // The second half of a double click may reach the next page and select the same item again.
   document.addEventListener("click", (event) => {
     const isByPointer = event.detail > 0;
-    if (isByPointer && event.target.closest(".held") && performance.now() < 400) event.preventDefault();
+    if (isByPointer && event.target.closest(".selected") && performance.now() < 400) event.preventDefault();
   });
   addEventListener("pageshow", () => { isSent = false; }); // also after the back button
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || event.target.closest("input")) return;
-    // The tenth thing has the key 0; further ones are reached by Tab.
+    // The tenth item has the key 0; further items are reached by Tab.
     if (/^[0-9]$/.test(event.key)) press(slots[(Number(event.key) + 9) % 10]);
     else if (event.key === "Escape") press(document.querySelector(".undo"));
     else if (event.key === "Enter" && event.target === document.body) press(document.querySelector(".next"));

@@ -1,4 +1,4 @@
-"""An agent's picks at people's tables."""
+"""Agents at the tables of people, for comparison."""
 
 from collections.abc import Iterable, Sequence
 
@@ -17,14 +17,14 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.policy import Policy
 
 
-def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, bool]:
+def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, bool]:
     """Return whether an agent, acting greedily, makes the goal at each answered table.
 
-    Train tasks of a cross-fitted scorer are scored by the model that has not seen their recipes, as in training.
+    As in training, the model without a task's recipes scores a train task if the scorer is cross-fitted.
 
     Raises:
         GraphMismatchError: if the agent was trained on another graph or split.
-        ArtefactError: if this version poses a different task.
+        ArtefactError: if this version poses another task.
         ConfigError: if the agent cannot play at tables of that size.
     """
     protocols: dict[tuple[int, int], HumanProtocol] = {}
@@ -43,7 +43,7 @@ def successes_beside(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Ta
             if not posed[key].is_of(answer):
                 raise ArtefactError(
                     f"{answer.part} task {answer.number} of seed {seed}, {distractors} distractors: "
-                    "this version poses another task there than the one answered."
+                    "this version poses another task than the answered task."
                 )
     successes: dict[TableKey, bool] = {}
     for distractors, part in sorted({(key[0], key[2]) for key in posed}):
@@ -63,26 +63,26 @@ def _check_graph(agent: OpenedAgent, session: Session) -> None:
     for name, (answered, trained) in hashes.items():
         if answered != trained:
             raise GraphMismatchError(
-                f"the answered tasks belong to a {name} with hash {answered[:12]}, but '{agent.name}' was trained on "
-                f"one with {trained[:12]}. Give an agent of the same graph and split."
+                f"the answered tasks belong to {name} {answered[:12]}, but '{agent.name}' was trained on {name} "
+                f"{trained[:12]}. Give an agent with the same graph and split."
             )
 
 
 @torch.no_grad()
 def greedy_slots(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> Ids:
-    """Return the two slots that a policy picks at each table (N, depth 1), shape (N, 2); ties: the first slot."""
+    """Return the two greedy actions of a policy at each table (N, depth 1), shape (N, 2); ties: the first slot."""
     bind_tasks([policy], world)
     table = np.full((len(tasks), world.num_slots), world.nothing)
     for row, task in enumerate(tasks):
         table[row, : len(task.table)] = [world.graph.id_of(label) for label in task.table]
     goal = as_tensor(np.array([world.graph.id_of(task.goal) for task in tasks]))
     number = as_tensor(np.array([task.index for task in tasks])) if has_train_recipes(world) else None
-    held = torch.full_like(goal, world.nothing)
+    selection = torch.full_like(goal, world.nothing)
     weights, device = policy.weights(), next(policy.parameters()).device
     actions = []
     for _ in range(2):
-        states = States(goal, held, as_tensor(table), number)
+        states = States(goal, selection, as_tensor(table), number)
         batches = (states.rows(start, start + ROWS, device) for start in range(0, len(tasks), ROWS))
         actions.append(torch.cat([policy(*batch[:3], weights, batch.task).logits.argmax(1).cpu() for batch in batches]))
-        held = states.table.gather(1, actions[-1][:, None])[:, 0]
+        selection = states.table.gather(1, actions[-1][:, None])[:, 0]
     return torch.stack(actions, dim=1).numpy()

@@ -136,12 +136,12 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "no model of this name": (
         lambda: wk.open_model("models/none"),
         "ArtefactError: 'models/none' does not exist; expected a model of train-complex, train-links, train-recipes "
-        "or ask-opinions.",
+        "or elicit.",
     ),
     "a graph where a model is expected": (
         lambda: wk.open_model("graph"),
         "ArtefactError: 'graph' is a graph folder; expected a model of train-complex, train-links, train-recipes or "
-        "ask-opinions.",
+        "elicit.",
     ),
     "a model of another graph": (
         lambda: wk.load_scorer("model", graph=wk.open_graph("paper-examples").graph),
@@ -157,7 +157,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
             ["w"], wk.load_scorer("model"), tasks=wk.World(wk.open_graph("kitchen"), wk.WordCraftConfig()).tasks
         ),
         "ConfigError: `use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
-        "`wordcraft-kg train-recipes`, ask for opinions with `wordcraft-kg ask-opinions`, or leave out w.",
+        "`wordcraft-kg train-recipes`, elicit them with `wordcraft-kg elicit`, or leave out w.",
     ),
     "a query that cannot be parsed": (
         lambda: parse_query(["flour", "and", "water"], kitchen().entities),

@@ -307,7 +307,7 @@ IS = {
     "nothing": "does not exist",
 }
 RUN = "expected a run of train-agent"
-MODEL = "expected a model of train-complex, train-links, train-recipes or ask-opinions"
+MODEL = "expected a model of train-complex, train-links, train-recipes or elicit"
 
 
 @pytest.mark.parametrize(
@@ -419,7 +419,7 @@ def test_completion_can_be_installed(run, tmp_path, monkeypatch):
 def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(printed, run, home, monkeypatch):
     monkeypatch.setenv("PYSTOW_HOME", str(home / "pystow"))
     cached = home / "cache" / "wordcraft-kg"
-    ours = ((cached / "books/a.json", 1000), (cached / "opinions/c.json", 4))
+    ours = ((cached / "books/a.json", 1000), (cached / "elicited/c.json", 4))
     for path, size in (*ours, (home / "pystow/pykeen/c", 3)):
         path.parent.mkdir(parents=True)
         path.write_bytes(b"x" * size)

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 from typing import Literal, get_args
 
-CachePart = Literal["books", "opinions"]
+CachePart = Literal["books", "elicited"]
 """Fetched recipe books, and answers from language models."""
 
 

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 
 from wordcraft_kg.base.errors import MissingExtraError
 
-PACKAGES = {"explore": ("starlette", "uvicorn"), "mcp": ("mcp",), "opinions": ("openai",)}
+PACKAGES = {"explore": ("starlette", "uvicorn"), "mcp": ("mcp",), "elicit": ("openai",)}
 """Packages by extra."""
 
 

@@ -77,7 +77,7 @@ def _cache(clear: bool, output: Output) -> None:
         clear_cache()
     places = {
         "fetched recipe books": cache_folder("books"),
-        "answers of language models": cache_folder("opinions"),
+        "answers of language models": cache_folder("elicited"),
         PYKEEN: Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data") / "pykeen",
     }
     folders: list[dict[str, Any]] = []

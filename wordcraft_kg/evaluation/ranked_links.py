@@ -61,7 +61,7 @@ class RankedLinks:
 
     @property
     def observed(self) -> Ids:
-        """Triples that the scorer takes as true, shape (T, 3): of its training, or of its opinions."""
+        """Triples that the scorer takes as true, shape (T, 3): of its training, or elicited."""
         observed: Ids | None = getattr(self.scorer, "observed", None)
         return self.trained_on if observed is None else observed
 

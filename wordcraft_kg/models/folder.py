@@ -33,7 +33,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
     """Open a model folder.
 
     Args:
-        folder: folder written by a training command, ``ask-opinions`` or ``save_scorer``.
+        folder: folder written by a training command, ``elicit`` or ``save_scorer``.
         graph: present path of the graph, if moved.
 
     Raises:

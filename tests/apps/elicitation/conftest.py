@@ -33,6 +33,6 @@ def stand_in(opened: OpenedGraph) -> Iterator[StandIn]:
 
 @pytest.fixture
 def ask(stand_in: StandIn, run: Callable) -> Callable:
-    """Run ``ask-opinions`` on the kitchen with the stand-in."""
-    fixed = ("ask-opinions", "kitchen", "--endpoint", stand_in.address, "--model", "oracle")
+    """Run ``elicit`` on the kitchen with the stand-in."""
+    fixed = ("elicit", "kitchen", "--endpoint", stand_in.address, "--model", "oracle")
     return lambda *options: run(*fixed, *options)

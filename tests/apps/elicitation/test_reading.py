@@ -1,27 +1,27 @@
-"""Reading opinions from answers, as language models write them."""
+"""Reading elicited recipes from answers, as language models write them."""
 
 import time
 
 import pytest
 
 from wordcraft_kg.apps.elicitation.answers import Answer
-from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
+from wordcraft_kg.apps.elicitation.config import ElicitationConfig, RequestConfig
 from wordcraft_kg.apps.elicitation.prompts import make_prompts
-from wordcraft_kg.apps.elicitation.reading import read_opinions
+from wordcraft_kg.apps.elicitation.reading import read_elicited
 
 ENTITIES = ("Sun", "berry", "brick", "c++", "earth", "fire", "glass", "ice cream", "mud", "mud pie", "stone", "water")
 
 
 def read(*texts: str, entities: tuple[str, ...] = ENTITIES, goals: int = 100) -> tuple[dict[str, float], list[str]]:
-    """Return the weights of the opinions in answers, and the reasons of unreadable lines."""
-    config = OpinionsConfig("kitchen", "http://localhost/v1", "oracle", AskingConfig(goals_per_prompt=goals))
+    """Return the weights of the elicited recipes in answers, and the reasons of unreadable lines."""
+    config = ElicitationConfig("kitchen", "http://localhost/v1", "oracle", RequestConfig(goals_per_prompt=goals))
     answers = [Answer(text=text) for text in texts]
-    opinions, unread = read_opinions(make_prompts(config, entities), answers, entities)
+    elicited, unread = read_elicited(make_prompts(config, entities), answers, entities)
     weights = {}
-    for one in opinions:
+    for one in elicited:
         a, b, goal = (entities[entity] for entity in one.recipe)
         weights[f"{a} + {b} = {goal}"] = one.weight
-    assert len(weights) == len(opinions)
+    assert len(weights) == len(elicited)
     return weights, [one.why for one in unread]
 
 
@@ -46,7 +46,7 @@ def read(*texts: str, entities: tuple[str, ...] = ENTITIES, goals: int = 100) ->
         "```\nmud: water + earth\n```",
     ],
 )
-def test_one_opinion_is_read_however_it_is_written(line):
+def test_one_recipe_is_read_however_it_is_written(line):
     assert read(line) == ({"earth + water = mud": 1}, [])
 
 
@@ -55,16 +55,16 @@ def test_ranks_count_the_readable_pairs_of_a_goal():
     weights, unread = read("\n".join([*lines, "mud: fire + water, ice cream + earth"]))
     mud = {"earth + water = mud": 1, "stone + water = mud": 3 / 4, "fire + water = mud": 2 / 3}
     assert weights == pytest.approx({**mud, "earth + ice cream = mud": 5 / 8, "fire + stone = glass": 1})
-    assert unread == ["unknown thing"]
+    assert unread == ["unknown item"]
 
 
-def test_lines_without_an_opinion_have_a_reason():
+def test_lines_without_a_recipe_have_a_reason():
     lines = ("Sure, here they are!", "mud: water", "lava: earth + fire", "mud: mud + water", "mud: earth + water")
     weights, unread = read("\n".join([*lines, "mud: water + earth"]))
     assert weights == {"earth + water = mud": 1}
-    assert unread == ["no pair", "no pair", "unknown thing", "makes itself", "named twice"]
+    assert unread == ["no pair", "no pair", "unknown item", "goal as ingredient", "duplicate"]
     weights, unread = read("mud: water + earth", "glass: fire + stone\nmud: earth + fire", goals=8)
-    assert (weights, unread) == ({"earth + fire = mud": 1}, ["not asked for", "not asked for"])
+    assert (weights, unread) == ({"earth + fire = mud": 1}, ["not requested", "not requested"])
 
 
 def test_labels_with_signs_are_read_exactly():

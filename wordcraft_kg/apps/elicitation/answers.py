@@ -12,7 +12,7 @@ from wordcraft_kg.base.records import Hash, Record, as_values, read_record
 
 
 class Answer(Record, frozen=True, kw_only=True):
-    """An endpoint's answer.
+    """A model answer.
 
     Attributes:
         text: the text.
@@ -26,7 +26,7 @@ class Answer(Record, frozen=True, kw_only=True):
 
     @property
     def hash(self) -> str:
-        """The text's SHA-256, in hexadecimal."""
+        """SHA-256 of the text, in hexadecimal."""
         return hashlib.sha256(self.text.encode(errors="surrogatepass")).hexdigest()
 
 
@@ -52,7 +52,7 @@ class Answers:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except FileExistsError:
-            text = f"'{self.folder}' is a file, but `answers` are kept in a folder. Choose another one."
+            text = f"'{self.folder}' is a file, but `answers` need a folder. Choose another path."
             raise OutputExistsError(text) from None
 
     def find(self, request: Request) -> Answer | None:
@@ -63,11 +63,11 @@ class Answers:
         try:
             kept = read_record(path, _KeptAnswer)
             if kept.request != request:
-                raise ArtefactError(f"{path} is the answer to another prompt.")
+                raise ArtefactError(f"{path} answers another prompt.")
             if kept.sha256 != kept.answer.hash:
-                raise ArtefactError(f"{path} is damaged or was edited: the answer does not match its hash.")
+                raise ArtefactError(f"{path} is damaged or was edited: the hash of the answer differs.")
         except ArtefactError as error:
-            logging.getLogger(__name__).warning("%s It is not used, and the prompt is asked again.", error)
+            logging.getLogger(__name__).warning("%s It is ignored, and the prompt is sent again.", error)
             return None
         return kept.answer
 

@@ -1,4 +1,4 @@
-"""Settings for ask-opinions; without torch."""
+"""Settings for ``elicit``; without torch."""
 
 import re
 from dataclasses import dataclass
@@ -15,22 +15,22 @@ OPENAI_KEY = "OPENAI_API_KEY"
 
 
 @dataclass(frozen=True)
-class AskingConfig:
+class RequestConfig:
     """Settings for prompts and requests.
 
     Attributes:
         goals_per_prompt: entities per prompt.
         pairs: requested pairs per entity, at most.
-        sampling: greedy (temperature 0 and `seed`), or default for models that refuse these settings.
+        sampling: greedy (temperature 0 and `seed`), or default for models without these settings.
         seed: seed for the endpoint; many endpoints ignore the seed.
         at_once: concurrent prompts.
         key_variable: environment variable with the endpoint's key, which is never written or printed. Default:
             OPENAI_API_KEY for https addresses, no key for http addresses.
         timeout: seconds until an unanswered prompt is repeated.
-        retries: repetitions after a timeout, a failure or a torn answer.
+        retries: repetitions after a timeout, a failure or a truncated answer.
 
     Example:
-        >>> AskingConfig(goals_per_prompt=20).pairs
+        >>> RequestConfig(goals_per_prompt=20).pairs
         5
     """
 
@@ -53,14 +53,14 @@ class AskingConfig:
         whole("retries", self.retries, 0, 100)
         if self.key_variable is not None and not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", self.key_variable):
             raise ConfigError(
-                "`key_variable` is not the name of an environment variable (letters, digits and _). Its value is not "
-                "shown, in case it is the key itself: put the key into a variable, and give the variable's name."
+                "`key_variable` is not an environment variable name (letters, digits and _). The value is not shown, "
+                "in case it is the key: put the key into a variable, and give the variable name."
             )
 
 
 @dataclass(frozen=True)
-class OpinionsConfig(RunConfig):
-    """Settings for a model folder with opinions.
+class ElicitationConfig(RunConfig):
+    """Settings for a model folder with elicited recipes.
 
     Attributes:
         endpoint: OpenAI-compatible address, such as ``http://localhost:8080/v1``.
@@ -68,20 +68,20 @@ class OpinionsConfig(RunConfig):
         settings: prompts and requests.
 
     Example:
-        >>> OpinionsConfig("kitchen", "http://localhost:8080/v1/", "some-model").endpoint
+        >>> ElicitationConfig("kitchen", "http://localhost:8080/v1/", "some-model").endpoint
         'http://localhost:8080/v1'
     """
 
-    commands: ClassVar[tuple[str, ...]] = ("ask-opinions",)
+    commands: ClassVar[tuple[str, ...]] = ("elicit",)
 
     endpoint: str
     model: str
-    settings: AskingConfig = AskingConfig()
+    settings: RequestConfig = RequestConfig()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "endpoint", checked_endpoint(self.endpoint))
         if not self.model.strip() or not self.model.isprintable() or len(self.model) > 300:
-            raise ConfigError(f"`model` {self.model[:300]!r}: expected the name of a model, as the endpoint knows it.")
+            raise ConfigError(f"`model` {self.model[:300]!r}: expected a model name of the endpoint.")
 
 
 def checked_endpoint(address: str) -> str:

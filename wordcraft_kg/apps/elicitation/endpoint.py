@@ -6,29 +6,29 @@ from typing import Any
 import msgspec
 
 from wordcraft_kg.apps.elicitation.answers import Answer
-from wordcraft_kg.apps.elicitation.config import OPENAI_KEY, OpinionsConfig
+from wordcraft_kg.apps.elicitation.config import OPENAI_KEY, ElicitationConfig
 from wordcraft_kg.apps.elicitation.prompts import Request
 from wordcraft_kg.base.errors import ConfigError, EndpointError
 from wordcraft_kg.base.extras import check_extra
 
 _NO_MONEY = "insufficient_quota"
 _LEAST_KEY = 6
-"""Length from which a key is hidden in texts; a shorter one, such as "none", is a word."""
+"""Minimum key length for redaction; a shorter key, such as "none", may be a word."""
 _MOST_QUOTED = 300
-"""Repeated characters of an endpoint's error message."""
+"""Quoted characters from an error message."""
 
 
 class Endpoint:
     """An endpoint's client for concurrent calls to :meth:`ask`; ``async with`` closes the client."""
 
-    def __init__(self, config: OpinionsConfig):
+    def __init__(self, config: ElicitationConfig):
         """Read the key and create a client, without a request.
 
         Raises:
             MissingExtraError: without the library ``openai``.
             ConfigError: for an unset or malformed key variable.
         """
-        check_extra("opinions")
+        check_extra("elicit")
         import openai
 
         self.config = config
@@ -53,7 +53,7 @@ class Endpoint:
         """Return the answer to a request.
 
         Raises:
-            EndpointError: for a refused request, a malformed answer, or a failure after all retries.
+            EndpointError: for a rejected request, a malformed answer, or a failure after all retries.
         """
         openai = self._openai
         sampling: dict[str, Any] = {"temperature": request.temperature, "seed": request.seed}
@@ -68,9 +68,9 @@ class Endpoint:
         except openai.APIStatusError as error:
             problem = self._refusal(error.status_code, error.body)
         except openai.APIConnectionError:
-            problem = f"breaks off or nothing answers there{self._times} Does the server run?"
+            problem = f"closes connections or is unreachable{self._times} Check that the server runs."
         except openai.OpenAIError as error:
-            problem = f"cannot be asked{self._quoted(str(error))}."
+            problem = f"cannot be queried{self._quoted(str(error))}."
         else:
             return self._answer(raw.http_response.content)
         raise EndpointError(f"the endpoint {self.config.endpoint} {problem}")
@@ -84,7 +84,7 @@ class Endpoint:
             completion = msgspec.json.decode(body, type=_Completion)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             raise EndpointError(
-                f"the endpoint {self.config.endpoint} has sent a malformed answer of a chat{self._quoted(body)}."
+                f"the endpoint {self.config.endpoint} sent a malformed chat completion{self._quoted(body)}."
             ) from None
         (choice,) = completion.choices
         return Answer(
@@ -97,16 +97,16 @@ class Endpoint:
         details = body if isinstance(body, dict) else {}
         quoted = self._quoted(details.get("message") or body)
         if _NO_MONEY in (details.get("code"), details.get("type")):
-            return f"says that the account has no money left (status {status})."
+            return f"reports that the account has no credit (status {status})."
         if status in (401, 403):  # without a quote, which may contain a part of the key
-            problem = "the key is refused" if self._key else "it needs a key"
-            return f"says {status}: {problem}. Put one into the variable that `key_variable` names."
+            problem = "the key is rejected" if self._key else "a key is required"
+            return f"returned {status}: {problem}. Put a key into the variable named by `key_variable`."
         if status == 404:
-            return f"says 404{quoted}. Check the address (most end in /v1) and the model '{self.config.model}'."
+            return f"returned 404{quoted}. Check the address (most end in /v1) and the model '{self.config.model}'."
         if status == 429 or status >= 500:
             return f"is busy or fails (status {status}{quoted}){self._times}"
-        hint = " If it takes no temperature or no seed, use `sampling` default." if status in (400, 422) else ""
-        return f"refuses the prompt (status {status}{quoted}).{hint}"
+        hint = " If the model supports no temperature or seed, use `sampling` default." if status in (400, 422) else ""
+        return f"rejects the prompt (status {status}{quoted}).{hint}"
 
     def _quoted(self, body: object) -> str:
         """Return an endpoint's message, short and without the key, to end a sentence."""
@@ -118,21 +118,21 @@ class Endpoint:
         return text.replace(self._key, "(key)") if len(self._key) >= _LEAST_KEY else text
 
 
-def _read_key(config: OpinionsConfig) -> str:
-    """Return the key; empty without a key, or for an address without encryption and a named variable."""
+def _read_key(config: ElicitationConfig) -> str:
+    """Return the key; empty without a key, or for http without a named variable."""
     name = config.settings.key_variable
     if name is None and not config.endpoint.startswith("https:"):
         return ""
     key = os.environ.get(name or OPENAI_KEY, "").strip()
     if not key and name is not None:
         raise ConfigError(
-            "`key_variable` names an environment variable that is not set, or empty. Set it to the endpoint's key."
+            "`key_variable` names an unset or empty environment variable. Set the variable to the endpoint's key."
         )
     # A library further down would print a key with such characters.
     if not (key.isascii() and key.isprintable()) or " " in key:
         raise ConfigError(
-            "`key_variable` names an environment variable whose value is not a key: it has spaces, line breaks or "
-            "letters outside ASCII."
+            "`key_variable` names an environment variable with an invalid key: spaces, line breaks or letters outside "
+            "ASCII."
         )
     return key
 

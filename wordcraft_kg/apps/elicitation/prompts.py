@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig
+from wordcraft_kg.apps.elicitation.config import ElicitationConfig, RequestConfig
 from wordcraft_kg.base.records import Record
 
 LISTED = 1_500
@@ -67,11 +67,11 @@ class Prompt:
     answer_tokens: int
 
 
-def make_prompts(config: OpinionsConfig, entities: Sequence[str]) -> list[Prompt]:
+def make_prompts(config: ElicitationConfig, entities: Sequence[str]) -> list[Prompt]:
     """Return the prompts about all entities, given by label in id order.
 
     Example:
-        >>> config = OpinionsConfig("kitchen", "http://localhost:8080/v1", "some-model")
+        >>> config = ElicitationConfig("kitchen", "http://localhost:8080/v1", "some-model")
         >>> [prompt.goals for prompt in make_prompts(config, ["earth", "mud", "water"])]
         [('earth', 'mud', 'water')]
     """
@@ -85,8 +85,8 @@ def make_prompts(config: OpinionsConfig, entities: Sequence[str]) -> list[Prompt
     ]
 
 
-def _prompt(config: OpinionsConfig, task: str, goals: tuple[str, ...]) -> Prompt:
-    settings: AskingConfig = config.settings
+def _prompt(config: ElicitationConfig, task: str, goals: tuple[str, ...]) -> Prompt:
+    settings: RequestConfig = config.settings
     is_greedy = settings.sampling == "greedy"
     # The common part comes first, because servers cache prefixes.
     question = QUESTION.format(goals="\n".join(goals))

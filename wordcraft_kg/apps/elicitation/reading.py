@@ -1,4 +1,4 @@
-"""Lenient parser for opinions in answers: lines such as ``mud: water + earth``."""
+"""Lenient parser for elicited recipes: lines such as ``mud: water + earth``."""
 
 import re
 from collections import defaultdict
@@ -10,8 +10,8 @@ from wordcraft_kg.apps.elicitation.answers import Answer
 from wordcraft_kg.apps.elicitation.prompts import Prompt
 from wordcraft_kg.base.labels import LabelIndex
 
-Why = Literal["no pair", "unknown thing", "not asked for", "makes itself", "named twice"]
-"""Reason for a line without an opinion; "unknown thing" is outside the graph, "not asked for" concerns the result."""
+Why = Literal["no pair", "unknown item", "not requested", "goal as ingredient", "duplicate"]
+"""Reason for an unparsed line; an unknown item is not in the graph, and "not requested" concerns the result."""
 WHYS: tuple[Why, ...] = get_args(Why)
 _MARKS = re.compile(r"\*\*|__|`")
 _THINKING = re.compile(r"<think(?:ing)?>.*?(?:</think(?:ing)?>|\Z)", re.DOTALL | re.IGNORECASE)
@@ -24,8 +24,8 @@ _SEVERAL = re.compile(r"\s*[,;|]\s*(?:or\s+)?|\s+or\s+")
 
 
 @dataclass(frozen=True)
-class Opinion:
-    """A recipe by a language model.
+class ElicitedRecipe:
+    """A recipe from a language model.
 
     Attributes:
         recipe: ids: both ingredients in ascending order, and the goal.
@@ -37,24 +37,24 @@ class Opinion:
 
     @property
     def weight(self) -> float:
-        """``(1 + 1 / rank) / 2``, because naming a pair at all is at least as informative as its rank."""
+        """``(1 + 1 / rank) / 2``, because the presence of a pair is at least as informative as the rank."""
         return (1 + 1 / self.rank) / 2
 
 
 @dataclass(frozen=True)
 class Unread:
-    """A line without an opinion, and its reason."""
+    """An unparsed line, and the reason."""
 
     why: Why
     line: str
 
 
-def read_opinions(
+def read_elicited(
     prompts: Sequence[Prompt], answers: Sequence[Answer], entities: Sequence[str]
-) -> tuple[list[Opinion], list[Unread]]:
-    """Return the opinions in the answers to prompts, and the lines without an opinion.
+) -> tuple[list[ElicitedRecipe], list[Unread]]:
+    """Return elicited recipes and unparsed lines from the answers to prompts.
 
-    A line may have a bullet, a number, quotes or emphasis, the form ``first + second = thing``, or several pairs;
+    A line may have a bullet, a number, quotes or emphasis, the form ``first + second = item``, or several pairs;
     pairs may follow a heading. Ranks count readable pairs.
 
     Args:
@@ -63,7 +63,7 @@ def read_opinions(
         entities: the graph's labels in id order.
     """
     known = LabelIndex(entities)
-    opinions: list[Opinion] = []
+    elicited: list[ElicitedRecipe] = []
     unread: list[Unread] = []
     for prompt, answer in zip(prompts, answers, strict=True):
         goals = {known.find(goal) for goal in prompt.goals}
@@ -71,20 +71,20 @@ def read_opinions(
         why: Why
         for pair, goal, line in _pairs(answer.text, known, goals):
             if pair is None or goal is None:
-                why = "unknown thing" if _PLUS.search(line) else "no pair"
+                why = "unknown item" if _PLUS.search(line) else "no pair"
             elif goal not in goals:
-                why = "not asked for"
+                why = "not requested"
             elif goal in pair:
-                why = "makes itself"
+                why = "goal as ingredient"
             elif pair in named[goal]:
-                why = "named twice"
+                why = "duplicate"
             else:
                 named[goal][pair] = None
                 continue
             unread.append(Unread(why, line))
         for goal, pairs in named.items():
-            opinions += (Opinion((*pair, goal), rank) for rank, pair in enumerate(pairs, 1))
-    return opinions, unread
+            elicited += (ElicitedRecipe((*pair, goal), rank) for rank, pair in enumerate(pairs, 1))
+    return elicited, unread
 
 
 def _pairs(
@@ -92,7 +92,7 @@ def _pairs(
 ) -> Iterator[tuple[tuple[int, int] | None, int | None, str]]:
     """Yield each pair in an answer with goal and line; None for an unreadable pair or goal."""
     heading: int | None = None
-    # With some servers, thoughts begin in the prompt and only end in the answer.
+    # With some servers, reasoning starts in the prompt and only ends in the answer.
     *_, visible = _END_OF_THINKING.split(_THINKING.sub("\n", text))
     for raw in visible.splitlines():
         line = _plain(raw)

@@ -1,21 +1,22 @@
-"""Metrics for a model folder with opinions, and the output of ``ask-opinions``."""
+"""Metrics of elicited recipes, and the output of ``elicit``."""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 
 
 class Agreement(Record, frozen=True, kw_only=True):
-    """Agreement between opinions and the graph's recipes, or one part's recipes.
+    """Agreement between elicited recipes and the graph recipes, or the recipes in one split part.
 
     Attributes:
-        opinions: evaluated opinions; recipes in other parts are left out.
-        right: opinions among the recipes.
-        precision: share of opinions among the recipes; None without opinions.
-        recall: share of recipes among the opinions; None without recipes.
-        goals: different results of the recipes.
-        first_right: share of goals whose first opinion is a recipe; None without recipes.
+        elicited: evaluated elicited recipes; recipes in other parts are left out.
+        recipes: recipes to find.
+        right: elicited recipes that exist.
+        precision: right / elicited; None without elicited recipes.
+        recall: right / recipes; None without recipes.
+        goals: distinct results.
+        first_right: share of goals with a correct first pair; None without recipes.
     """
 
-    opinions: Count
+    elicited: Count
     recipes: Count
     right: Count
     precision: Share | None
@@ -24,15 +25,15 @@ class Agreement(Record, frozen=True, kw_only=True):
     first_right: Share | None
 
 
-class OpinionMetrics(Record, frozen=True, kw_only=True):
-    """``metrics.json``: numbers, and the agreement with the graph.
+class ElicitationMetrics(Record, frozen=True, kw_only=True):
+    """``metrics.json``: counts, and the agreement with the graph.
 
     Attributes:
         template: prompt template's hash.
         goals: entities in the prompts.
-        goals_with_opinions: entities with an opinion.
-        unread: lines without an opinion, by reason.
-        cut: answers that ended at the endpoint's length limit.
+        goals_answered: entities with an elicited recipe.
+        unread: unparsed lines, by reason.
+        cut: answers cut at the endpoint's length limit.
         models: answering models.
         agreement: agreement with ``all`` recipes and with ``test`` recipes.
     """
@@ -40,24 +41,24 @@ class OpinionMetrics(Record, frozen=True, kw_only=True):
     template: Hash
     prompts: Count
     goals: Count
-    goals_with_opinions: Count
-    opinions: Count
+    goals_answered: Count
+    elicited: Count
     unread: dict[str, Count]
     cut: Count
     models: tuple[str, ...]
     agreement: dict[str, Agreement]
 
 
-class AskingEstimate(Record):
+class RequestEstimate(Record):
     """Prompts and tokens before any request.
 
     Attributes:
         template: prompt template's hash.
         goals: entities in the prompts.
-        kept: prompts with a stored answer.
-        to_ask: prompts without a stored answer.
-        tokens_in: approximate tokens in prompts to ask, a quarter of the characters.
-        tokens_out: approximate tokens in answers, without a model's thoughts.
+        stored: prompts with a stored answer.
+        to_send: prompts without a stored answer.
+        tokens_in: approximate tokens in these prompts, a quarter of the characters.
+        tokens_out: approximate tokens in the answers, without reasoning.
         answers: answer folder.
     """
 
@@ -67,16 +68,16 @@ class AskingEstimate(Record):
     template: Hash
     goals: Count
     prompts: Count
-    kept: Count
-    to_ask: Count
+    stored: Count
+    to_send: Count
     tokens_in: Count
     tokens_out: Count
     answers: str
 
 
-class OpinionsView(Record):
-    """Output of ``ask-opinions --json``: the estimate; folder and metrics, if answers were requested."""
+class ElicitationView(Record):
+    """Output of ``elicit --json``: the estimate; folder and metrics once all prompts are answered."""
 
-    estimate: AskingEstimate
+    estimate: RequestEstimate
     out: str | None = None
-    metrics: OpinionMetrics | None = None
+    metrics: ElicitationMetrics | None = None

@@ -17,8 +17,8 @@ _MOST_ENTITIES = 2_000_000
 """Limit at which three ids fit into a key of 64 bits."""
 
 
-class OpinionScorer(StoredScorer):
-    """Scores a recipe with the weight of its opinion, 0 without one, and a link with its strongest recipe.
+class ElicitedScorer(StoredScorer):
+    """Scores a recipe with its elicited weight or 0, and a link with the largest weight among its recipes.
 
     Links::
 
@@ -26,15 +26,15 @@ class OpinionScorer(StoredScorer):
         score(x, componentOf, c) = max over b of score(x, b -> c)
 
     Attributes:
-        opinions: shape (n, 3), int32: unique pairs, the smaller id first, and results, in ascending order.
+        elicited: shape (n, 3), int32: unique pairs, smaller id first, and results, in ascending order.
         weights: shape (n,), float32, above 0.
         recipes: shape (0, 3): training recipes.
     """
 
-    kind: ClassVar[str] = "opinions"
+    kind: ClassVar[str] = "elicited"
 
     def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
-        """Take ``opinions`` and ``weights``; :meth:`of` accepts any order.
+        """Take ``elicited`` and ``weights``; :meth:`of` accepts any order.
 
         Raises:
             KeyError: for a missing tensor.
@@ -42,47 +42,47 @@ class OpinionScorer(StoredScorer):
         """
         super().__init__(entities, graph_hash, **kwargs)
         self.check(tensors, len(self.entities))
-        self.opinions, self.weights = tensors["opinions"], tensors["weights"]
+        self.elicited, self.weights = tensors["elicited"], tensors["weights"]
         self.recipes = torch.empty(0, 3, dtype=torch.int64)
-        rows = self.opinions.to(self.device, torch.int64)
+        rows = self.elicited.to(self.device, torch.int64)
         self._keys = with_end(recipe_keys(rows, len(self.entities)))
         self._weights = torch.cat([self.weights, self.weights.new_zeros(1)]).to(self.device)
         self._links = self._strongest_links()
 
     @classmethod
     def of(
-        cls, opinions: Ids, weights: Sequence[float], entities: Sequence[str], graph_hash: str, **kwargs: Any
-    ) -> "OpinionScorer":
-        """Take opinions, shape (n, 3), with weights above 0, in any order; the strongest of equal opinions counts.
+        cls, elicited: Ids, weights: Sequence[float], entities: Sequence[str], graph_hash: str, **kwargs: Any
+    ) -> "ElicitedScorer":
+        """Take recipes, shape (n, 3), with weights above 0, in any order; of duplicates, the largest weight counts.
 
         Example:
-            >>> scorer = OpinionScorer.of([[1, 0, 2]], [1.0], ["earth", "water", "mud"], "hash of the graph")
+            >>> scorer = ElicitedScorer.of([[1, 0, 2]], [1.0], ["earth", "water", "mud"], "hash of the graph")
             >>> scorer.score_recipes("earth", "water", ["mud", "earth"]).tolist()
             [1.0, 0.0]
         """
-        rows = np.array(opinions, dtype=np.int64).reshape(-1, 3)
+        rows = np.array(elicited, dtype=np.int64).reshape(-1, 3)
         rows[:, :2].sort(axis=1)
         rows, group = np.unique(rows, axis=0, return_inverse=True)
         strongest = np.zeros(len(rows), dtype=np.float32)
         np.maximum.at(strongest, group.reshape(-1), np.asarray(weights, dtype=np.float32))
-        tensors = {"opinions": torch.from_numpy(rows.astype(np.int32)), "weights": torch.from_numpy(strongest)}
+        tensors = {"elicited": torch.from_numpy(rows.astype(np.int32)), "weights": torch.from_numpy(strongest)}
         return cls(tensors, entities, graph_hash, **kwargs)
 
     def tensors(self) -> dict[str, Tensor]:
         """Return the tensors for the constructor."""
-        return {"opinions": self.opinions, "weights": self.weights}
+        return {"elicited": self.elicited, "weights": self.weights}
 
     def weighted_recipes(self) -> tuple[Tensor, Tensor]:
-        """Return opinions, shape (n, 3), int64, ascending, and their weights, shape (n,)."""
-        return self.opinions.long(), self.weights
+        """Return recipes, shape (n, 3), int64, ascending, and weights, shape (n,)."""
+        return self.elicited.long(), self.weights
 
     @property
     def observed(self) -> Ids:
-        """Triples of the opinions, shape (T, 3), sorted."""
-        return recipe_triples(self.opinions.numpy().astype(np.int64))
+        """Elicited triples, shape (T, 3), sorted."""
+        return recipe_triples(self.elicited.numpy().astype(np.int64))
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Return the weight of each recipe's opinion, 0 without one, float32; labels or ids broadcast.
+        """Return recipe weights, 0 if not elicited, float32; labels or ids broadcast.
 
         Raises:
             UnknownEntityError: for an unknown label or id.
@@ -91,14 +91,14 @@ class OpinionScorer(StoredScorer):
         return weights_of(torch.stack(ids, dim=-1), self._keys, self._weights, len(self.entities))
 
     def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return an empty list, because opinions have no supporting recipes."""
+        """Return an empty list, because elicited recipes have no supporting recipes."""
         self.entity_ids([ingredient, other, result])
         return []
 
     def _strongest_links(self) -> tuple[Tensor, Tensor]:
         """Return link keys, ascending, and maximum weights."""
         size = len(self.entities)
-        a, b, c = self.opinions.numpy().astype(np.int64).T
+        a, b, c = self.elicited.numpy().astype(np.int64).T
         keys = np.concatenate(
             [
                 *((COMBINES_WITH * size + head) * size + tail for head, tail in ((a, b), (b, a))),
@@ -114,29 +114,29 @@ class OpinionScorer(StoredScorer):
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         size, (known, weights) = len(self.entities), self._links
         keys = ((relations * size + heads) * size + tails).contiguous()
-        found = torch.searchsorted(known, keys)
-        return torch.where(known[found] == keys, weights[found], 0.0)
+        rows = torch.searchsorted(known, keys)
+        return torch.where(known[rows] == keys, weights[rows], 0.0)
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         size, (known, weights) = len(self.entities), self._links
         cells = known - self.relation_ids(relation) * size**2
-        is_here = (cells >= 0) & (cells < size**2)
+        is_cell = (cells >= 0) & (cells < size**2)
         table = torch.zeros(size, size, device=self.device)
-        table.view(-1)[cells[is_here]] = weights[is_here]
+        table.view(-1)[cells[is_cell]] = weights[is_cell]
         return table
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        opinions, weights = tensors["opinions"], tensors["weights"]
-        count = len(opinions) if opinions.ndim else 0
-        check_shapes(tensors, {"opinions": (count, 3), "weights": (count,)}, {"opinions": torch.int32})
+        elicited, weights = tensors["elicited"], tensors["weights"]
+        count = len(elicited) if elicited.ndim else 0
+        check_shapes(tensors, {"elicited": (count, 3), "weights": (count,)}, {"elicited": torch.int32})
         if size > _MOST_ENTITIES:
             raise ValueError(f"there are {size:,} entities; expected at most {_MOST_ENTITIES:,}")
-        if not len(opinions):
+        if not len(elicited):
             return
-        check_ids("opinions", opinions, size - 1)
-        keys = recipe_keys(opinions.long(), size)
-        if bool((opinions[:, 0] > opinions[:, 1]).any()) or not bool((keys[1:] > keys[:-1]).all()):
-            raise ValueError("opinions are not in order, or one is there twice")
+        check_ids("elicited", elicited, size - 1)
+        keys = recipe_keys(elicited.long(), size)
+        if bool((elicited[:, 0] > elicited[:, 1]).any()) or not bool((keys[1:] > keys[:-1]).all()):
+            raise ValueError("elicited recipes are unsorted or duplicated")
         if not bool((torch.isfinite(weights) & (weights > 0)).all()):
-            raise ValueError("weights holds numbers that are not above 0")
+            raise ValueError("weights must be above 0")

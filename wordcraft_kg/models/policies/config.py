@@ -29,7 +29,7 @@ class PolicyConfig:
         embedding_size: dimensions of learned features; by default as many as GloVe has.
         use: sources of knowledge to mix in, comma-separated: u (the scorer's combinesWith with the held entity), v (its
             componentOf with the goal), w (its score of the recipe with the held entity, or the best on the table; of
-            scorers of train-recipes and ask-opinions).
+            scorers of train-recipes and elicit).
         kg_only: mix only the sources' scores, without the attention's own logits.
         mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This and the next three
             were chosen on validation tasks, see docs/agents.md.

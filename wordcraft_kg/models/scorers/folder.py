@@ -35,7 +35,7 @@ OF_RECIPE = "of_recipe"
 """Tensor with the fold of each recipe."""
 TRAIN_RESULTS = "train_results"
 """Tensor with the results of a train sample; absent for unchanged train recipes."""
-MODEL = "a model of train-complex, train-links, train-recipes or ask-opinions"
+MODEL = "a model of train-complex, train-links, train-recipes or elicit"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models", {kind.kind: kind for kind in (ComplExScorer, FactorsScorer, TableScorer, RecipeScorer)}
@@ -57,7 +57,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     """Load the scorer of a model folder.
 
     Args:
-        folder: folder written by a training command, ``ask-opinions`` or ``save_scorer``.
+        folder: folder written by a training command, ``elicit`` or ``save_scorer``.
         graph: if given, the scorer must belong to this graph.
         device: torch device.
 

@@ -57,7 +57,7 @@ class BestRecipe(FoldedSource):
         if not isinstance(whole, RecipeScorer):
             raise ConfigError(
                 "`use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
-                "`wordcraft-kg train-recipes`, ask for opinions with `wordcraft-kg ask-opinions`, or leave out w."
+                "`wordcraft-kg train-recipes`, elicit them with `wordcraft-kg elicit`, or leave out w."
             )
         size, folded = len(scorer.entities), folds_of(scorer)
         if folded is None:

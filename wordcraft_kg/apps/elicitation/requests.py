@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wordcraft_kg.apps.elicitation.answers import Answer, Answers
-from wordcraft_kg.apps.elicitation.config import OpinionsConfig
+from wordcraft_kg.apps.elicitation.config import ElicitationConfig
 from wordcraft_kg.apps.elicitation.endpoint import Endpoint
 from wordcraft_kg.apps.elicitation.prompts import TEMPLATE_HASH, Prompt, make_prompts
-from wordcraft_kg.apps.elicitation.records import AskingEstimate
+from wordcraft_kg.apps.elicitation.records import RequestEstimate
 from wordcraft_kg.base.errors import EndpointError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.runs.folder import Progress
@@ -21,39 +21,39 @@ _TICK = 0.1  # seconds between checks for Ctrl-C
 
 
 @dataclass(frozen=True)
-class AskingPlan:
+class RequestPlan:
     """All prompts, and the prompts without a stored answer."""
 
     prompts: tuple[Prompt, ...]
     waiting: tuple[Prompt, ...]
 
 
-@stage("looking for answers that are kept")
-def plan_asking(config: OpinionsConfig, entities: Sequence[str], answers: Answers) -> AskingPlan:
-    """Return the prompts about a graph's entities, and the prompts without a stored answer."""
+@stage("looking up stored answers")
+def plan_requests(config: ElicitationConfig, entities: Sequence[str], answers: Answers) -> RequestPlan:
+    """Return the prompts for all graph entities, and the prompts without a stored answer."""
     prompts = tuple(make_prompts(config, entities))
-    return AskingPlan(prompts, tuple(prompt for prompt in prompts if answers.find(prompt.request) is None))
+    return RequestPlan(prompts, tuple(prompt for prompt in prompts if answers.find(prompt.request) is None))
 
 
-def view_asking(plan: AskingPlan, graph: str, config: OpinionsConfig, answers: Path) -> AskingEstimate:
+def estimate_requests(plan: RequestPlan, graph: str, config: ElicitationConfig, answers: Path) -> RequestEstimate:
     """Return the estimate for the prompts about a graph."""
-    return AskingEstimate(
+    return RequestEstimate(
         graph=graph,
         endpoint=config.endpoint,
         model=config.model,
         template=TEMPLATE_HASH,
         goals=sum(len(prompt.goals) for prompt in plan.prompts),
         prompts=len(plan.prompts),
-        kept=len(plan.prompts) - len(plan.waiting),
-        to_ask=len(plan.waiting),
+        stored=len(plan.prompts) - len(plan.waiting),
+        to_send=len(plan.waiting),
         tokens_in=sum(prompt.request.tokens for prompt in plan.waiting),
         tokens_out=sum(prompt.answer_tokens for prompt in plan.waiting),
         answers=str(answers),
     )
 
 
-def ask_all(
-    plan: AskingPlan, make_endpoint: Callable[[], Endpoint], answers: Answers, progress: Progress | None = None
+def request_all(
+    plan: RequestPlan, make_endpoint: Callable[[], Endpoint], answers: Answers, progress: Progress | None = None
 ) -> list[Answer]:
     """Request the missing answers, and return all answers in prompt order.
 
@@ -68,8 +68,8 @@ def ask_all(
 
     Raises:
         OutputExistsError: if the answer folder is a file.
-        EndpointError: for a refused prompt, or no answer after all retries; earlier answers are stored.
-        KeyboardInterrupt: after Ctrl-C, with the stored answers' number.
+        EndpointError: for a rejected prompt, or no answer after all retries; earlier answers are stored.
+        KeyboardInterrupt: after Ctrl-C; the message counts the stored answers.
     """
     total = len(plan.prompts)
     kept = total - len(plan.waiting)
@@ -92,14 +92,14 @@ def ask_all(
             except KeyboardInterrupt:
                 is_stopped = True
             except EndpointError as error:
-                raise EndpointError(f"{error} {_safe(kept, total)}.") from None
+                raise EndpointError(f"{error} {_progress(kept, total)}.") from None
         if is_stopped:
-            raise KeyboardInterrupt(f"interrupted; {_safe(kept, total)}")
+            raise KeyboardInterrupt(f"interrupted; {_progress(kept, total)}")
     return [answer for prompt in plan.prompts if (answer := answers.find(prompt.request))]
 
 
-def _safe(kept: int, total: int) -> str:
-    return f"{kept:,} of {total:,} prompts are answered and kept; the same command goes on with the others"
+def _progress(kept: int, total: int) -> str:
+    return f"{kept:,} of {total:,} answers are stored; repeat the command to continue"
 
 
 async def _ask_waiting(
@@ -125,8 +125,6 @@ async def _ask_waiting(
             _, workers = await asyncio.wait(workers, timeout=_TICK)
             if workers and interrupted.is_set() and not has_warned:
                 has_warned = True
-                logging.getLogger(__name__).warning(
-                    "waiting for the prompts that are under way; Ctrl-C again ends without them."
-                )
+                logging.getLogger(__name__).warning("waiting for running requests; press Ctrl-C again to stop now.")
     if errors:
         raise errors[0]

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from wordcraft_kg.apps.elicitation.answers import Answers
-from wordcraft_kg.apps.elicitation.asking import ask_all, plan_asking
-from wordcraft_kg.apps.elicitation.config import AskingConfig, OpinionsConfig, checked_endpoint
+from wordcraft_kg.apps.elicitation.config import ElicitationConfig, RequestConfig, checked_endpoint
 from wordcraft_kg.apps.elicitation.endpoint import Endpoint
 from wordcraft_kg.apps.elicitation.prompts import LISTED, make_prompts
+from wordcraft_kg.apps.elicitation.requests import plan_requests, request_all
 from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import ConfigError, EndpointError
 from wordcraft_kg.graphs.folder import open_graph
@@ -24,15 +24,15 @@ NO_CREDITS = {"error": {"message": "you have no credits", "code": "insufficient_
 
 
 @pytest.fixture
-def config(stand_in) -> Callable[..., OpinionsConfig]:
-    return lambda **settings: OpinionsConfig("kitchen", stand_in.address, "oracle", AskingConfig(**settings))
+def config(stand_in) -> Callable[..., ElicitationConfig]:
+    return lambda **settings: ElicitationConfig("kitchen", stand_in.address, "oracle", RequestConfig(**settings))
 
 
-def texts_of(config: OpinionsConfig, folder: str = "answers") -> list[str]:
+def texts_of(config: ElicitationConfig, folder: str = "answers") -> list[str]:
     """Return the answers to all prompts, stored in a folder."""
     answers = Answers(Path(folder))
-    plan = plan_asking(config, open_graph("kitchen").graph.entities, answers)
-    return [answer.text for answer in ask_all(plan, lambda: Endpoint(config), answers)]
+    plan = plan_requests(config, open_graph("kitchen").graph.entities, answers)
+    return [answer.text for answer in request_all(plan, lambda: Endpoint(config), answers)]
 
 
 @pytest.mark.parametrize("failure", [429, 408, 500, 502, 503, "half", "closed", "slow"])
@@ -55,7 +55,7 @@ def test_the_wait_that_an_endpoint_asks_for_is_kept(stand_in, config):
 def test_after_all_retries_answers_are_kept_and_the_same_command_goes_on(stand_in, config):
     settings = config(at_once=1, retries=2)
     stand_in.failures = ["", "", "", 500, 500, 500]
-    with pytest.raises(EndpointError, match=r"status 500.*3 times.* 3 of 8 prompts are answered and kept"):
+    with pytest.raises(EndpointError, match=r"status 500.*3 times.* 3 of 8 answers are stored"):
         texts_of(settings)
     assert len(stand_in.bodies) == 6
     assert len(texts_of(settings)) == 8
@@ -65,15 +65,15 @@ def test_after_all_retries_answers_are_kept_and_the_same_command_goes_on(stand_i
 @pytest.mark.parametrize(
     ("failure", "set_up", "fragment"),
     [
-        (401, {}, "it needs a key"),
-        (403, {}, "it needs a key"),
+        (401, {}, "a key is required"),
+        (403, {}, "a key is required"),
         (404, {}, "end in /v1"),
         (400, {}, "`sampling` default"),
         (418, {}, "418"),
         (307, {}, "307"),
-        ("invalid", {}, "malformed answer"),
-        ("schema", {}, "malformed answer"),
-        (403, {"message": NO_CREDITS}, "no money left"),
+        ("invalid", {}, "malformed chat completion"),
+        ("schema", {}, "malformed chat completion"),
+        (403, {"message": NO_CREDITS}, "no credit"),
         (429, {"retry_after": "86400"}, "is busy"),
     ],
 )
@@ -86,8 +86,8 @@ def test_a_request_is_not_repeated_after_a_lasting_failure(stand_in, config, fai
 
 
 def test_an_address_without_a_server_is_an_error():
-    with pytest.raises(EndpointError, match="nothing answers there"):
-        texts_of(OpinionsConfig("kitchen", "http://127.0.0.1:9/v1", "oracle"))
+    with pytest.raises(EndpointError, match="is unreachable"):
+        texts_of(ElicitationConfig("kitchen", "http://127.0.0.1:9/v1", "oracle"))
 
 
 def test_several_prompts_are_under_way_at_once_and_no_more_than_configured(stand_in, config):
@@ -127,17 +127,17 @@ def test_misplaced_and_damaged_answers_are_requested_again_with_a_warning(stand_
     assert texts_of(config()) == texts
     assert len(stand_in.bodies) == 3
     assert [path.read_bytes() for path in files] == before
-    for fragment in ("the answer to another prompt", "is damaged", "was edited"):
+    for fragment in ("answers another prompt", "is damaged", "was edited"):
         assert fragment in caplog.text
 
 
 def test_an_answer_belongs_to_its_model_its_address_and_its_sampling(stand_in, config):
     texts = texts_of(config(goals_per_prompt=100))
-    elsewhere, settings = stand_in.address.replace("127.0.0.1", "localhost"), AskingConfig(goals_per_prompt=100)
+    elsewhere, settings = stand_in.address.replace("127.0.0.1", "localhost"), RequestConfig(goals_per_prompt=100)
     others = (
-        OpinionsConfig("kitchen", stand_in.address, "another", settings),
+        ElicitationConfig("kitchen", stand_in.address, "another", settings),
         config(goals_per_prompt=100, seed=1),
-        OpinionsConfig("kitchen", elsewhere, "oracle", settings),
+        ElicitationConfig("kitchen", elsewhere, "oracle", settings),
     )
     for number, other in enumerate(others, 2):
         assert texts_of(other) == texts
@@ -165,10 +165,10 @@ def test_ctrl_c_keeps_every_answer_that_is_under_way(stand_in, ask):
     stand_in.delay = 0.15
     with interrupted(stand_in, after=4):
         outcome = ask("--yes", "--at-once", "2", "--goals-per-prompt", "5")
-    kept = len(list(cache_folder("opinions").iterdir()))
+    kept = len(list(cache_folder("elicited").iterdir()))
     assert outcome.code == 130
     assert kept == len(stand_in.bodies) < 16
-    assert f"interrupted; {kept} of 16 prompts are answered and kept" in outcome.err
+    assert f"interrupted; {kept} of 16 answers are stored" in outcome.err
     assert not Path("models").exists()
     stand_in.delay = 0.0
     assert ask("--yes", "--goals-per-prompt", "5").code == 0
@@ -181,7 +181,7 @@ def test_a_second_ctrl_c_waits_for_nothing(stand_in, ask):
         outcome = ask("--yes", "--verbose")
         ended = time.monotonic()
     assert outcome.code == 130
-    assert "interrupted; 0 of 8 prompts are answered and kept" in outcome.err
+    assert "interrupted; 0 of 8 answers are stored" in outcome.err
     assert ended - stand_in.times[0] < 2.5
 
 
@@ -214,7 +214,7 @@ def test_openais_key_goes_to_no_address_without_encryption_unless_it_is_named(st
 
 @pytest.mark.parametrize("address", ["http://me:secret@host/v1", "http://host/v1?key=secret", "https://host/#secret"])
 def test_an_address_that_may_contain_a_secret_is_refused_without_repeating_it(run, address):
-    outcome = run("ask-opinions", "kitchen", "--endpoint", address, "--model", "oracle")
+    outcome = run("elicit", "kitchen", "--endpoint", address, "--model", "oracle")
     assert (outcome.code, outcome.kind, outcome.setting) == (1, "ConfigError", "endpoint")
     assert "secret" not in outcome.out + outcome.err
 

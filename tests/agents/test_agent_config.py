@@ -13,13 +13,13 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 
 NAN, INF = float("nan"), float("inf")
+COUNTS = ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every")
 
 
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        *((name, 0) for name in ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every")),
-        *((name, -5) for name in ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every")),
+        *((name, value) for name in COUNTS for value in (0, -5)),
         *((name, -1) for name in ("policy_lag", "seed", "eval_every")),
         *((name, value) for name in ("learning_rate", "rms_epsilon", "clip") for value in (0.0, -1.0, NAN, INF)),
         *((name, value) for name in ("entropy_cost", "baseline_cost") for value in (-0.1, NAN, INF)),
@@ -36,7 +36,7 @@ def test_a_setting_out_of_range_is_an_error_that_names_it_and_its_value(setting,
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        *((name, 1) for name in ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every")),
+        *((name, 1) for name in COUNTS),
         *((name, 0) for name in ("policy_lag", "seed", "eval_every", "entropy_cost", "baseline_cost")),
         *((name, value) for name in ("discount", "rms_decay", "momentum") for value in (0.0, 1.0)),
         ("device", "cuda"),
@@ -81,30 +81,17 @@ def test_a_task_setting_out_of_range_is_an_error_that_names_it_and_its_value(set
     name = "num_distractors" if setting == "distractors" else setting
     with refuses(name):
         TaskConfig(**{setting: value})
-
-
-def test_fewer_attempts_than_a_task_takes_are_refused():
-    with refuses("max_attempts"):
+    with refuses("max_attempts"):  # fewer than a task takes
         TaskConfig(depth=2, max_attempts=1)
 
 
 def test_the_environment_gets_all_settings_of_the_tasks():
-    other = {
-        "depth": 2,
-        "max_attempts": 3,
-        "reward": "official",
-        "distractor_weighting": "uniform",
-        "distractor_policy": "no_shortcut",
-        "task_weighting": "goal",
-        "ambiguity": "last",
-    }
+    other = {"depth": 2, "max_attempts": 3, "reward": "official", "distractor_weighting": "uniform"}
+    other |= {"distractor_policy": "no_shortcut", "task_weighting": "goal", "ambiguity": "last"}
     tasks = TaskConfig(distractors=7, **other)
     assert all(getattr(tasks, field.name) != getattr(TaskConfig(), field.name) for field in fields(TaskConfig))
     assert tasks.environment("test") == WordCraftConfig(part="test", num_distractors=7, **other)
     assert tasks.environment("train", 0) == WordCraftConfig(part="train", num_distractors=0, **other)
-
-
-def test_the_tasks_of_no_settings_are_the_environments_defaults():
     assert TaskConfig().environment("train") == WordCraftConfig(part="train")
 
 

@@ -61,9 +61,6 @@ def assert_equal(one, other):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-# --- a perfect player ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("part", ["train", "test"])
 @pytest.mark.parametrize(("depth", "attempts"), [(1, None), (1, 3), (2, None), (2, 3)])
 def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part, depth, attempts):
@@ -77,9 +74,6 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
     assert not result.terminations.any()
     assert result.figures().mean == 1.0
     assert set(result.actions.ravel().tolist()) == {2 * depth}
-
-
-# --- against single episodes -----------------------------------------------------------------------------------------
 
 
 def play_singly(opened, config, player, distractor_seeds, tasks):
@@ -187,37 +181,6 @@ def test_a_policy_plays_on_torch_environments_too(opened):
     np.testing.assert_array_equal(slots, same.numpy())
 
 
-def test_chance_makes_the_goal_as_often_as_the_tables_say(opened):
-    distractor_seeds = 10
-    evaluator = Evaluator(
-        World(opened, WordCraftConfig(part="test", num_distractors=2)), distractor_seeds=distractor_seeds
-    )
-    tables = []
-
-    def look(state, rng):
-        if (state.selection == state.nothing).all():
-            tables.append((state.goal.tolist(), state.table.tolist()))
-        return random_entity(state, rng)
-
-    result = evaluator(look)
-    made = Counter((min(a, b), max(a, b), goal) for a, b, goal in opened.graph.recipes.tolist())
-    chances = []
-    for goals, rows in tables:
-        for goal, row in zip(goals, rows, strict=True):
-            there = [entity for entity in row if entity != evaluator.engine.nothing]
-            wins = sum((min(a, b), max(a, b), goal) in made for a in there for b in there)
-            chances.append(wins / len(there) ** 2)
-    chances = np.array(chances)
-    assert len(chances) == result.success.size
-    deviation = (result.success.sum() - chances.sum()) / np.sqrt((chances * (1 - chances)).sum())
-    assert abs(deviation) < 4
-    assert 0.05 < chances.mean() < 0.3
-    assert_equal(evaluator(random_entity), result)
-
-
-# --- what stays the same ---------------------------------------------------------------------------------------------
-
-
 def test_every_player_meets_the_same_tables_every_time(opened):
     config = WordCraftConfig(part="test", num_distractors=4, max_attempts=2)
     evaluator = Evaluator(World(opened, config), distractor_seeds=3)
@@ -303,9 +266,6 @@ def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_distur
     assert all(torch.equal(tensor, ends[1][name]) for name, tensor in ends[0].items())
 
 
-# --- samples and figures ---------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("limit", [1, 7, 50, 62, 63, 64, 1_000, None])
 def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     config = WordCraftConfig(part="test")
@@ -353,9 +313,6 @@ def test_figures_are_means_over_tasks_and_draws(opened):
     assert shares["goal"] == pytest.approx(figures.mean)
     counts = Counter(result.terminations.ravel().tolist())
     assert shares == {name: pytest.approx(counts[code] / (63 * 4)) for code, name in enumerate(TERMINATION_REASONS)}
-
-
-# --- who plays -------------------------------------------------------------------------------------------------------
 
 
 def test_players_go_by_name(opened):

@@ -102,9 +102,6 @@ def made_up(rows, base, **settings):
     return Explainer(random_policy(graph, world.num_slots), world)
 
 
-# --- against the evaluation ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("part", "depth", "attempts"),
@@ -141,9 +138,6 @@ def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, 
         table = [entity for entity in posed.table[row].tolist() if entity != world.nothing]
         assert explainer.task(task).table == opened.graph.labels(table)
     assert len(explainer.task(1).table) == len(world.tasks[1].start) + 4
-
-
-# --- against the formula ---------------------------------------------------------------------------------------------
 
 
 def product(weights, values, bias=None):
@@ -258,9 +252,6 @@ def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(made):
     assert (cut.episode(long).outcome, whole.episode(long).outcome) == ("in_progress", "out_of_attempts")
     short = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) <= 4)
     assert cut.episode(short) == whole.episode(short)
-
-
-# --- who answers -----------------------------------------------------------------------------------------------------
 
 
 def ways_by_loops(graph, goal, table):
@@ -404,9 +395,6 @@ def test_tables_are_explained_whatever_the_split(opened, kind):
         assert bool(found.in_sample) == (kind == "none") or len(found.ways) > 1
 
 
-# --- several at once -------------------------------------------------------------------------------------------------
-
-
 def test_threads_that_ask_at_once_get_what_they_would_get_alone(made):
     train, policy = made("recipes", "train")
     explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]
@@ -456,9 +444,6 @@ def test_explaining_leaves_the_policy_as_it_is(made):
     # A scorer's tables are tens of megabytes: they are there once.
     mine = {tensor.data_ptr() for tensor in explainer._exact.sources["w"].buffers() if tensor.numel()}
     assert len(shared & mine) >= len(shared) - 1
-
-
-# --- what is wrong ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

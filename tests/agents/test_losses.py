@@ -1,4 +1,4 @@
-"""The terms of the actor-critic loss, by loops and by their derivatives."""
+"""Actor-critic loss terms against loops, and their derivatives."""
 
 import math
 
@@ -16,10 +16,10 @@ def unroll():
 
 @pytest.fixture
 def logits():
-    """Six states of five slots; the last ones are empty, in one row all but one."""
+    """Six states of five slots; the last slots are empty, in one row all but one."""
     logits = torch.randn(6, 5, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-    for row, there in enumerate([5, 4, 3, 2, 1, 5]):
-        logits[row, there:] = -torch.inf
+    for row, num_filled in enumerate([5, 4, 3, 2, 1, 5]):
+        logits[row, num_filled:] = -torch.inf
     return logits
 
 
@@ -32,36 +32,11 @@ def slow_entropy(logits):
     return total
 
 
-def test_the_policy_gradient_loss_is_the_sum_over_steps_and_environments(unroll):
-    log_probs, advantages = unroll
-    expected = -sum(p * a for p, a in zip(log_probs.flatten().tolist(), advantages.flatten().tolist(), strict=True))
-    assert policy_gradient_loss(log_probs, advantages).item() == pytest.approx(expected)
-
-
-def test_the_baseline_loss_is_half_the_sum_of_squares(unroll):
-    values, targets = unroll
-    expected = sum((t - v) ** 2 for v, t in zip(values.flatten().tolist(), targets.flatten().tolist(), strict=True)) / 2
-    assert baseline_loss(values, targets).item() == pytest.approx(expected)
-
-
-def test_the_entropy_is_the_sum_over_states_in_nats(logits):
+def test_losses_are_sums_over_steps_and_environments(unroll, logits):
+    pairs = list(zip(*(array.flatten().tolist() for array in unroll), strict=True))
+    assert policy_gradient_loss(*unroll).item() == pytest.approx(-sum(p * a for p, a in pairs))
+    assert baseline_loss(*unroll).item() == pytest.approx(sum((t - v) ** 2 for v, t in pairs) / 2)
     assert entropy(torch.log_softmax(logits, dim=1)).item() == pytest.approx(slow_entropy(logits))
-
-
-@pytest.mark.parametrize("there", [1, 2, 5])
-def test_the_entropy_of_an_even_policy_is_the_logarithm_of_its_slots(there):
-    logits = torch.zeros(3, 5)
-    logits[:, there:] = -torch.inf
-    assert entropy(torch.log_softmax(logits, dim=1)).item() == pytest.approx(3 * math.log(there), abs=1e-6)
-
-
-def test_twice_the_batch_gives_twice_the_loss(unroll, logits):
-    one, other = unroll
-    twice = [torch.cat([array, array], dim=1) for array in unroll]
-    assert policy_gradient_loss(*twice).item() == pytest.approx(2 * policy_gradient_loss(one, other).item())
-    assert baseline_loss(*twice).item() == pytest.approx(2 * baseline_loss(one, other).item())
-    log_policies = torch.log_softmax(logits, dim=1)
-    assert entropy(torch.cat([log_policies] * 2)).item() == pytest.approx(2 * entropy(log_policies).item())
 
 
 def test_the_entropys_gradient_is_finite_and_that_of_the_formula_where_slots_are_empty(logits):

@@ -1,4 +1,4 @@
-"""V-trace against the sum of its paper, and against what it must be in special cases."""
+"""V-trace against the sum in the paper, and in special cases."""
 
 import math
 
@@ -11,7 +11,7 @@ from hypothesis import given
 
 from wordcraft_kg.agents.vtrace import v_trace
 
-CLIPS = [0.0, 0.4, 1.0, 2.5, math.inf]
+CLIPS, LIMITS = ("clip_rho", "clip_c", "clip_pg_rho"), (0.0, 0.4, 1.0, 2.5, math.inf)
 
 
 def slow_v_trace(log_rhos, discounts, rewards, values, bootstrap_value, clip_rho=1.0, clip_c=1.0, clip_pg_rho=1.0):
@@ -56,18 +56,9 @@ def unrolls(draw):
     return [draw(numbers), draw(discounts), draw(numbers), draw(numbers), draw(bootstrap)]
 
 
-@given(unrolls(), *(st.sampled_from(CLIPS) for _ in range(3)))
-def test_targets_and_advantages_are_those_of_the_papers_sum(unroll, clip_rho, clip_c, clip_pg_rho):
-    expected = slow_v_trace(*unroll, clip_rho, clip_c, clip_pg_rho)
-    got = v_trace(*tensors(unroll), clip_rho=clip_rho, clip_c=clip_c, clip_pg_rho=clip_pg_rho)
-    np.testing.assert_allclose(got.vs.numpy(), expected[0], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(got.pg_advantages.numpy(), expected[1], rtol=1e-9, atol=1e-9)
-
-
-@given(unrolls())
-def test_all_ratios_are_clipped_at_one_unless_said_otherwise(unroll):
-    got = v_trace(*tensors(unroll))
-    for one, other in zip(got, slow_v_trace(*unroll), strict=True):
+@given(unrolls(), st.fixed_dictionaries({}, optional=dict.fromkeys(CLIPS, st.sampled_from(LIMITS))))
+def test_targets_and_advantages_are_those_of_the_papers_sum_and_clips_are_one_by_default(unroll, clips):
+    for one, other in zip(v_trace(*tensors(unroll), **clips), slow_v_trace(*unroll, **clips), strict=True):
         np.testing.assert_allclose(one.numpy(), other, rtol=1e-9, atol=1e-9)
 
 
@@ -78,21 +69,6 @@ def test_two_steps_worked_out_by_hand():
     # Last step: .5 (2 + .5 * 4 - 1) = 1.5. First: 1 (1 + .5 * 1 - .5) = 1, and .5 * 1 * 1.5 comes from the last.
     torch.testing.assert_close(got.vs, torch.tensor([[2.25], [2.5]]))
     torch.testing.assert_close(got.pg_advantages, torch.tensor([[1 + 0.5 * 2.5 - 0.5], [1.5]]))
-
-
-@given(unrolls())
-def test_on_policy_targets_are_the_discounted_returns(unroll):
-    _, discounts, rewards, values, bootstrap = unroll
-    got = v_trace(*tensors([np.zeros_like(rewards), *unroll[1:]]))
-    returns = np.zeros_like(rewards)
-    for start in range(len(rewards)):
-        weight = np.ones_like(bootstrap)
-        for t in range(start, len(rewards)):
-            returns[start] += weight * rewards[t]
-            weight = weight * discounts[t]
-        returns[start] += weight * bootstrap
-    np.testing.assert_allclose(got.vs.numpy(), returns, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(got.pg_advantages.numpy(), returns - values, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("end", [0, 2, 5])
@@ -107,25 +83,6 @@ def test_what_comes_after_the_end_of_an_episode_does_not_matter(end):
     for one, other in zip(before, after, strict=True):
         assert torch.equal(one[: end + 1], other[: end + 1])
         assert end == 5 or not torch.equal(one[end + 1 :, 2], other[end + 1 :, 2])
-
-
-def test_the_value_after_the_last_step_matters_where_the_episode_goes_on():
-    unroll = random_unroll(1)
-    unroll[1][:] = 0.9
-    before = v_trace(*tensors(unroll))
-    unroll[4] += 1
-    after = v_trace(*tensors(unroll))
-    assert (after.vs > before.vs).all()
-    assert (after.pg_advantages > before.pg_advantages).all()
-
-
-def test_environments_do_not_mix():
-    unroll = random_unroll(2)
-    together = v_trace(*tensors(unroll))
-    for b in range(5):
-        alone = v_trace(*tensors([array[..., b : b + 1] for array in unroll]))
-        for one, other in zip(alone, together, strict=True):
-            torch.testing.assert_close(one[:, 0], other[:, b])
 
 
 def test_no_gradient_passes_and_nothing_given_changes():

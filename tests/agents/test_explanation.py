@@ -1,4 +1,4 @@
-"""Explained picks: against the evaluation's episodes, against the formula in loops, and by several threads at once."""
+"""Explained actions: against evaluated episodes, against the formula in loops, and in several threads."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -85,13 +85,8 @@ def made(opened, scorer):
 
 @pytest.fixture(scope="module")
 def explaining(made):
-    """Make a world and an explainer."""
-
-    def explaining(kind, part="test", **settings):
-        world, policy = made(kind, part, **settings)
-        return world, Explainer(policy, world)
-
-    return explaining
+    """Make an explainer."""
+    return lambda kind, part="test": Explainer(*reversed(made(kind, part)))
 
 
 def made_up(rows, base, **settings):
@@ -130,7 +125,8 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part
 
 def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, explaining, monkeypatch):
     monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
-    world, explainer = explaining("no scorer")
+    explainer = explaining("no scorer")
+    world = explainer.world
     evaluator = Evaluator(world, distractor_seeds=1, limit=20)
     posed = evaluator.engine.pose(evaluator.tasks, seed=EVALUATION_SEED)
     assert evaluator.tasks[1] > 1
@@ -162,17 +158,12 @@ def by_loops(policy, goal, selection, table, values):
     """Logits, value and λ of a state from the paper's formulas, given the values of the sources."""
     vectors = policy.vectors.vectors.double().tolist()
     nothing = [0.0] * policy.vectors.dim
-    query = product(
-        policy.attention.query.weight,
-        vectors[goal] + (nothing if selection is None else vectors[selection]),
-        policy.attention.query.bias,
-    )
+    pair = vectors[goal] + (nothing if selection is None else vectors[selection])
+    query = product(policy.attention.query.weight, pair, policy.attention.query.bias)
     keys = [product(policy.attention.key.weight, vectors[entity]) for entity in table]
     alpha = [sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(len(query)) for key in keys]
-    state = [
-        sum(w * vectors[entity][i] for w, entity in zip(softmax(alpha), table, strict=True))
-        for i in range(policy.vectors.dim)
-    ]
+    columns = zip(*(vectors[entity] for entity in table), strict=True)
+    state = [sum(w * x for w, x in zip(softmax(alpha), column, strict=True)) for column in columns]
     (value,) = head(policy.value, state)
     if not values:
         return alpha, value, []
@@ -180,11 +171,8 @@ def by_loops(policy, goal, selection, table, values):
     if policy.config.mixing == "softmax":
         lambdas = softmax(lambdas)
     terms = list(values.values()) if policy.config.kg_only else [alpha, *values.values()]
-    return (
-        [sum(weight * term[i] for weight, term in zip(lambdas, terms, strict=True)) for i in range(len(table))],
-        value,
-        lambdas,
-    )
+    logits = [sum(weight * term[i] for weight, term in zip(lambdas, terms, strict=True)) for i in range(len(table))]
+    return logits, value, lambdas
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "mlp"])
@@ -244,7 +232,7 @@ def test_a_pair_makes_what_the_rules_of_the_world_say(ambiguity):
     assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
 
 
-def test_of_a_long_episode_only_the_first_picks_are_explained_if_so_asked(made):
+def test_at_most_max_actions_of_an_episode_are_explained(made):
     world, policy = made("no scorer", max_attempts=40)
     whole, cut = (Explainer(policy, world, max_actions=most) for most in (None, 5))
     long = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) == 80)
@@ -261,7 +249,8 @@ def ways_by_loops(graph, goal, table):
 
 @pytest.mark.parametrize("part", ["train", "test", "all"])
 def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, explaining, part):
-    world, explainer = explaining("recipes", part)
+    explainer = explaining("recipes", part)
+    world = explainer.world
     rows, models = opened.graph.recipe_labels(), set()
     fold_of = dict(zip(rows, scorer.of_recipe.tolist(), strict=True))
     for number in range(0, len(world.tasks), 7):
@@ -296,7 +285,7 @@ def assert_ways(graph, scorer, found):
 def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(
     opened, scorer, explaining
 ):
-    (_, explainer), graph, rng = explaining("recipes"), opened.graph, np.random.default_rng(5)
+    explainer, graph, rng = explaining("recipes"), opened.graph, np.random.default_rng(5)
     recipes, found_models = graph.recipes.tolist(), []
     for a, b, goal in recipes[::5]:
         others = [entity for entity in rng.permutation(graph.num_entities).tolist() if entity not in (a, b, goal)][:4]
@@ -316,8 +305,9 @@ def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_go
     assert {("without_a_fold", False), ("train_recipes", False)} <= set(found_models)
 
 
-def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened, scorer, explaining):
-    (world, explainer), graph = explaining("recipes", "train"), opened.graph
+def test_where_every_model_was_trained_on_a_plan_it_is_marked_as_in_sample(opened, scorer, explaining):
+    explainer, graph = explaining("recipes", "train"), opened.graph
+    world = explainer.world
     by_goal: dict[int, dict[int, list[int]]] = {}
     for row, (_, _, goal) in enumerate(graph.recipes.tolist()):
         if scorer.of_recipe[row] >= 0:
@@ -338,7 +328,7 @@ def test_where_every_model_has_seen_a_way_it_is_said_to_be_memory(opened, scorer
 
 
 @pytest.mark.parametrize(("kg", "model"), [("full", "all_recipes"), ("partial", "train_recipes")])
-def test_a_scorer_without_folds_remembers_what_it_was_trained_on(made, kg, model):
+def test_recipes_are_in_sample_for_a_scorer_without_folds_that_was_trained_on_them(made, kg, model):
     world, policy = made("links", "all")
     explainer = Explainer(policy, world, kg=kg)
     for task in range(0, len(world.tasks), 5):
@@ -349,11 +339,11 @@ def test_a_scorer_without_folds_remembers_what_it_was_trained_on(made, kg, model
 
 
 @pytest.mark.parametrize("in_sample", [False, True])
-def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened, explaining, made_once, in_sample):
+def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once, in_sample):
     with_train_sample = RecipeScorerConfig(folds=3, train_fraction=0.6, label_noise=0.2)
     config = RecipesConfig("kitchen", with_train_sample)
     guide = load_scorer(made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out)))
-    world, _ = explaining("no scorer", "train")
+    world, _ = made("no scorer", "train")
     settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)
     policy, _ = make_policy(settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks)
     explainer, told = Explainer(policy, world), set()
@@ -374,7 +364,7 @@ def test_of_a_scorer_that_was_taught_a_dose_no_more_is_said_to_be_memory(opened,
 
 @pytest.mark.parametrize("kind", ["no scorer", "mlp"])
 def test_without_a_scorer_no_model_answers(explaining, kind):
-    found = explaining(kind, "train")[1].task(3)
+    found = explaining(kind, "train").task(3)
     assert (found.model, bool(found.in_sample)) == ("no_scorer", False)
     assert found.episode.steps[0].lambdas == {}
 
@@ -395,7 +385,7 @@ def test_tables_are_explained_whatever_the_split(opened, kind):
         assert bool(found.in_sample) == (kind == "none") or len(found.ways) > 1
 
 
-def test_threads_that_ask_at_once_get_what_they_would_get_alone(made):
+def test_parallel_threads_get_the_same_explanations_as_one_thread(made):
     train, policy = made("recipes", "train")
     explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]
     questions = [(number % 2, number // 2 * 3, number % 5) for number in range(40)]
@@ -459,11 +449,11 @@ def test_explaining_leaves_the_policy_as_it_is(made):
 def test_a_table_that_cannot_be_played_is_refused(opened, explaining, setting, table, options):
     assert MOST_ON_TABLE == 64
     with refuses(setting):
-        explaining("no scorer")[1].table("bread", opened.graph.entities[:table] if table == 65 else table, **options)
+        explaining("no scorer").table("bread", opened.graph.entities[:table] if table == 65 else table, **options)
 
 
 def test_unknown_labels_and_tasks_are_refused(opened, explaining):
-    explainer = explaining("no scorer")[1]
+    explainer = explaining("no scorer")
     for goal, table, problem in (
         ("bread", ["flouur", "water"], r"no entity 'flouur' in kitchen\. Did you mean 'flour'"),
         ("breaad", ["flour"], "no entity 'breaad'"),
@@ -473,7 +463,7 @@ def test_unknown_labels_and_tasks_are_refused(opened, explaining):
     for setting, task, distractor_seed in (("task", 63, 0), ("distractor_seed", 0, -1)):
         with refuses(setting):
             explainer.task(task, distractor_seed)
-    mlp = explaining("mlp")[1]
+    mlp = explaining("mlp")
     assert len(mlp.table("bread", ["flour", "water"]).episode.steps) == 2
     with pytest.raises(ConfigError, match="this mlp was made for"):
         mlp.table("bread", opened.graph.entities[:20])

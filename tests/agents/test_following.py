@@ -13,10 +13,8 @@ from wordcraft_kg.agents import following
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.training import train_agent
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
@@ -108,11 +106,6 @@ def test_what_cannot_be_read_is_an_error_each_time_until_it_can(interrupted, ope
     (tmp_path / "later/run.json").write_text(json.dumps(record | {"kind": "train-links"}))
     with pytest.raises(ArtefactError, match="expected a run of train-agent"):
         run.records()
-
-
-def test_a_run_of_another_split_is_refused(interrupted):
-    with pytest.raises(GraphMismatchError):
-        FollowedRun(interrupted, open_graph("kitchen", SplitConfig(seed=5))).agent()
 
 
 @pytest.mark.parametrize("gone", [False, True])

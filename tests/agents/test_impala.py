@@ -362,16 +362,6 @@ def test_the_same_seeds_give_the_same_parameters_and_others_others(trainer):
         assert not torch.equal(one, train(trainer(**changed), 20))
 
 
-def test_training_neither_uses_nor_changes_global_generators(trainer):
-    expected = train(trainer(), 5)
-    np.random.seed(5)  # noqa: NPY002 - the state that must not change
-    torch.manual_seed(5)
-    before = np.random.get_state()[1].copy(), torch.get_rng_state()  # noqa: NPY002
-    assert torch.equal(train(trainer(), 5), expected)
-    np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
-    assert torch.equal(torch.get_rng_state(), before[1])
-
-
 @pytest.mark.parametrize(("depth", "unroll", "settings"), [(1, 2, {}), (2, 3, {"policy_lag": 2, "momentum": 0.9})])
 def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll, settings):
     one, other = (trainer(depth=depth, unroll=unroll, env_device=device, **settings) for device in ("cpu", "torch:cpu"))
@@ -397,11 +387,11 @@ def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
 
 @pytest.mark.parametrize("lag", [0, 2])
 @pytest.mark.parametrize("momentum", [0.0, 0.9])
-@pytest.mark.parametrize("guided", [False, True])
-def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided):
+@pytest.mark.parametrize(("guided", "updates"), [(False, 7), (True, 7), (False, 0)])
+def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided, updates):
     settings = {"depth": 2, "unroll": 3, "policy_lag": lag, "momentum": momentum, "scorer": scorer if guided else None}
     one = trainer(**settings)
-    train(one, 7)
+    train(one, updates)
     state = one.state()
     # Nothing but the seed of the environments and the constants has to be the same.
     other = trainer(**settings, policy_seed=8, seed=9)
@@ -417,14 +407,6 @@ def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, 
     train(other, 25)
     assert_same_state(one, other)
     assert one.take_figures() == other.take_figures()
-
-
-def test_a_state_of_the_very_beginning_can_be_restored(trainer):
-    one, other = trainer(policy_lag=1), trainer(policy_lag=1, policy_seed=1)
-    state = one.state()
-    train(other, 5)
-    other.restore(state)
-    assert torch.equal(train(one, 5), train(other, 5))
 
 
 def test_a_state_is_a_copy_on_both_ways(trainer):

@@ -7,7 +7,6 @@ import torch
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import (
     fact_sources,
-    knowledge_player,
     knowledge_players,
     pair_player,
     play_all,
@@ -30,6 +29,11 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 
 
+def play(opened, players, distractors=(1,), distractor_seeds=5, **settings):
+    world = World(opened, WordCraftConfig(**{"part": "test", **settings}))
+    return play_all(world, players, distractors, distractor_seeds=distractor_seeds)
+
+
 def success(table, player, distractors=1):
     (row,) = (row for row in table if (row.player, row.distractors) == (player, distractors))
     return row.success
@@ -38,15 +42,13 @@ def success(table, player, distractors=1):
 @pytest.mark.parametrize("depth", [1, 2, 3])
 @pytest.mark.parametrize("reward", ["sparse", "official"])
 def test_a_perfect_player_scores_exactly_one_whatever_the_depth_and_the_shaping(opened, depth, reward):
-    config = WordCraftConfig(part="test", depth=depth, num_tasks=40, reward=reward)
-    table = play_all(World(opened, config), {"recipe oracle": recipe_oracle}, (0, 4), distractor_seeds=2)
+    table = play(opened, {"recipe oracle": recipe_oracle}, (0, 4), 2, depth=depth, num_tasks=40, reward=reward)
     assert [row.success for row in table] == [1.0, 1.0]
     assert [row.by_plan for row in table] == [1.0, 1.0]
 
 
 def test_the_oracle_falls_short_where_the_last_result_wins(opened):
-    config = WordCraftConfig(part="all", ambiguity="last")
-    table = play_all(World(opened, config), {"recipe oracle": recipe_oracle}, (1,), distractor_seeds=1)
+    table = play(opened, {"recipe oracle": recipe_oracle}, distractor_seeds=1, part="all", ambiguity="last")
     results = np.diff(opened.graph.pair_starts)
     assert success(table, "recipe oracle") == pytest.approx(len(results) / results.sum(), abs=0.01)
     assert success(table, "recipe oracle") < 1
@@ -64,8 +66,7 @@ def test_chance_is_what_it_should_be(opened):
 
 
 def test_more_knowledge_wins_more(opened):
-    players = knowledge_players(opened.split)
-    table = play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8), distractor_seeds=10)
+    table = play(opened, knowledge_players(opened.split), (1, 8), distractor_seeds=10)
     for distractors in (1, 8):
         order = ["full KG, v", "full KG, u+v", "full KG, u+v, no self edges", "recipe oracle"]
         rates = [success(table, player, distractors) for player in order]
@@ -96,19 +97,18 @@ def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_
 def test_a_pair_of_two_entities_comes_before_one_of_the_same_score_with_itself(opened):
     indifferent = pair_player(lambda a, b, c: torch.zeros(torch.broadcast_shapes(a.shape, b.shape, c.shape)))
     players = {"indifferent": indifferent, "random, distinct": random_distinct}
-    table = play_all(World(opened, WordCraftConfig(part="all")), players, (1,), distractor_seeds=40)
+    table = play(opened, players, distractor_seeds=40, part="all")
     assert success(table, "indifferent") == pytest.approx(success(table, "random, distinct"), abs=0.02)
 
 
 def test_votes_make_more_goals_than_chance_and_no_more_where_no_slot_of_the_goal_is_known(opened):
     by_slot = make_split(opened.graph, SplitConfig("by-slot"))
-    found = []
+    rates = []
     for split in (opened.split, by_slot):
         players = {name: knowledge_players(split)[name] for name in ("partial KG, votes", "random, distinct")}
-        world = World(OpenedGraph(opened.graph, split, "kitchen"), WordCraftConfig(part="test"))
-        table = play_all(world, players, (1,), distractor_seeds=20)
-        found.append([success(table, name) for name in players])
-    (by_recipe, chance), (without, same) = found
+        table = play(OpenedGraph(opened.graph, split, "kitchen"), players, distractor_seeds=20)
+        rates.append([success(table, name) for name in players])
+    (by_recipe, chance), (without, same) = rates
     assert by_recipe > chance + 0.2
     assert without == pytest.approx(same, abs=0.05)
 
@@ -134,37 +134,20 @@ def test_a_scorers_players_take_its_scores_on_a_common_scale(opened):
     scorer = FrequencyScorer(graph, opened.split.partial)
     louder = TableScorer(torch.stack([100 * scorer.table(0), scorer.table(1)]), graph.entities, graph.hash)
     plain, scaled = (scorer_players(graph, kind, graph.triples)["u+v, self edges kept"] for kind in (scorer, louder))
-    table = play_all(
-        World(opened, WordCraftConfig(part="test")), {"plain": plain, "louder": scaled}, (4,), distractor_seeds=3
-    )
+    table = play(opened, {"plain": plain, "louder": scaled}, (4,), distractor_seeds=3)
     assert success(table, "plain", 4) == success(table, "louder", 4)
-
-
-def test_a_scorer_of_facts_plays_like_the_facts(opened):
-    graph = opened.graph
-    facts = knowledge_player([fact_sources(graph, graph.triples)["v"]])
-    scored = scorer_players(graph, SymbolicScorer(graph, graph.triples), graph.triples)["v"]
-    table = play_all(
-        World(opened, WordCraftConfig(part="test")), {"facts": facts, "scorer": scored}, (4,), distractor_seeds=20
-    )
-    assert success(table, "facts", 4) == pytest.approx(success(table, "scorer", 4), abs=1e-9)
 
 
 def test_a_scorer_of_recipes_plays_the_pair_whose_recipe_scores_highest(opened, recipes_folder):
     scorer = load_scorer(recipes_folder)
     players = scorer_players(opened.graph, scorer, opened.split.partial)
-    test = World(opened, WordCraftConfig(part="test"))
-    table = play_all(
-        test,
-        {"by pairs": pair_player(whole_of(scorer).score_recipes), "w": players["w, best pair"]},
-        (1, 8),
-        distractor_seeds=3,
-    )
+    pairs = pair_player(whole_of(scorer).score_recipes)
+    table = play(opened, {"by pairs": pairs, "w": players["w, best pair"]}, (1, 8), distractor_seeds=3)
     for distractors in (1, 8):
         assert success(table, "w", distractors) == pytest.approx(success(table, "by pairs", distractors), abs=0.02)
     assert success(table, "w", 8) > 0.5
     with pytest.raises(LeakError):
-        play_all(World(opened, WordCraftConfig(part="train")), {"w": players["w, best pair"]}, (1,), distractor_seeds=1)
+        play(opened, {"w": players["w, best pair"]}, part="train")
     links = SymbolicScorer(opened.graph, opened.split.partial)
     assert "w, best pair" not in scorer_players(opened.graph, links, opened.split.partial)
 
@@ -223,12 +206,11 @@ def test_a_foreign_scorer_is_refused(opened):
     ],
 )
 def test_little_alchemy_2_gives_the_reference_figures(alchemy_table, player, distractors, expected):
-    # One split of 653 tasks with five draws: a standard error of up to .009 around the mean of five splits.
+    # One split of 653 tasks, five tables each: a standard error of up to .009 around the mean of five splits.
     assert success(alchemy_table, player, distractors) == pytest.approx(expected, abs=0.025)
 
 
 @pytest.fixture(scope="module")
 def alchemy_table(alchemy_path):
     opened = open_graph(alchemy_path)
-    players = knowledge_players(opened.split)
-    return play_all(World(opened, WordCraftConfig(part="test")), players, (1, 8))
+    return play(opened, knowledge_players(opened.split), (1, 8))

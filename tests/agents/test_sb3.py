@@ -83,7 +83,7 @@ def tensors(observations):
     return {key: torch.as_tensor(value) for key, value in observations.items()}
 
 
-def said_by(network, observations):
+def outputs_of(network, observations):
     """Probabilities and values according to the policy itself, without the library."""
     with torch.no_grad():
         output = network(*(torch.as_tensor(observations[key]) for key in ("goal", "selection", "table")))
@@ -112,14 +112,16 @@ def test_training_changes_the_parameters_of_a_copy_and_no_scores(algorithm):
 
 @both
 @every_kind
-def test_probabilities_and_values_are_those_of_the_policy_itself(algorithm, kind):
+def test_probabilities_and_values_are_those_of_the_policy_and_empty_slots_have_probability_zero(algorithm, kind):
     network, seen = make_network(**KINDS[kind]), states()
+    assert (seen["action_mask"] == 0).any()
     model = make_model(algorithm, network)
-    expected, values = said_by(network, seen)
+    expected, values = outputs_of(network, seen)
     obs = tensors(seen)
     with torch.no_grad():
         found = model.policy.get_distribution(obs).distribution.probs
         torch.testing.assert_close(found, expected)
+        assert (found[torch.as_tensor(seen["action_mask"]) == 0] == 0).all()
         torch.testing.assert_close(model.policy.predict_values(obs), values[:, None])
         actions, from_forward, log_probs = model.policy(obs)
     torch.testing.assert_close(from_forward, values[:, None])
@@ -141,25 +143,10 @@ def test_ids_and_masks_as_a_buffer_of_rollouts_keeps_them_change_nothing(algorit
         assert torch.equal(one, other)
 
 
-@both
-def test_an_empty_slot_has_probability_exactly_zero(algorithm):
-    seen = states(depth=2)
-    empty = ~torch.as_tensor(seen["action_mask"], dtype=torch.bool)
-    assert empty.any()
-    model = make_model(algorithm, env=make_env(depth=2))
-    with torch.no_grad():
-        probabilities = model.policy.get_distribution(tensors(seen)).distribution.probs
-        assert (probabilities[empty] == 0).all()
-        torch.testing.assert_close(probabilities.sum(1), torch.ones(len(empty)))
-        for _ in range(20):
-            action = model.policy(tensors(seen))[0]
-            assert not empty.gather(1, action[:, None]).any()
-
-
 @pytest.mark.interop
 def test_masks_of_the_user_take_slots_out_and_revive_none():
     model, seen = make_model("MaskablePPO"), states()
-    everything, _ = said_by(model.policy.network, seen)
+    everything, _ = outputs_of(model.policy.network, seen)
     mask = np.random.default_rng(1).random(everything.shape) < 0.6
     mask[:, 0] = True
     mask[:, -1] = True  # always empty before the last attempt
@@ -184,7 +171,7 @@ def test_masks_of_the_user_take_slots_out_and_revive_none():
 @both
 def test_a_deterministic_prediction_is_the_best_slot(algorithm):
     model, seen = make_model(algorithm), states()
-    best = said_by(model.policy.network, seen)[0].argmax(1).numpy()
+    best = outputs_of(model.policy.network, seen)[0].argmax(1).numpy()
     together, _ = model.predict(seen, deterministic=True)
     np.testing.assert_array_equal(together, best)
     singles = [model.predict({key: value[i] for key, value in seen.items()}, deterministic=True)[0] for i in range(9)]
@@ -202,7 +189,7 @@ def test_entropies_are_finite_and_a_gradient_reaches_all_parameters(algorithm, k
     actions = torch.as_tensor(seen["action_mask"]).argmax(1)
     masks = {"action_masks": seen["action_mask"]} if algorithm == "MaskablePPO" else {}
     values, log_probs, entropy = model.policy.evaluate_actions(tensors(seen), actions, **masks)
-    expected, _ = said_by(model.policy.network, seen)
+    expected, _ = outputs_of(model.policy.network, seen)
     torch.testing.assert_close(entropy, torch.special.entr(expected).sum(1))
     assert torch.isfinite(entropy).all()
     assert (entropy > 0).any()
@@ -217,22 +204,22 @@ def test_entropies_are_finite_and_a_gradient_reaches_all_parameters(algorithm, k
 @both
 def test_a_saved_model_predicts_the_same_and_trains_on(algorithm, tmp_path):
     model, seen = make_model(algorithm), states()
-    untrained, _ = said_by(model.policy.network, seen)
+    untrained, _ = outputs_of(model.policy.network, seen)
     model.learn(128)
-    expected, values = said_by(model.policy.network, seen)
+    expected, values = outputs_of(model.policy.network, seen)
     assert not torch.allclose(expected, untrained)
     model.save(tmp_path / "model.zip")
     loaded = type(model).load(tmp_path / "model.zip", env=make_env(), device="cpu")
     model.policy.save(tmp_path / "policy.pt")
     alone = type(model.policy).load(tmp_path / "policy.pt", device="cpu")
     for policy in (loaded.policy, alone):
-        probabilities, again = said_by(policy.network, seen)
+        probabilities, again = outputs_of(policy.network, seen)
         assert torch.equal(probabilities, expected)
         assert torch.equal(again, values)
         chosen, _ = policy.predict(seen, deterministic=True)
         np.testing.assert_array_equal(chosen, model.predict(seen, deterministic=True)[0])
     loaded.learn(64)
-    assert not torch.equal(said_by(loaded.policy.network, seen)[0], expected)
+    assert not torch.equal(outputs_of(loaded.policy.network, seen)[0], expected)
 
 
 @pytest.mark.interop

@@ -135,18 +135,18 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "no model of this name": (
         lambda: wk.open_model("models/none"),
-        "ArtefactError: 'models/none' does not exist; expected a model of train-complex, train-links, train-recipes "
-        "or elicit.",
+        "ArtefactError: 'models/none' does not exist; expected a model folder from train-complex, train-links, "
+        "train-recipes or elicit.",
     ),
     "a graph where a model is expected": (
         lambda: wk.open_model("graph"),
-        "ArtefactError: 'graph' is a graph folder; expected a model of train-complex, train-links, train-recipes or "
-        "elicit.",
+        "ArtefactError: 'graph' is a graph folder; expected a model folder from train-complex, train-links, "
+        "train-recipes or elicit.",
     ),
     "a model of another graph": (
         lambda: wk.load_scorer("model", graph=wk.open_graph("paper-examples").graph),
         "GraphMismatchError: model was trained on graph 43fe37e2e912 (80 entities) but 'paper-examples' is "
-        "8e9614822341 (93). Train it on this graph, or use the graph that it was trained on.",
+        "8e9614822341 (93). Train on this graph, or use the training graph.",
     ),
     "a model folder that exists": (
         lambda: wk.train_links(wk.LinksConfig("kitchen", wk.ComplExConfig(epochs=1)), "model"),
@@ -156,12 +156,12 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: wk.make_sources(
             ["w"], wk.load_scorer("model"), tasks=wk.World(wk.open_graph("kitchen"), wk.WordCraftConfig()).tasks
         ),
-        "ConfigError: `use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
-        "`wordcraft-kg train-recipes`, elicit them with `wordcraft-kg elicit`, or leave out w.",
+        "ConfigError: `use` w needs recipe scores, and this scorer only has link scores. Use a scorer from "
+        "`wordcraft-kg train-recipes` or `wordcraft-kg elicit`, or leave out w.",
     ),
     "a query that cannot be parsed": (
         lambda: parse_query(["flour", "and", "water"], kitchen().entities),
-        "UnknownEntityError: no relation 'and'; expected one of combinesWith, componentOf.",
+        "UnknownEntityError: no relation 'and'; expected combinesWith or componentOf.",
     ),
     "an unknown setting of a study": (
         lambda: parse_study(STUDY.replace("book", "bok") + "[variants.none]\n", "study.toml"),

@@ -307,7 +307,7 @@ IS = {
     "nothing": "does not exist",
 }
 RUN = "expected a run of train-agent"
-MODEL = "expected a model of train-complex, train-links, train-recipes or elicit"
+MODEL = "expected a model folder from train-complex, train-links, train-recipes or elicit"
 
 
 @pytest.mark.parametrize(

@@ -365,9 +365,9 @@ class Explainer:
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
         """Return the chosen slot and the output in double precision."""
         goal, selection, table, task = state
-        opinions = policy.opinions(goal, selection, table, task)
-        action = int(self._policy(goal, selection, table, self._weights, task, opinions).logits.argmax(1))
-        exact = None if opinions is None else opinions.double()
+        external_scores = policy.external_scores(goal, selection, table, task)
+        action = int(self._policy(goal, selection, table, self._weights, task, external_scores).logits.argmax(1))
+        exact = None if external_scores is None else external_scores.double()
         return action, self._exact(goal, selection, table, self._exact_weights, task, exact)
 
 

@@ -34,7 +34,7 @@ class _Unroll(NamedTuple):
     Attributes:
         goal, selection: shape (T + 1, B), int64.
         table: shape (T + 1, B, A), int64.
-        opinions: shape (T + 1, B, S, A): source scores, cached for the learner; None without sources.
+        external_scores: shape (T + 1, B, S, A): source scores, cached for the learner; None without sources.
         actions: shape (T, B), int64.
         log_probs: shape (T, B): log-probabilities under the acting policy.
         rewards, discounts: shape (T, B).
@@ -44,7 +44,7 @@ class _Unroll(NamedTuple):
     goal: Tensor
     selection: Tensor
     table: Tensor
-    opinions: Tensor | None
+    external_scores: Tensor | None
     actions: Tensor
     log_probs: Tensor
     rewards: Tensor
@@ -88,7 +88,9 @@ class Impala:
             selection=self._empty(time + 1, batch, dtype=torch.int64),
             table=self._empty(time + 1, batch, slots, dtype=torch.int64),
             # Scores stay 0 in the last states, where only the value matters, which does not depend on scores.
-            opinions=self._empty(time + 1, batch, len(policy.sources), slots).zero_() if policy.sources else None,
+            external_scores=self._empty(time + 1, batch, len(policy.sources), slots).zero_()
+            if policy.sources
+            else None,
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
             rewards=self._empty(time, batch),
@@ -218,8 +220,8 @@ class Impala:
         noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
         for t in range(self.config.unroll):
             self._observe(t)
-            opinions = None if unroll.opinions is None else unroll.opinions[t]
-            state = unroll.goal[t], unroll.selection[t], unroll.table[t], opinions
+            external_scores = None if unroll.external_scores is None else unroll.external_scores[t]
+            state = unroll.goal[t], unroll.selection[t], unroll.table[t], external_scores
             actions, log_probs = self._act(weights, *state, noise[t])
             unroll.actions[t], unroll.log_probs[t] = actions, log_probs
             slots: Any = actions if engine.arrays.on_device else actions.numpy()
@@ -233,16 +235,22 @@ class Impala:
     def _observe(self, t: int) -> None:
         unroll, states = self._unroll, states_of(self.envs)
         unroll.goal[t], unroll.selection[t], unroll.table[t] = states.goal, states.selection, states.table
-        opinions = self.policy.opinions(*states) if t < self.config.unroll else None
-        if opinions is not None:
-            assert unroll.opinions is not None
-            unroll.opinions[t] = opinions
+        external_scores = self.policy.external_scores(*states) if t < self.config.unroll else None
+        if external_scores is not None:
+            assert unroll.external_scores is not None
+            unroll.external_scores[t] = external_scores
 
     def _choose(
-        self, weights: Weights, goal: Tensor, selection: Tensor, table: Tensor, opinions: Tensor | None, noise: Tensor
+        self,
+        weights: Weights,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        external_scores: Tensor | None,
+        noise: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """Sample actions from uniform noise; return actions and log-probabilities, shape (B,) each."""
-        log_probs = log_policy(self.policy(goal, selection, table, weights, opinions=opinions).logits)
+        log_probs = log_policy(self.policy(goal, selection, table, weights, external_scores=external_scores).logits)
         shares = log_probs.exp().cumsum(0)
         # The first slot where the cumulative probability exceeds the noise, never a slot with probability 0.
         actions = (shares <= noise * shares[-1]).sum(0)
@@ -257,11 +265,11 @@ class Impala:
         """
         config, time = self.config, self.config.unroll
         num_states = time + 1 if is_cut else time
-        goal, selection, table, opinions = (
+        goal, selection, table, external_scores = (
             None if part is None else part[:num_states].flatten(0, 1)
-            for part in (unroll.goal, unroll.selection, unroll.table, unroll.opinions)
+            for part in (unroll.goal, unroll.selection, unroll.table, unroll.external_scores)
         )
-        output = self.policy(goal, selection, table, weights, opinions=opinions)
+        output = self.policy(goal, selection, table, weights, external_scores=external_scores)
         acted = unroll.actions.numel()
         log_policies = log_policy(output.logits[:acted])
         log_probs = log_policies.gather(0, unroll.actions.view(1, -1)).view_as(unroll.log_probs)

@@ -115,7 +115,7 @@ def test_no_elicited_recipes_at_all_score_everything_alike(opened):
     ("spoil", "fragment"),
     [
         (lambda elicited, weights: (elicited[:, :2], weights), "elicited has shape"),
-        (lambda elicited, weights: (elicited.long(), weights), "elicited is of torch.int64"),
+        (lambda elicited, weights: (elicited.long(), weights), "elicited has type torch.int64"),
         (lambda elicited, weights: (elicited, weights[1:]), "weights has shape"),
         (lambda elicited, weights: (elicited, weights * 0), "must be above 0"),
         (lambda elicited, weights: (elicited.flip(0), weights), "unsorted or duplicated"),
@@ -132,7 +132,7 @@ def test_tensors_that_are_no_elicited_recipes_are_refused(opened, scorer, tmp_pa
     folder = save_scorer(tmp_path / "elicited", scorer, opened, kg="none")
     Path(folder / "model.safetensors").write_bytes(safetensors.torch.save(spoilt))
     end_run(folder, read_run(folder), "done", tuple(read_run(folder).outputs))
-    with pytest.raises(ArtefactError, match="does not hold a scorer"):
+    with pytest.raises(ArtefactError, match="does not contain a scorer"):
         load_scorer(folder)
 
 
@@ -142,5 +142,5 @@ def test_w_of_elicited_recipes_serves_books_whose_tables_of_all_pairs_would_be_t
     (w,) = make_sources(["w"], scorer)
     scores = w(torch.tensor([5]), torch.tensor([size]), torch.tensor([[3, size - 1, 0, size]]))
     assert scores.tolist() == [[0.0, 1.0, 1.0, 0.0]]
-    with pytest.raises(ConfigError, match="scores of all pairs"):
+    with pytest.raises(ConfigError, match="score table"):
         make_sources(["u", "v", "w"], scorer)

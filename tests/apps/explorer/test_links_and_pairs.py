@@ -45,7 +45,7 @@ def test_a_link_has_the_score_and_ranks_that_reports_give_it(kernel: LinkPredict
         assert found.as_tail.rank == ranks["rank"].iloc[row]
         assert found.as_head.rank == ranks["rank"].iloc[row + len(triples)]
         assert found.as_head.candidates == ranks["candidates"].iloc[row + len(triples)]
-        assert (found.status == "learned") == found.reason.is_memory == (found.known == "train")
+        assert (found.status == "learned") == found.reason.is_in_sample == (found.known == "train")
         assert {row.part for row in found.recipes} >= {found.known}
         statuses.add((found.status, found.known))
     assert statuses == {("learned", "train"), ("held out", "valid"), ("held out", "test")}
@@ -63,7 +63,7 @@ def test_a_link_that_is_held_out_has_a_probability_and_its_recipes(kernel: LinkP
     found = link_of(kernel, *labels)
     assert (found.status, {row.part for row in found.recipes}) == ("held out", {"test"})
     assert found.probability == pytest.approx(float(kernel.model.scorer.probability(*ids)))
-    assert not found.reason.is_memory
+    assert not found.reason.is_in_sample
     assert found.reason.witnesses
 
 
@@ -85,7 +85,7 @@ def test_candidates_of_both_open_slots_stand_beside(kernel: LinkPredictor):
 def test_a_model_of_the_full_graph_is_marked(all_seeing: LinkPredictor):
     found = link_of(all_seeing, *held_out(all_seeing)[1])
     assert (found.has_seen_the_test_recipes, found.status, found.known) == (True, "learned", "test")
-    assert found.reason.is_memory
+    assert found.reason.is_in_sample
 
 
 def test_a_pair_makes_what_the_book_says_with_the_part(neighbours: LinkPredictor):

@@ -165,5 +165,5 @@ def test_factors_that_do_not_fit_the_vocabulary_are_refused(opened_kitchen, tmp_
             opened_kitchen.graph.hash,
         )
         folder = save_scorer(tmp_path / name, wrong, opened_kitchen, kg="partial")
-        with pytest.raises(ArtefactError, match="does not hold a scorer"):
+        with pytest.raises(ArtefactError, match="does not contain a scorer"):
             load_scorer(folder)

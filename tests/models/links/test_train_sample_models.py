@@ -135,7 +135,7 @@ def test_a_dose_that_is_not_the_one_of_the_training_is_a_leak(with_train_sample,
 @pytest.mark.parametrize("tensor", [torch.zeros(3, dtype=torch.int64), torch.zeros(271)])
 def test_a_damaged_dose_is_refused(with_train_sample, tmp_path, tensor):
     folder = rewritten(with_train_sample, tmp_path / "spoilt", lambda tensors: tensors.update(train_results=tensor))
-    with pytest.raises(ArtefactError, match="does not say what each recipe was taught as"):
+    with pytest.raises(ArtefactError, match="has damaged train results"):
         load_scorer(folder)
 
 

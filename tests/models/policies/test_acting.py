@@ -71,7 +71,7 @@ def test_the_same_generator_gives_the_same_picks_and_no_global_one_is_touched(po
     assert torch.equal(torch.get_rng_state(), before)
 
 
-UNKNOWN = [((GOAL, ["e1x", *TABLE[:3]]), "'e1'"), ((8, TABLE), "0 .. 7"), ((GOAL, TABLE, -1), "id -1")]
+UNKNOWN = [((GOAL, ["e1x", *TABLE[:3]]), "'e1'"), ((8, TABLE), "0 .. 7"), ((GOAL, TABLE, -1), "entity -1")]
 
 
 @pytest.mark.parametrize(("state", "fragment"), UNKNOWN)
@@ -100,7 +100,7 @@ def test_a_saved_policy_loads_with_the_same_bits_and_labels(policy: Policy, tmp_
 def test_a_saved_policy_is_hashed_and_says_where_it_is_from(tmp_path: Path):
     folder = save_policy(tmp_path / "mine", policy_of())
     assert json.loads((folder / "run.json").read_text())["kind"] == "save-policy"
-    assert "saved with wordcraft-kg\nfrom a program" in (folder / "README.md").read_text()
+    assert "A program saved this policy" in (folder / "README.md").read_text()
     flip_bit(folder / "policy.safetensors", -1)
     with pytest.raises(ArtefactError, match=r"policy\.safetensors"):
         load_policy(folder)

@@ -218,12 +218,12 @@ def test_evaluations_bind_the_tasks_that_they_play_and_training_binds_its_own_ag
     deep, u = world.variant(depth=2, num_tasks=40), policy.sources["u"]
     impala = impala_of(policy, world)
     assert u.bound_to == world.tasks.hash
-    Evaluator(deep, draws=1)(PolicyPlayer(policy))
+    Evaluator(deep, distractor_seeds=1)(PolicyPlayer(policy))
     assert u.bound_to == deep.tasks.hash
     assert u.model_of_task.tolist() == [*models_of_tasks(scorer.of_recipe, deep.tasks), 0]
     impala.update()
     assert u.bound_to == world.tasks.hash
-    Evaluator(world.variant(part="test"), draws=1)(PolicyPlayer(policy))
+    Evaluator(world.variant(part="test"), distractor_seeds=1)(PolicyPlayer(policy))
     assert u.bound_to == world.tasks.hash
 
 
@@ -379,4 +379,4 @@ def test_stable_baselines_learns_on_scores_of_models_that_have_not_seen_the_task
     assert not torch.allclose(asked, torch.softmax(network(*state).logits, dim=1))
     model.learn(64)
     copied = copy.deepcopy(model.policy.network)
-    Evaluator(world, draws=1)(PolicyPlayer(copied))
+    Evaluator(world, distractor_seeds=1)(PolicyPlayer(copied))

@@ -411,7 +411,7 @@ def test_kg_only_without_a_scorer_is_an_error_that_names_both_settings():
 @pytest.mark.parametrize("num_slots", [SLOTS - 1, SLOTS + 1])
 def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots: int):
     table = torch.zeros(2, num_slots, dtype=torch.int64)
-    with pytest.raises(ConfigError, match=rf"tables of {num_slots} slots: this mlp was made for {SLOTS}"):
+    with pytest.raises(ConfigError, match=rf"tables have {num_slots} slots: this mlp was made for {SLOTS}"):
         mlp()(table[:, 0], table[:, 0], table)
 
 

@@ -186,7 +186,7 @@ def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
         expected = scaled_scorer(SCORER, **settings)
         for name, relation in (("u", "combinesWith"), ("v", "componentOf")):
             assert torch.equal(policy.sources[name].scores[:-1, :-1].T, expected.table(relation))
-    with pytest.raises(ConfigError, match="'observed' needs the triples"):
+    with pytest.raises(ConfigError, match="'observed' needs the scorer's training triples"):
         plain(scorer=SCORER, self_edges="observed", observed=None)
 
 
@@ -397,7 +397,10 @@ SPOILT: dict[str, tuple[Callable[[Tensors], Tensors], str]] = {
     "one too many": (lambda all: all | {"unheard": all[BIAS]}, "do not make a policy"),
     "of another shape": (lambda all: all | {BIAS: all[BIAS][:-1]}, "do not make a policy"),
     **{
-        str(dtype): (lambda all, dtype=dtype: all | {BIAS: all[BIAS].to(dtype)}, rf"value\.0\.bias is of {dtype}, not")
+        str(dtype): (
+            lambda all, dtype=dtype: all | {BIAS: all[BIAS].to(dtype)},
+            rf"value\.0\.bias has type {dtype}, not",
+        )
         for dtype in (torch.complex64, torch.int64, torch.float64)
     },
 }

@@ -147,5 +147,5 @@ def test_sources_of_links_have_no_evidence_and_a_scorer_of_links_has_no_w(scorer
     (v,) = make_sources(["v"], links)
     goal, selection, table = states(v.num_entities, rows=1)
     assert v.evidence(goal, selection, table) == (None,) * 6
-    with pytest.raises(ConfigError, match="needs scores of recipes"):
+    with pytest.raises(ConfigError, match="needs recipe scores"):
         BestRecipe.of_scorer(links, None)

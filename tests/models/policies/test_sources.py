@@ -170,7 +170,7 @@ def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names,
     make_sources(names, SCORER)
     monkeypatch.setattr(registry, "TABLE_LIMIT", needed - 1)
     monkeypatch.setattr(BareScorer, "table", None)
-    with pytest.raises(ConfigError, match="scores of all pairs of 6 entities take"):
+    with pytest.raises(ConfigError, match="score tables for 6 entities take"):
         make_sources(names, SCORER)
 
 
@@ -235,7 +235,7 @@ def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
     folder: str, tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
-    with pytest.raises(ConfigError, match="scores of all pairs"):
+    with pytest.raises(ConfigError, match="score table"):
         train_agent(AgentConfig("kitchen", folder), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
@@ -261,9 +261,13 @@ def test_every_source_has_a_label_of_its_own_name_and_symbol():
 
 def test_a_column_is_called_after_what_is_held_where_the_scores_depend_on_it():
     u, v = label_of("u"), label_of("v")
-    assert (u.title("egg"), u.title(None), u.needs_held) == ("combinesWith egg (u)", "combinesWith nothing (u)", True)
-    assert (v.title("egg"), v.title(None), v.needs_held) == ("componentOf goal (v)", "componentOf goal (v)", False)
-    assert u.title("{held}") == "combinesWith {held} (u)"
+    assert (u.title("egg"), u.title(None), u.needs_selection) == (
+        "combinesWith egg (u)",
+        "combinesWith nothing (u)",
+        True,
+    )
+    assert (v.title("egg"), v.title(None), v.needs_selection) == ("componentOf goal (v)", "componentOf goal (v)", False)
+    assert u.title("{selection}") == "combinesWith {selection} (u)"
     assert ALPHA.title(None) == "attention (α)"
 
 
@@ -276,7 +280,7 @@ def test_importing_the_names_of_sources_imports_no_torch():
 class Triple(Source):
     """Depends on three entities, and on the task: what no table of pairs holds."""
 
-    label = Label("third", "t", "makes the goal with {held}")
+    label = Label("third", "t", "makes the goal with {selection}")
     reads_task = True
 
     def __init__(self, num_entities: int, offsets: Tensor | None = None):

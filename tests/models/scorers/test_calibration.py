@@ -28,8 +28,8 @@ from wordcraft_kg.models.scorers.calibration import (
     Probabilities,
     fit_curve,
     known_share,
-    place_of,
     predictions,
+    rank_log_odds,
 )
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.factors import TableScorer
@@ -94,7 +94,7 @@ def test_a_higher_score_is_never_less_probable(slope: float):
     true, others = counts(expit(-4 + slope * CENTRES), 0.5)
     curve = fit_curve(true, others, 0.5)
     assert curve.slopes == ()
-    assert "no better" in curve.reason
+    assert "do not separate" in curve.reason
     assert np.ptp(curve.probability(CENTRES)) == 0
     assert curve.probability(CENTRES)[0] == pytest.approx(curve.rate)
 
@@ -117,11 +117,11 @@ def test_a_fold_of_one_class_has_its_base_rate_and_says_why(known: int | str):
 def test_places_are_log_odds_of_ranks_with_ties_halved():
     among = np.array([1.0, 2.0, 2.0, 3.0])
     ranks = [1 - sum((x > s) + 0.5 * (x == s) for x in among) / 4 for s in (0.0, 1.0, 2.0, 3.0, 4.0)]
-    found = place_of(np.array([0.0, 1.0, 2.0, 3.0, 4.0]), among)
+    found = rank_log_odds(np.array([0.0, 1.0, 2.0, 3.0, 4.0]), among)
     expected = [(4 * rank + 0.5) / 5 for rank in ranks]
     clipped = np.clip(expected, 0.1, 0.9)
     np.testing.assert_allclose(found, np.log(clipped / (1 - clipped)))
-    assert place_of(np.array([7.0]), np.full(5, 7.0)) == pytest.approx(0)
+    assert rank_log_odds(np.array([7.0]), np.full(5, 7.0)) == pytest.approx(0)
 
 
 def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer: CrossFitted, folds: Folds):
@@ -213,9 +213,9 @@ def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder:
     (copy / "run.json").write_text(json.dumps(run))
     before = load_scorer(copy)
     torch.testing.assert_close(before.table(0), load_scorer(folder).table(0), rtol=0, atol=0)
-    with pytest.raises(ConfigError, match="says nothing of probabilities"):
+    with pytest.raises(ConfigError, match="has no calibration"):
         before.probability(0, 0, 1)
-    with pytest.raises(ConfigError, match="what a pair makes"):
+    with pytest.raises(ConfigError, match="cannot predict results"):
         before.result_probabilities(0, 1)
 
 
@@ -224,7 +224,7 @@ def test_constant_scores_have_the_base_rate(folds: Folds):
     scorer = TableScorer(torch.ones(2, size, size), graph.entities, graph.hash)
     found = Probabilities.fit(scorer, folds, [predictions(scorer, folds, fold) for fold in range(folds.count)])
     for curves in found.relations:
-        assert "no better" in curves.distinct.reason
+        assert "do not separate" in curves.distinct.reason
     ids = torch.arange(size)
     chances = found.predict(scorer.table(1), ids[:, None], torch.tensor(1), ids[None])
     assert float(chances[0, 1]) == pytest.approx(found.relations[1].distinct.rate)

@@ -121,7 +121,7 @@ def test_one_hot_is_the_identity_up_to_its_limit(monkeypatch):
     assert made.is_one_hot
     assert made.known.all()
     assert made.words == made.missing_words == ()
-    assert "one-hot features of 4 entities" in refused("one-hot", "abcd")
+    assert "one-hot features for 4 entities" in refused("one-hot", "abcd")
 
 
 def test_random_features_are_laplace_noise_of_the_official_spread():
@@ -184,7 +184,7 @@ def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
     labels = ["sea"] * 18 + [f"zqx{i:02} water-zqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
     message = refused("glove", labels)
     listed = ", ".join(f"zqx{i:02}" for i in range(19))
-    assert f"24 of 42 entities have no vector. Words without one: water-zqx, {listed} and 5 more." in message
+    assert f"24 of 42 entities have no vector. Unknown words: water-zqx, {listed} and 5 more." in message
     assert refused("shuffled:glove", labels) == message
     made = make_features("glove", labels, allow_missing=True)
     assert made.known.sum() == 18
@@ -295,9 +295,9 @@ def test_pooling_and_shuffling_a_file_work_as_with_any_features(vectors_file):
         (b"", " is empty"),
         (b"\n \n", " is empty"),
         (gzip.compress(b"", mtime=0), " is empty"),
-        (b"2 3\n", ": its first line announces 2 vectors, but 0 follow"),
-        (b"3 2\nsea 1 2\niron 1 2\n", ": its first line announces 3 vectors, but 2 follow."),
-        (b"1 2\nsea 1 2\niron 1 2\n", ": its first line announces 1 vectors, but 2 follow."),
+        (b"2 3\n", ": the first line announces 2 vectors, but 0 follow"),
+        (b"3 2\nsea 1 2\niron 1 2\n", ": the first line announces 3 vectors, but 2 follow."),
+        (b"1 2\nsea 1 2\niron 1 2\n", ": the first line announces 1 vectors, but 2 follow."),
         (b"sea 1 2\niron 1\n", ", line 2: 1 columns"),
         (b"sea 1 2\nother 1\n", ", line 2: 1 columns"),
         (b"sea 1 2\nother\n", ", line 2: 0 columns"),
@@ -307,12 +307,12 @@ def test_pooling_and_shuffling_a_file_work_as_with_any_features(vectors_file):
         (b"2 0\nsea .1 .2\niron .1 .2\n", ", line 2: 2 columns after the word, expected 1"),
         (b"sea\niron 1 2\n", ", line 1: no numbers at the end"),
         (b"sea 1 x\niron 1 2\n", ", line 1: no numbers at the end"),
-        (b"the 1 2\niron x 2\n", ", line 2: 'x' in the vector of 'iron' is not a number"),
-        (b"the 1 2\niron 1,5 2\n", ", line 2: '1,5' in the vector of 'iron' is not a number"),
-        (b"the 1 2\niron 1 \xff\n", ", line 2: '\ufffd' in the vector of 'iron' is not a number"),
-        (b"the 1 2\niron nan 2\n", ", line 2: the vector of 'iron' has a value"),
-        (b"the 1 2\nsea 1 2\niron 1 -inf\n", ", line 3: the vector of 'iron' has a value"),
-        (b"the 1 2\niron 1 1e39\n", ", line 2: the vector of 'iron' has a value"),
+        (b"the 1 2\niron x 2\n", ", line 2: 'x' in the vector for 'iron' is not a number"),
+        (b"the 1 2\niron 1,5 2\n", ", line 2: '1,5' in the vector for 'iron' is not a number"),
+        (b"the 1 2\niron 1 \xff\n", ", line 2: '\ufffd' in the vector for 'iron' is not a number"),
+        (b"the 1 2\niron nan 2\n", ", line 2: the vector for 'iron' has a value"),
+        (b"the 1 2\nsea 1 2\niron 1 -inf\n", ", line 3: the vector for 'iron' has a value"),
+        (b"the 1 2\niron 1 1e39\n", ", line 2: the vector for 'iron' has a value"),
         (
             b"2 3\nsea " + struct.pack("<3f", *SEA) + b"\niron " + struct.pack("<3f", 0.1, -0.2, 0.3),
             ", line 2: not UTF-8",
@@ -348,7 +348,7 @@ def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
 
 def test_missing_words_of_a_file_are_counted_as_everywhere(vectors_file):
     path = vectors_file(GLOVE_TEXT)
-    assert f"'{path}': 1 of 2 entities have no vector. Words without one: iron." in refused(path, ["sea", "iron"])
+    assert f"'{path}': 1 of 2 entities have no vector. Unknown words: iron." in refused(path, ["sea", "iron"])
     assert make_features(path, ["sea", "iron"], allow_missing=True).vectors.tolist() == [SEA, [0, 0, 0]]
     assert "3 of 3 entities" in refused(path, ["x", "y", "z"], allow_missing=True)
 
@@ -420,7 +420,7 @@ def test_a_numpy_file_with_more_or_fewer_labels_is_refused(labels, count, npy_fi
 )
 def test_a_numpy_file_of_another_kind_is_refused(array, npy_file):
     path = npy_file(array)
-    assert re.match(f"{path} .*(expected floats of shape|cut off)", refused(path))
+    assert re.match(f"{path} .*(expected floats, shape|truncated)", refused(path))
 
 
 @pytest.mark.parametrize("kind", ["no labels", "labels that are not UTF-8", "a zip of arrays", "plain text"])
@@ -433,7 +433,7 @@ def test_a_numpy_file_in_need_of_something_is_refused(kind, npy_file, home):
         Path(path).write_bytes(content)
     beside = home / "vectors.labels.txt"
     expected = {"no labels": f"{path} has no labels", "labels that are not UTF-8": f"{beside}, line 3: not UTF-8"}.get(
-        kind, "not an array of numbers"
+        kind, "not a numeric array"
     )
     assert expected in refused(path)
 
@@ -444,7 +444,7 @@ def test_a_numpy_file_of_python_objects_is_refused_without_unpickling(npy_file, 
             return os.mkdir, (str(home / "sprung"),)
 
     path = npy_file(np.array([[Trap()]], dtype=object))
-    assert "not an array of numbers" in refused(path)
+    assert "not a numeric array" in refused(path)
     assert not (home / "sprung").exists()
 
 
@@ -453,7 +453,7 @@ def test_a_numpy_file_that_is_cut_off_anywhere_is_refused(npy_file):
     whole = Path(path).read_bytes()
     for size in (*range(0, len(whole), 5), len(whole) - 1):
         Path(path).write_bytes(whole[:size])
-        assert refused(path).startswith(f"{path} is cut off")
+        assert refused(path).startswith(f"{path} is truncated")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e39])
@@ -461,7 +461,7 @@ def test_a_value_that_is_no_finite_number_is_refused_with_its_row(value, npy_fil
     array = MATRIX.astype(np.float64)
     array[2, 1] = value
     path = npy_file(array)
-    expected = f"{path}, row 2 (the first is 0): the vector of 'Iron' has a value"
+    expected = f"{path}, row 2 (the first is 0): the vector for 'Iron' has a value"
     assert refused(path, ["sea", "Iron"]).startswith(expected)
     assert make_features(path, ["sea"]).vectors.tolist() == [[1, 2]]
 

@@ -76,8 +76,8 @@ def test_a_witness_names_the_recipes_that_give_it_and_a_learned_link_its_own(evi
         own = [Recipe(*GRAPH.labels(KNOWN[row])) for row in links.get((head, relation, tail), [])]
         assert list(reason.learned_from) == own[:RECIPES]
         assert reason.more == max(len(own) - RECIPES, 0)
-        assert reason.is_memory == ((head, relation, tail) in links)
-        learned += reason.is_memory
+        assert reason.is_in_sample == ((head, relation, tail) in links)
+        learned += reason.is_in_sample
         for witness in reason.witnesses:
             link = (of_label[witness.head], relation, of_label[witness.tail])
             rows = links[link]
@@ -99,9 +99,9 @@ def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen: OpenedGraph
     train_sample = draw_train_sample(opened_kitchen.split, train_fraction=0.5, label_noise=0.5)
     evidence = LinkEvidence(NeighbourScorer(graph, train_sample.triples), train_sample.recipes)
     a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
-    assert evidence.reason(a, COMPONENT_OF, result).is_memory
+    assert evidence.reason(a, COMPONENT_OF, result).is_in_sample
     right = graph.recipes[np.flatnonzero(train_sample.is_wrong)[0], 2]
-    assert not evidence.reason(a, COMPONENT_OF, int(right)).is_memory
+    assert not evidence.reason(a, COMPONENT_OF, int(right)).is_in_sample
 
 
 def test_without_recipes_nothing_speaks():

@@ -77,6 +77,6 @@ def test_an_entity_that_all_score_alike_is_like_none():
 
 def test_too_many_pairs_without_factors_are_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(config, "TABLE_LIMIT", 8 * SIZE**2 - 1)
-    with pytest.raises(ConfigError, match="comparing entities by their scores needs the scores of all pairs"):
+    with pytest.raises(ConfigError, match="comparing entities by scores needs a score table"):
         EntityRoles.of(table_scorer(normal(2, SIZE, SIZE)))
     assert EntityRoles.of(complex_scorer(SIZE, 3)).lengths.shape == (SIZE, 4)

@@ -73,5 +73,5 @@ def test_recipes_are_scored_where_the_scores_of_all_pairs_would_be_too_many(monk
     monkeypatch.setattr(config, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
     scorer = VoteScorer(GRAPH, KNOWN)
     assert scorer.score_recipes(0, 1, EVERYTHING).shape == (SIZE,)
-    with pytest.raises(ConfigError, match=f"all pairs of {SIZE} entities"):
+    with pytest.raises(ConfigError, match=f"a score table for {SIZE} entities"):
         scorer.table(COMBINES_WITH)

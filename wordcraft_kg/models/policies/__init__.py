@@ -1,4 +1,4 @@
-"""Policies map ids of goal, selection and table to logits over slots and a value.
+"""Policies map ids (goal, selection, table) to slot logits and a state value.
 
 Read ``config`` (settings), then ``policy`` (the base class) and both kinds, ``attention`` and ``mlp``; ``folder``
 makes, writes and loads policies::

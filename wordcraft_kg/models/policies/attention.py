@@ -1,7 +1,7 @@
 """The self-attention actor-critic, alone or guided by knowledge.
 
 Tables have few slots, so product shapes matter more than sizes: ``index_select`` fetches vectors, a row's slots are
-columns of one small product, and softmax runs along the first axis.
+columns in a single small product, and softmax runs along the first axis.
 """
 
 import math
@@ -32,7 +32,7 @@ class AttentionPolicy(Policy):
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
         super().__init__(config, vectors, sources)
         if config.kg_only and not self.sources:
-            raise ConfigError("`kg_only` mixes a scorer's scores and nothing else; give a `scorer` too.")
+            raise ConfigError("`kg_only` mixes only scorer scores; give a `scorer` too.")
         self.attention = TableAttention(vectors.dim, config.key_size)
         self.value = _head(vectors.dim, config.value_size, 1)
         if self.sources:
@@ -53,7 +53,7 @@ class AttentionPolicy(Policy):
         table: Tensor,
         weights: Weights | None = None,
         task: Tensor | None = None,
-        opinions: Tensor | None = None,
+        external_scores: Tensor | None = None,
     ) -> PolicyOutput:
         weights = weights or self.weights()
         mask = table != self.num_entities
@@ -62,10 +62,12 @@ class AttentionPolicy(Policy):
         is_softmax = self.config.value_readout == "softmax"
         state = slots.sum(masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0), self.num_entities)
         value = _mlp(state, weights, "value")[:, 0]
-        opinions = self.opinions(goal, selection, table, task) if opinions is None else opinions
-        if opinions is None:
+        external_scores = (
+            self.external_scores(goal, selection, table, task) if external_scores is None else external_scores
+        )
+        if external_scores is None:
             return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
-        sources = opinions if self.config.kg_only else torch.cat([alpha[:, None], opinions], dim=1)
+        sources = external_scores if self.config.kg_only else torch.cat([alpha[:, None], external_scores], dim=1)
         lambdas = _mlp(state, weights, "mixture")
         if self.config.mixing == "softmax":
             lambdas = torch.softmax(lambdas, dim=1)
@@ -73,12 +75,12 @@ class AttentionPolicy(Policy):
 
 
 def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
-    """Mix the logits of sources, slot by slot: ``β_i = Σ_s λ_s · source_s,i``.
+    """Mix source logits, slot by slot: ``β_i = Σ_s λ_s · source_s,i``.
 
-    Empty slots become -inf *after* mixing, so no λ can revive them.
+    Empty slots become -inf *after* mixing, so no λ can revive empty slots.
 
     Args:
-        logits: shape (B, S, A), one channel per active source; α first if active.
+        logits: shape (B, S, A), a channel per active source; α first if active.
         lambdas: shape (B, S).
         slot_mask: shape (B, A), bool. True for occupied slots.
 
@@ -131,7 +133,7 @@ class TableAttention(nn.Module):
 
 
 class Slots:
-    """Vectors on a batch of tables (B, A), from vectors of all entities (E + 1, F), or None for one-hot vectors."""
+    """Entity vectors on a table batch (B, A), from vectors for all ids (E + 1, F), or None for one-hot vectors."""
 
     def __init__(self, vectors: Tensor | None, table: Tensor):
         self.table = table

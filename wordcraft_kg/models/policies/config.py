@@ -1,4 +1,4 @@
-"""Settings of policies; imports no torch."""
+"""Policy settings; imports no torch."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -15,31 +15,31 @@ _ValueReadout = Literal["softmax", "logits"]
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """Settings of a policy and of the knowledge that it uses.
+    """Settings for a policy and the knowledge mixed in.
 
     Attributes:
-        policy: attention (self-attention over the table, the paper's) or mlp (one hidden layer on everything on the
-            table in its order, the paper's baseline; for one size of table only).
-        features: entity vectors: glove, one-hot, random, learned, shuffled:<any but learned>, or a file of vectors.
-        pooling: how a label of several words gets its vector: mean or max over the words.
-        allow_missing: use zeros for entities without a vector, however many there are.
-        key_size: dimensions of queries and keys; 300 is the paper's.
-        value_size: dimensions of the encodings for the value and for λ; 300 is the paper's.
-        hidden_size: hidden units of the mlp; 300 is the paper's.
-        embedding_size: dimensions of learned features; by default as many as GloVe has.
-        use: sources of knowledge to mix in, comma-separated: u (the scorer's combinesWith with the held entity), v (its
-            componentOf with the goal), w (its score of the recipe with the held entity, or the best on the table; of
-            scorers of train-recipes and elicit).
-        kg_only: mix only the sources' scores, without the attention's own logits.
+        policy: attention (self-attention over the table, as in the paper) or mlp (a hidden layer on the ordered table,
+            the paper's baseline; for a fixed table size).
+        features: entity vectors: glove, one-hot, random, learned, shuffled:<any but learned>, or a vector file.
+        pooling: combines word vectors for labels with several words: mean or max.
+        allow_missing: use zeros for entities without a vector, without a limit on the number.
+        key_size: query and key dimensions; 300 in the paper.
+        value_size: encoding dimensions for the value and for λ; 300 in the paper.
+        hidden_size: hidden units in the mlp; 300 in the paper.
+        embedding_size: dimensions for learned features; by default as many as GloVe has.
+        use: knowledge sources to mix in, comma-separated: u (combinesWith score with the selection), v (componentOf
+            score with the goal), w (recipe score with the selection, or without a selection with the best partner on
+            the table; needs a scorer from train-recipes or elicit).
+        kg_only: mix only the sources' scores, without attention logits.
         mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This and the next three
-            were chosen on validation tasks, see docs/agents.md.
-        scale: brings scores to one scale before mixing: standardise, ranks, log-softmax or none.
-        self_edges: an entity's combinesWith score with itself: keep it (the paper), keep only those observed in the
-            scorer's training triples, or drop it; a dropped score becomes the mean of all pairs.
-        in_sample: score train tasks by the model that has been trained on them, as the paper does, even if the scorer
-            has one that has not.
-        value_readout: weights of the slots in the encodings of value and λ: softmax of α, or the raw logits α, as in
-            the paper's released code.
+            defaults were chosen on validation tasks, see docs/agents.md.
+        scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
+        self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges observed in the scorer's
+            training triples, or drop; a dropped score becomes the mean over all pairs.
+        in_sample: score train tasks with the model trained on their recipes, as in the paper, even if the scorer has
+            out-of-sample models.
+        value_readout: slot weights in the encodings for value and λ: softmax of α, or the raw logits α, as in the
+            paper's released code.
 
     Example:
         >>> PolicyConfig(use="v").sources
@@ -74,10 +74,10 @@ class PolicyConfig:
     @property
     def sources(self) -> tuple[str, ...]:
         """Sources in use, in mixing order."""
-        asked = [source.strip() for source in self.use.split(",")]
+        names = [source.strip() for source in self.use.split(",")]
         known = source_names()
-        unknown = [source for source in asked if source not in known]
+        unknown = [source for source in names if source not in known]
         if unknown:
             hint = nearest(unknown[0], known)
-            raise refuse("use", self.use, f"one or more of {', '.join(known)}, comma-separated", hint)
-        return tuple(source for source in known if source in asked)
+            raise refuse("use", self.use, f"names among {', '.join(known)}, comma-separated", hint)
+        return tuple(source for source in known if source in names)

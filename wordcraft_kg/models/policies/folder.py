@@ -1,4 +1,4 @@
-"""Making policies, and writing and loading self-contained policy folders."""
+"""Making policies; writing and loading self-contained policy folders."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -42,21 +42,21 @@ def make_policy(
     tasks: TaskSet | None = None,
     seed: int = 0,
 ) -> tuple[Policy, EntityFeatures | None]:
-    """Return an untrained policy for a graph, and its features unless learned.
+    """Return an untrained policy for a graph, and the features unless learned.
 
     Args:
-        config: settings of the policy.
-        graph: graph of the entities.
+        config: policy settings.
+        graph: recipe graph.
         num_slots: number of slots; only an mlp depends on this number.
         scorer: scorer for the sources, see :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
-        observed: training triples of the scorer, for ``self_edges`` ``observed``.
+        observed: the scorer's training triples, for ``self_edges`` ``observed``.
         tasks: training tasks, such as ``world.tasks``; required by cross-fitted scorers.
-        seed: seed of parameters and random features; global generators stay unchanged.
+        seed: for parameters and random features; global generators stay unchanged.
 
     Raises:
-        ConfigError: if settings conflict with each other or the graph.
+        ConfigError: if settings conflict or do not fit the graph.
         GraphMismatchError: if the scorer belongs to another graph.
-        LeakError: if a model has seen the recipes of a task.
+        LeakError: if a model has seen a task's recipes.
     """
     features = None
     if config.features != LEARNED:
@@ -66,7 +66,7 @@ def make_policy(
     sources: list[Source] = []
     if scorer is not None:
         if config.policy == "mlp":
-            raise ConfigError("`policy` mlp cannot mix a scorer's scores with its logits; leave out `scorer`.")
+            raise ConfigError("`policy` mlp cannot mix in scorer scores; leave out `scorer`.")
         check_scorer(scorer, graph)
         view = ScoreView(config.scale, config.self_edges, observed)
         scorer = whole_of(scorer) if config.in_sample else scorer
@@ -112,16 +112,16 @@ def write_parameters(folder: Path, policy: Policy) -> None:
 
 
 def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]) -> Policy:
-    """Rebuild a policy from the files of its folder. Raises ArtefactError if the files do not fit each other."""
+    """Rebuild a policy from a policy folder's files. Raises ArtefactError for inconsistent files."""
     description = read_json(folder / "policy.json")
     tensors = read_tensors(folder / "constants.safetensors", constants)
     try:
         if description["format"] != _POLICY_FORMAT:
-            raise ValueError(f"its format is {description['format']!r}")
+            raise ValueError(f"unknown format {description['format']!r}")
         config = PolicyConfig(**description["settings"])
         size, dim = len(description["entities"]), description["dim"]
         is_learned = config.features == LEARNED
-        with torch.random.fork_rng(devices=[]):  # modules draw parameters, which are then replaced
+        with torch.random.fork_rng(devices=[]):  # modules draw parameters, which are replaced below
             constant = torch.zeros(size, dim) if dim and not is_learned else None
             vectors = EntityVectors(size, constant, learned_dim=dim if is_learned else 0)
             sources = [
@@ -131,14 +131,14 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
             policy = _policy(config, vectors, description["num_slots"], sources)
         weights = {**tensors, **parameters}
         for name, tensor in policy.state_dict().items():
-            if name in weights and weights[name].dtype != tensor.dtype:  # load_state_dict would convert it
-                raise ValueError(f"{name} is of {weights[name].dtype}, not {tensor.dtype}")
+            if name in weights and weights[name].dtype != tensor.dtype:  # load_state_dict would convert the type
+                raise ValueError(f"{name} has type {weights[name].dtype}, not {tensor.dtype}")
         policy.load_state_dict(weights, assign=True)
         policy.entities, policy.graph_hash = tuple(description["entities"]), description["graph"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ArtefactError(
             f"{folder / 'policy.json'} and the weights do not make a policy ({reason(error)}). "
-            "Train it again, or restore a copy."
+            "Train again, or restore a copy."
         ) from None
     return policy.eval()
 
@@ -156,9 +156,9 @@ def save_policy(folder: str | Path, policy: Policy, *, force: bool = False) -> P
         True
     """
     if not policy.entities:
-        raise ConfigError("the policy has no `entities`: make it with make_policy, or load it.")
+        raise ConfigError("the policy has no `entities`: use make_policy or load_policy.")
     if not all(torch.isfinite(parameter).all() for parameter in policy.parameters()):
-        raise ConfigError("the policy has parameters that are not finite numbers. Nothing was written.")
+        raise ConfigError("some policy parameters are not finite numbers. Nothing was written.")
     out = with_a_name(Path(folder))
     with staged_folder(out, force=force) as staging:
         write_constants(staging, policy)
@@ -173,26 +173,26 @@ def _card(policy: Policy) -> str:
     return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
 # A policy for crafting tasks
 
-Decides among the {policy.num_entities:,} entities of graph `{policy.graph_hash[:12]}`. It was saved with wordcraft-kg
-from a program, so nothing here says how it was trained or can reproduce that.
+Decides among the {policy.num_entities:,} entities in graph `{policy.graph_hash[:12]}`. A program saved this policy with
+wordcraft-kg, so training settings are not recorded here and training cannot be reproduced.
 
 {usage(policy.entities)}
 """
 
 
 def usage(entities: tuple[str, ...]) -> str:
-    """Return the usage section of a model card."""
+    """Return the model card's usage section."""
     goal, one, other = (entities * 3)[:3]
     return f"""```python
 from wordcraft_kg import load_policy
 
 policy = load_policy("this folder")
-policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # what to pick first
+policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # the first action
 ```"""
 
 
 def load_policy(folder: str | Path) -> Policy:
-    """Load the policy of a finished run or a saved policy; the folder suffices.
+    """Load a policy from a finished run or a saved policy; the folder suffices.
 
     Raises:
         ArtefactError: if the run is unfinished, or a file is missing or damaged.
@@ -205,6 +205,6 @@ def load_policy(folder: str | Path) -> Policy:
         True
     """
     folder = Path(folder)
-    files = RunFiles(folder, read_finished_run(folder, "a run of train-agent", "policy.safetensors"))
+    files = RunFiles(folder, read_finished_run(folder, "a run folder from train-agent", "policy.safetensors"))
     files.bytes("policy.json")
     return read_policy(folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors"))

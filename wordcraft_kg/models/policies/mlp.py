@@ -7,7 +7,7 @@ from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOut
 
 
 class MLPPolicy(Policy):
-    """The paper's simple baseline: one hidden layer on the vectors of goal, selection and all slots, in order.
+    """The paper's simple baseline: a hidden layer on the vectors for goal, selection and all slots, in order.
 
     Works for a single table size. Source: Jiang et al. 2020, appendix "Extended Discussion".
     """
@@ -20,10 +20,10 @@ class MLPPolicy(Policy):
         self.value = nn.Linear(config.hidden_size, 1)
 
     def weights(self) -> Weights:  # noqa: D102 - inherited
-        found = self.vectors.weights()
+        weights = self.vectors.weights()
         for name, layer in (("hidden", self.hidden), ("logits", self.logits), ("value", self.value)):
-            found |= {name: layer.weight.T, f"{name}.bias": layer.bias}
-        return found
+            weights |= {name: layer.weight.T, f"{name}.bias": layer.bias}
+        return weights
 
     def forward(  # noqa: D102 - inherited
         self,
@@ -32,12 +32,12 @@ class MLPPolicy(Policy):
         table: Tensor,
         weights: Weights | None = None,
         task: Tensor | None = None,
-        opinions: Tensor | None = None,
+        external_scores: Tensor | None = None,
     ) -> PolicyOutput:
         if table.shape[1] != self.num_slots:
             raise ConfigError(
-                f"tables of {table.shape[1]} slots: this mlp was made for {self.num_slots}. Only the attention policy "
-                "takes tables of any size; use the `num_distractors` that it was trained with."
+                f"the tables have {table.shape[1]} slots: this mlp was made for {self.num_slots}. Use the "
+                "`num_distractors` from training, or an attention policy, which takes any table size."
             )
         weights = weights or self.weights()
         hidden, vectors = weights["hidden"], weights.get("vectors")
@@ -45,9 +45,9 @@ class MLPPolicy(Policy):
         if vectors is not None:
             inner = torch.addmm(weights["hidden.bias"], look_up(vectors, ids).flatten(1), hidden)
         else:
-            by_place = nn.functional.pad(hidden.view(ids.shape[1], self.num_entities, -1), (0, 0, 0, 1)).flatten(0, 1)
-            places = torch.arange(ids.shape[1], device=ids.device) * (self.num_entities + 1)
-            inner = weights["hidden.bias"] + look_up(by_place, ids + places).sum(1)
+            by_input = nn.functional.pad(hidden.view(ids.shape[1], self.num_entities, -1), (0, 0, 0, 1)).flatten(0, 1)
+            offsets = torch.arange(ids.shape[1], device=ids.device) * (self.num_entities + 1)
+            inner = weights["hidden.bias"] + look_up(by_input, ids + offsets).sum(1)
         inner = torch.relu(inner)
         logits = torch.addmm(weights["logits.bias"], inner, weights["logits"])
         value = torch.addmm(weights["value.bias"], inner, weights["value"])

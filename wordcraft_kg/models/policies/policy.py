@@ -1,4 +1,4 @@
-"""Policies as torch modules: ids of goal, selection and table in, logits over slots and a value out."""
+"""Policies as torch modules: from goal, selection and table ids to slot logits and a state value."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
@@ -19,13 +19,13 @@ Weights = dict[str, Tensor]
 
 
 class PolicyOutput(NamedTuple):
-    """Output of a policy for a batch of states.
+    """Policy output for a batch of states.
 
     Attributes:
         logits: β, shape (B, A): unnormalised log-probabilities, -inf for empty slots.
         value: V, shape (B,): expected discounted return.
-        sources: terms of the mixture β, shape (B, S, A): α if mixed in, then sources; None without mixture.
-        lambdas: λ of each term, shape (B, S); None without mixture.
+        sources: mixture terms, shape (B, S, A): α if mixed in, then external scores; None without mixture.
+        lambdas: λ by term, shape (B, S); None without mixture.
     """
 
     logits: Tensor
@@ -34,8 +34,8 @@ class PolicyOutput(NamedTuple):
     lambdas: Tensor | None = None
 
 
-class Pick(NamedTuple):
-    """A decision: slot, label of its entity, and probability of the slot."""
+class Action(NamedTuple):
+    """The choice of a slot, with the label of the entity there and the slot's probability."""
 
     slot: int
     entity: str
@@ -43,12 +43,12 @@ class Pick(NamedTuple):
 
 
 class EntityVectors(nn.Module):
-    """Entity vectors x: constant, learned or one-hot (implicit); nothing, id E, has the zero vector.
+    """Entity vectors x: constant, learned or one-hot (implicit); id E (empty) has the zero vector.
 
     Attributes:
         num_entities: E.
-        dim: F, the length of a vector.
-        is_one_hot: vectors are rows of the identity.
+        dim: F, the vector length.
+        is_one_hot: vectors are unit vectors.
     """
 
     vectors: Tensor
@@ -67,27 +67,27 @@ class EntityVectors(nn.Module):
         self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
 
     def weights(self) -> dict[str, Tensor]:
-        """Return ``vectors`` of all entities and nothing, shape (E + 1, F); no key for one-hot vectors."""
+        """Return ``vectors`` by id, shape (E + 1, F); an empty mapping for one-hot vectors."""
         return {} if self.is_one_hot else {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
 
 
 def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
-    """Return vectors of entities for ``ids`` of any shape: shape (*ids, F)."""
+    """Return vectors for ids with any shape: shape (*ids, F)."""
     return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
 
 
 class Policy(nn.Module):
-    """Base class: ``policy(goal, selection, table)`` for a batch of ids, :meth:`act` for one state in labels.
+    """Base class: ``policy(goal, selection, table)`` for id batches, :meth:`act` for a single state in labels.
 
-    Ids are those of the environments: entities 0 to E - 1, and E for nothing.
+    Ids equal environment ids: entities 0 to E - 1, and E for an empty slot or no selection.
 
     Attributes:
         config: settings.
         num_entities: E.
-        sources: sources of knowledge by name; see :mod:`wordcraft_kg.models.policies.sources`.
-        labels: labels of the mixture's terms, in order: ``alpha`` if mixed in, then the sources.
+        sources: knowledge sources by name; see :mod:`wordcraft_kg.models.policies.sources`.
+        labels: names of the mixture terms, in order: ``alpha`` if mixed in, then the sources.
         entities: labels in id order; set, like ``graph_hash``, on making or loading.
-        graph_hash: hash of the graph.
+        graph_hash: the graph's content hash.
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
@@ -104,11 +104,11 @@ class Policy(nn.Module):
 
     @property
     def reads_task(self) -> bool:
-        """Scores of a source depend on the task number."""
+        """Some source's scores depend on the task number."""
         return any(source.reads_task for source in self.sources.values())
 
     def bind(self, tasks: TaskSet) -> None:
-        """Set the tasks of subsequent task numbers, as each source does; no effect unless :attr:`reads_task`."""
+        """Set the tasks to which later task numbers refer; no effect unless :attr:`reads_task`."""
         for source in self.sources.values():
             source.bind(tasks)
 
@@ -123,24 +123,26 @@ class Policy(nn.Module):
         table: Tensor,
         weights: Weights | None = None,
         task: Tensor | None = None,
-        opinions: Tensor | None = None,
+        external_scores: Tensor | None = None,
     ) -> PolicyOutput:
-        """Return logits and value of states.
+        """Return logits and values for a batch of states.
 
         Args:
             goal: shape (B,), int64: entity to make.
-            selection: shape (B,), int64: entity held, E for nothing.
+            selection: shape (B,), int64: selected entity, E without selection.
             table: shape (B, A), int64: entities on the table, E for empty slots. Each row has an entity.
             weights: result of :meth:`weights`; computed by default.
-            task: shape (B,), int64: task number among the tasks of :meth:`bind`, or the number of tasks for any other
-                task; None for tasks without train recipes, or if :attr:`reads_task` is False.
-            opinions: result of :meth:`opinions`; computed by default.
+            task: shape (B,), int64: index into the tasks given to :meth:`bind`, or the number of tasks for unlisted
+                tasks; None for tasks without train recipes, or if :attr:`reads_task` is False.
+            external_scores: result of :meth:`external_scores`; computed by default.
         """
         raise NotImplementedError
 
     @torch.no_grad()
-    def opinions(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor | None:
-        """Return the constant scores of sources, shape (B, S, A), for reuse; None without sources."""
+    def external_scores(
+        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
+    ) -> Tensor | None:
+        """Return the sources' constant scores, shape (B, S, A), for reuse; None without sources."""
         if not self.sources:
             return None
         return torch.stack([source(goal, selection, table, task) for source in self.sources.values()], dim=1)
@@ -153,13 +155,13 @@ class Policy(nn.Module):
         selection: Entity | None = None,
         *,
         generator: torch.Generator | None = None,
-    ) -> Pick:
-        """Decide in one state of labels or ids.
+    ) -> Action:
+        """Choose a slot in a single state, given as labels or ids.
 
         Args:
             goal: entity to make.
             table: entities on the table; None for empty slots.
-            selection: entity held, None for nothing.
+            selection: selected entity, None without selection.
             generator: CPU generator that samples a slot; by default the first most probable slot.
 
         Raises:
@@ -167,27 +169,27 @@ class Policy(nn.Module):
             ConfigError: if the table is empty.
         """
         if all(entity is None for entity in table):
-            raise refuse("table", list(table), "one entity or more")
+            raise refuse("table", list(table), "at least an entity")
         device = next(self.parameters()).device
         ids = [self.id_of(entity) for entity in (goal, selection, *table)]
         logits = self(*(torch.tensor(part, device=device) for part in (ids[:1], ids[1:2], [ids[2:]]))).logits
         probabilities = torch.softmax(logits[0], dim=0).cpu()
         slot = int(probabilities.argmax() if generator is None else probabilities.multinomial(1, generator=generator))
-        return Pick(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
+        return Action(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
 
     def id_of(self, entity: Entity | None) -> int:
-        """Return the id of a label or id; E for None, which is nothing. UnknownEntityError names the nearest labels."""
+        """Return an entity's id, or E for None. UnknownEntityError names the nearest labels."""
         if entity is None:
             return self.num_entities
         if isinstance(entity, str):
             if entity not in self.entities:
-                raise UnknownEntityError(f"the policy knows no '{entity}'.{nearest(entity, self.entities)}")
+                raise UnknownEntityError(f"the policy has no entity '{entity}'.{nearest(entity, self.entities)}")
             return self.entities.index(entity)
         if not 0 <= entity < self.num_entities:
-            raise UnknownEntityError(f"the policy knows no id {entity}; ids are 0 .. {self.num_entities - 1}.")
+            raise UnknownEntityError(f"the policy has no entity {entity}; expected 0 .. {self.num_entities - 1}.")
         return int(entity)
 
 
 def log_policy(logits: Tensor) -> Tensor:
-    """Return log-probabilities of masked logits (B, A), slots first: shape (A, B); -inf for empty slots."""
+    """Return log-probabilities for masked logits (B, A), slots first: shape (A, B); -inf for empty slots."""
     return torch.log_softmax(logits.T.contiguous(), dim=0)

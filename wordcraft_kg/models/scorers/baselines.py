@@ -15,12 +15,12 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
 
 
 class SymbolicScorer(Scorer):
-    """Scores 1 for given triples, shape (T, 3), and 0 for others: a knowledge graph without generalisation."""
+    """Scores 1 for given triples, shape (T, 3), and 0 otherwise: a knowledge graph without generalisation."""
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         super().__init__(graph.entities, graph.hash, **kwargs)
         keys = torch.unique(self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T))
-        # The last key is larger than that of any triple, so that a search always ends at one.
+        # The last key is larger than all triple keys, so searches always end at a key.
         self._keys = torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])
 
     def _key(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
@@ -39,9 +39,9 @@ class SymbolicScorer(Scorer):
 
 
 class FrequencyScorer(Scorer):
-    """Scores a triple by the frequency of its head and tail in known triples (T, 3) with the same relation.
+    """Scores a triple by how often head and tail occur in known triples (T, 3) with the same relation.
 
-    With one slot open, candidates rank by training frequency: the baseline for link predictors.
+    Candidates for an open slot rank by training frequency: the baseline for link predictors.
     """
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
@@ -57,9 +57,9 @@ class FrequencyScorer(Scorer):
 
 
 class NeighbourScorer(TableScorer):
-    """Scores a triple by links between entities similar to its head and tail.
+    """Scores a triple by links between entities similar to head and tail.
 
-    With ``A_r`` the known links of relation r, ``score_r = S A_r + A_r S``, where ``S`` is the cosine of the rows of
+    With ``A_r`` the known links in relation r, ``score_r = S A_r + A_r S``, where ``S`` are cosines between rows of
     ``[A_combinesWith, A_componentOf, A_componentOf transposed]`` with a zero diagonal. A neighbour shared by n entities
     weighs ``n ** -power``; the power was chosen on validation splits (``benchmarks/link_quality.py neighbours``). All
     matrices are dense, (E, 3 E), for graphs up to a few thousand entities.
@@ -96,25 +96,25 @@ class VoteScorer(Scorer):
 
         score(a, b -> c) = log((n_ac + eps) (n_bc + eps) / (m_c + 1)).
 
-    As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive Bayes. For an entity paired with itself
-    the second factor is ``eps``: nobody votes twice. Triple scores sum over the open part of the recipe::
+    As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive Bayes. For self pairs the second factor
+    is ``eps``: no entity votes twice. Triple scores sum over the open part of the recipe::
 
         score(a, combinesWith, b) = log sum over c of exp score(a, b -> c)
         score(x, componentOf, c) = log sum over b of exp(score(x, combinesWith, b) + score(x, b -> c))
 
-    Triples need a table of all pairs, so large graphs are refused; recipes work for graphs of any size. Forms and
+    Triple scores need a table of all pairs, so large graphs are refused; recipe scores have no size limit. Forms and
     ``eps`` were chosen on validation recipes: ``benchmarks/link_quality.py votes``.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, *, unseen: float = _UNSEEN, **kwargs: Any):
-        """Count the votes of known recipes, shape (n, 3); ``unseen`` is ``eps``, above 0."""
+        """Count votes from known recipes, shape (n, 3); ``unseen`` is ``eps``, above 0."""
         super().__init__(graph.entities, graph.hash, **kwargs)
         self.unseen = unseen
         one, other, result = recipes.T
         size = graph.num_entities
         votes = np.concatenate([one * size + result, (other * size + result)[one != other]])
         keys, counts = np.unique(votes, return_counts=True)
-        # The last key is larger than that of any vote, so that a search always ends at one.
+        # The last key is larger than all vote keys, so searches always end at a key.
         self._keys = torch.tensor(np.append(keys, np.iinfo(np.int64).max), device=self.device)
         self._counts = torch.tensor(np.append(counts, 0), dtype=torch.float64, device=self.device)
         self._made = torch.tensor(np.bincount(result, minlength=size), dtype=torch.float64, device=self.device)
@@ -122,11 +122,11 @@ class VoteScorer(Scorer):
     def votes(self, ingredients: EntityIds, results: EntityIds) -> torch.Tensor:
         """Count known recipes by ingredient and result; float64, broadcast shape."""
         keys = self.entity_ids(ingredients) * len(self.entities) + self.entity_ids(results)
-        found = torch.searchsorted(self._keys, keys)
-        return torch.where(self._keys[found] == keys, self._counts[found], 0.0)
+        rows = torch.searchsorted(self._keys, keys)
+        return torch.where(self._keys[rows] == keys, self._counts[rows], 0.0)
 
     def score_recipes(self, one: EntityIds, other: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Score recipes of ids or labels, which broadcast; unordered ingredients, float32."""
+        """Score recipes by ids or labels, which broadcast; unordered ingredients, float32."""
         a, b, c = self.entity_ids(one), self.entity_ids(other), self.entity_ids(results)
         second = torch.where(a == b, 0.0, self.votes(b, c))
         weight = (self.votes(a, c) + self.unseen) * (second + self.unseen) / (self._made[c] + 1)
@@ -137,7 +137,7 @@ class VoteScorer(Scorer):
 
     @cached_property
     def _tables(self) -> torch.Tensor:
-        """Scores of all triples, shape (R, E, E)."""
+        """Triple scores, shape (R, E, E)."""
         size = len(self.entities)
         check_table("counting the votes for triples", size)
         dense = torch.full((size, size), self.unseen, dtype=torch.float64, device=self.device)

@@ -1,17 +1,18 @@
-"""Probabilities from scores, fitted on out-of-sample scores of each fold's recipes.
+"""Probabilities from scores, fitted to out-of-sample scores.
 
-A score enters as *place*: the log-odds of its percentile rank among all pairs of different entities outside the train
-triples, which makes models on different scales comparable. For each relation, and separately for self pairs,
+Scores enter as log-odds of percentile ranks among all pairs of different entities outside the train triples, so models
+with different scales are comparable. Each relation has a curve for pairs of different entities and another curve for
+self pairs,
 
-``P(true | place t) = σ(α + Σ_i β_i s_i(t))``, with ``s_i`` the part of t within the i-th segment of the axis and
-``β_i >= 0``, so a higher score is never less probable.
+``P(true | log-odds t) = σ(α + Σ_i β_i s_i(t))``, where ``s_i`` is the part of t within the i-th segment of the axis and
+``β_i >= 0``, so probabilities never decrease with the score.
 
-Only a share c of the true triples that a fold's model has not seen is known: the triples of the fold. Recipes outside
-train look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The model of all
-train recipes has seen the folds' triples; by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the remaining triples.
+A fold's model has not seen the fold's triples, which are a share c of all true unseen triples. Recipes outside train
+look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The whole model has seen
+the folds' triples; by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the remaining triples.
 
-A softmax turns recipe scores into shares of a pair's results; its temperature maximises the likelihood of the results
-of pairs in the folds (Guo et al. 2017): "if this pair makes something, it makes this".
+A softmax turns recipe scores into a distribution over results, given that the pair makes something; the temperature
+maximises the likelihood of the folds' recipes (Guo et al. 2017).
 
 Source: Platt 1999 (the sigmoid); Elkan and Noto 2008 (partially labelled positives); Saerens, Latinne and Decaestecker
 2002 (change of base rate).
@@ -38,19 +39,19 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScores
 
 SEGMENTS = (3.0, 6.0)
-"""Places between segments of the slope: the best 5 % and the best .25 % of all pairs."""
+"""Log-odds at which the slope may change: the best 5 % and the best .25 % of all pairs."""
 MAX_CELLS = 2**20
 """Pairs of different entities scored per relation; more pairs are sampled uniformly."""
 _MIN_TRUE = 10
-"""Minimum number of true triples, and of others, for a curve; otherwise only the base rate is fitted."""
+"""Minimum number of true and of false triples for a curve; otherwise only the base rate is fitted."""
 _MIN_GAIN = 3.0
-"""Minimum gain of a curve over the base rate, in nats, on held-out folds."""
+"""Minimum gain over the base rate on held-out folds, in nats."""
 END = 16.0
-"""Largest distinguished place."""
+"""Largest log-odds; larger values are clipped."""
 WIDTH = 0.01
-"""Bin width of places."""
+"""Bin width of log-odds."""
 _KNOTS = 257
-"""Scores that store the places of a model."""
+"""Stored scores that map a model's scores to log-odds."""
 _RIDGE = 1e-3
 _PAIRS = 2**15
 """Recipes scored per fold to fit the temperature."""
@@ -59,15 +60,15 @@ _Floats = NDArray[np.float64]
 
 
 class Curve(Record, frozen=True, kw_only=True):
-    """The probability of a triple by place, for the model of all train recipes.
+    """Triple probabilities as a function of rank log-odds, for the whole model.
 
     Attributes:
-        intercept: α, for triples outside its training.
-        slopes: β by segment (see :data:`SEGMENTS`); one for the whole axis; none for the base rate.
-        rate: the base rate.
-        true: true triples of the folds in the fit.
-        cells: all triples in the fit.
-        reason: reason for using the base rate, else empty.
+        intercept: α, for triples outside the train triples.
+        slopes: β by segment (see :data:`SEGMENTS`); a single slope for the whole axis; empty for the base rate.
+        rate: base rate.
+        true: number of true fold triples in the fit.
+        cells: number of triples in the fit.
+        reason: why only the base rate was fitted, else empty.
     """
 
     intercept: float
@@ -77,35 +78,35 @@ class Curve(Record, frozen=True, kw_only=True):
     cells: Count
     reason: str = ""
 
-    def probability(self, places: _Floats) -> _Floats:
-        """Return probabilities, same shape as ``places``."""
-        return np.asarray(expit(self.intercept + _segments(places, len(self.slopes)) @ np.array(self.slopes)))
+    def probability(self, log_odds: _Floats) -> _Floats:
+        """Return probabilities, same shape as the rank log-odds."""
+        return np.asarray(expit(self.intercept + _segments(log_odds, len(self.slopes)) @ np.array(self.slopes)))
 
 
 class RelationCurves(Record, frozen=True, kw_only=True):
-    """Calibration of one relation.
+    """Calibration for a relation.
 
     Attributes:
         known_share: c, the known share of true triples unseen by a fold's model.
-        scores: scores of the model of all train recipes, ascending.
-        places: the places of ``scores``.
+        scores: quantiles of the whole model's scores, ascending.
+        rank_log_odds: log-odds of the scores' percentile ranks.
         distinct: curve for pairs of different entities.
         itself: curve for self pairs.
     """
 
     known_share: Share
     scores: tuple[float, ...]
-    places: tuple[float, ...]
+    rank_log_odds: tuple[float, ...]
     distinct: Curve
     itself: Curve
 
 
 class Probabilities(Record, frozen=True, kw_only=True):
-    """``calibration.json``: the mapping from scores to probabilities of triples outside training.
+    """``calibration.json``: maps scores to probabilities for triples outside training.
 
     Attributes:
         relations: curves by relation id.
-        temperature: divisor of recipe scores before the softmax over results; None without recipe scores.
+        temperature: recipe scores are divided by this number before the softmax; None without recipe scores.
     """
 
     format: Literal["wordcraft-kg calibration 1"] = "wordcraft-kg calibration 1"
@@ -114,9 +115,9 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
     @classmethod
     def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
-        """Fit probabilities for ``whole``, the scorer of all train recipes, to out-of-fold predictions.
+        """Fit probabilities for the scorer ``whole`` to the fold models' scores.
 
-        Recipes outside train enter by their number only.
+        Only the number of recipes outside train is used.
         """
         size, train = len(whole.entities), folds.triples()
         true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
@@ -125,35 +126,37 @@ class Probabilities(Record, frozen=True, kw_only=True):
             share = known_share(folds, relation)
             cells, _ = _cells(size, relation, seed)
             cells = cells[~is_in(cells, train, size) & (cells[:, 0] != cells[:, 2])]
-            scores, places = _map_of_places(_scores(whole, cells))
+            scores, log_odds = _score_map(_scores(whole, cells))
             distinct = fit_curve(true[:, relation, 0], others[:, relation, 0], share)
             itself = fit_curve(true[:, relation, 1], others[:, relation, 1], share, slopes=1)
             curves.append(
-                RelationCurves(known_share=share, scores=scores, places=places, distinct=distinct, itself=itself)
+                RelationCurves(
+                    known_share=share, scores=scores, rank_log_odds=log_odds, distinct=distinct, itself=itself
+                )
             )
         return cls(relations=(curves[0], curves[1]), temperature=_temperature(seen))
 
     def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        """Return probabilities for scores of the model of all train recipes, float32; arguments broadcast."""
+        """Return probabilities for scores of the whole model, float32; arguments broadcast."""
         together = torch.broadcast_tensors(scores, heads, relations, tails)
         values, one, kinds, other = (part.cpu().numpy() for part in together)
         probabilities = np.empty(values.shape)
         for relation, curves in enumerate(self.relations):
-            places = np.interp(values, curves.scores, curves.places)
+            log_odds = np.interp(values, curves.scores, curves.rank_log_odds)
             for curve, chosen in ((curves.itself, one == other), (curves.distinct, one != other)):
                 mask = chosen & (kinds == relation)
-                probabilities[mask] = curve.probability(places[mask])
+                probabilities[mask] = curve.probability(log_odds[mask])
         return torch.from_numpy(probabilities.astype(np.float32)).to(scores.device)
 
 
 @dataclass(frozen=True)
 class Seen:
-    """Histograms of out-of-sample scores by place.
+    """Histograms of out-of-sample scores.
 
     Attributes:
-        true: shape (2, 2, B): triples of the fold by relation, self pair (0 or 1) and place.
-        others: as ``true``, for triples outside the train recipes; weighted if sampled.
-        results: shape (N, E): scores of all results of some pairs of the fold; None without recipe scores.
+        true: shape (2, 2, B): fold triples by relation, self pair (0 or 1) and rank log-odds.
+        others: as ``true``, for triples outside the train triples; weighted if sampled.
+        results: shape (N, E): scores of all results for a sample of fold pairs; None without recipe scores.
         right: shape (N, E), bool: correct results.
     """
 
@@ -164,10 +167,7 @@ class Seen:
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
-    """Count scores of a fold's model on triples outside its training; ``seed`` draws the sample of pairs.
-
-    Recipes outside train are not used.
-    """
+    """Count a fold model's scores on unseen triples; ``seed`` samples pairs. Recipes outside train are not used."""
     size = len(scorer.entities)
     train, trained_on = folds.triples(), folds.triples([fold])
     own = train[~is_in(train, trained_on, size)]
@@ -179,24 +179,24 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
         cells, weights = cells[kept], weights[kept]
         scores, is_self = _scores(scorer, cells), cells[:, 0] == cells[:, 2]
         unknown = ~is_in(cells, train, size)
-        # Without the triples of the fold, as the model of all train recipes is asked for none of them.
+        # Ranks exclude fold triples, because the whole model has seen these triples and is not calibrated on them.
         among = scores[unknown & ~is_self]
-        places = place_of(scores, among)
+        log_odds = rank_log_odds(scores, among)
         mine = own[own[:, 1] == relation]
-        own_places, own_self = place_of(_scores(scorer, mine), among), mine[:, 0] == mine[:, 2]
+        own_log_odds, own_self = rank_log_odds(_scores(scorer, mine), among), mine[:, 0] == mine[:, 2]
         for itself in (0, 1):
-            true[relation, itself] = np.bincount(_bin(own_places[own_self == itself]), minlength=bins)
+            true[relation, itself] = np.bincount(_bin(own_log_odds[own_self == itself]), minlength=bins)
             chosen = unknown & (is_self == itself)
-            others[relation, itself] = np.bincount(_bin(places[chosen]), weights[chosen], minlength=bins)
+            others[relation, itself] = np.bincount(_bin(log_odds[chosen]), weights[chosen], minlength=bins)
     return Seen(true, others, *_results(scorer, folds, fold, seed))
 
 
 def known_share(folds: Folds, relation: int) -> float:
-    """Return c, the share of a fold's triples among all true triples that its model has not seen.
+    """Return c, the share of fold triples among all true triples unseen by the fold's model.
 
-    The number of new triples falls as a power p of the number of train recipes, measured by leaving out one and two
-    folds: ``c = m / (m + m')`` with m the mean number of new triples per fold and ``m' = m (outside / n_fold) (K / (K -
-    1))^-p``. Recipes outside train enter by their number only.
+    The number of new triples falls as a power p of the number of train recipes, measured without a fold and without
+    two folds: ``c = m / (m + m')`` with m the mean number of new triples per fold and ``m' = m (outside / n_fold) (K /
+    (K - 1))^-p``. Only the number of recipes outside train is used.
     """
     graph, count = folds.split.graph, folds.count
     train = folds.seen()
@@ -217,11 +217,11 @@ def known_share(folds: Folds, relation: int) -> float:
 
 
 def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
-    """Fit a curve to histograms; fall back to the base rate if scores are uninformative.
+    """Fit a curve to histograms, or the base rate if scores are uninformative.
 
     Args:
-        true: shape (K, B), true triples by fold and place.
-        others: shape (K, B), all other triples, including unknown true triples.
+        true: shape (K, B), true triples by fold and rank log-odds.
+        others: shape (K, B), remaining triples, including unknown true triples.
         share: c.
         slopes: number of segments.
     """
@@ -241,20 +241,20 @@ def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SE
         )
         gain += plain - curve
     if gain < _MIN_GAIN:
-        reason = f"scores tell the {known:,.0f} true triples of folds left out no better from the others than that"
+        reason = f"scores do not separate the {known:,.0f} true triples of left-out folds from false triples"
         return msgspec.structs.replace(base, reason=reason)
     values = _fit(true, others, share, slopes)
     return msgspec.structs.replace(base, intercept=float(values[0] + shift), slopes=tuple(values[1:].tolist()))
 
 
 def _base(true: _Floats, others: _Floats, share: float) -> float:
-    """Return the log-odds of the base rate with a pseudo-count of .5: nothing is impossible."""
+    """Return the base rate's log-odds, with a pseudo-count of .5."""
     rate = min((true.sum() + 0.5) / (true.sum() + others.sum() + 1) / share, 0.5)
     return math.log(rate / (1 - rate))
 
 
 def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
-    """Return intercept and slopes of P(true | place), shape (1 + slopes,)."""
+    """Return intercept and slopes, shape (1 + slopes,)."""
     start = np.array([_base(true, others, share)] + [0.1] * slopes)
     if not slopes:
         return start
@@ -264,7 +264,7 @@ def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
 
 
 def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tuple[float, _Floats]:
-    """Return the negative log-likelihood of histograms, in nats, and its gradient."""
+    """Return the negative log-likelihood, in nats, and the gradient."""
     inputs = _segments(_centres(), len(values) - 1)
     chance = expit(values[0] + inputs @ values[1:])
     labelled = np.clip(share * chance, 1e-300, 1 - 1e-12)
@@ -276,7 +276,7 @@ def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tupl
 def _results(
     scorer: TripleScorer, folds: Folds, fold: int, seed: int
 ) -> tuple[_Floats, NDArray[np.bool_]] | tuple[None, None]:
-    """Return scores of all results of some pairs of a fold, and a mask of correct results."""
+    """Return scores of all results for a sample of fold pairs, and a mask of correct results."""
     if not isinstance(scorer, RecipeScores):
         return None, None
     size = len(scorer.entities)
@@ -292,7 +292,6 @@ def _results(
 
 
 def _temperature(seen: Sequence[Seen]) -> float | None:
-    """Return the maximum-likelihood temperature of the softmax over results."""
     known = [(part.results, part.right) for part in seen if part.results is not None and part.right is not None]
     if not known:
         return None
@@ -305,30 +304,30 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
     return float(math.exp(minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded").x))
 
 
-def place_of(scores: _Floats, among: _Floats) -> _Floats:
-    """Return the log-odds of percentile ranks among other scores, ties halved; 0 is the median."""
+def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
+    """Return log-odds of percentile ranks among given scores, ties halved; 0 is the median."""
     ordered, count = np.sort(among), len(among)
     above = count - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
     rank = np.clip((above + 0.5) / (count + 1), 0.5 / (count + 1), 1 - 0.5 / (count + 1))
     return np.asarray(np.log1p(-rank) - np.log(rank))
 
 
-def _map_of_places(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return quantiles of scores, ascending, and their places."""
+def _score_map(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return score quantiles, ascending, and rank log-odds."""
     if not len(scores):
         return (0.0,), (0.0,)
     end = math.log(2 * len(scores) + 1)
     knots = np.unique(np.quantile(scores, expit(np.linspace(-end, end, _KNOTS)), method="nearest"))
-    return tuple(knots.tolist()), tuple(place_of(knots, scores).tolist())
+    return tuple(knots.tolist()), tuple(rank_log_odds(knots, scores).tolist())
 
 
-def _segments(places: _Floats, slopes: int) -> _Floats:
-    """Return the part of each place within each segment, shape (..., slopes)."""
+def _segments(log_odds: _Floats, slopes: int) -> _Floats:
+    """Return the part of log-odds within each segment, shape (..., slopes)."""
     if slopes <= 1:
-        return np.repeat(places[..., None], slopes, axis=-1)
+        return np.repeat(log_odds[..., None], slopes, axis=-1)
     low, high = (-math.inf, *SEGMENTS), (*SEGMENTS, math.inf)
     return np.stack(
-        [np.clip(places, a, b) - (a if math.isfinite(a) else 0.0) for a, b in zip(low, high, strict=True)], axis=-1
+        [np.clip(log_odds, a, b) - (a if math.isfinite(a) else 0.0) for a, b in zip(low, high, strict=True)], axis=-1
     )
 
 
@@ -336,20 +335,20 @@ def _centres() -> _Floats:
     return np.arange(-END, END + WIDTH / 2, WIDTH)
 
 
-def _bin(places: _Floats) -> Ids:
-    return np.rint((np.clip(places, -END, END) + END) / WIDTH).astype(np.int64)
+def _bin(log_odds: _Floats) -> Ids:
+    return np.rint((np.clip(log_odds, -END, END) + END) / WIDTH).astype(np.int64)
 
 
 def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
-    """Return triples of a relation, shape (N, 3), with every self pair, and the number of triples each represents."""
+    """Return sampled triples, shape (N, 3), with all self pairs, and weights: how many triples each represents."""
     everything = np.arange(size)
     pairs = size * (size - 1)
     if pairs <= MAX_CELLS:
         number = np.arange(pairs)
     else:
         number = np.unique(np.random.default_rng([seed, relation]).integers(pairs, size=MAX_CELLS))
-    heads, place = np.divmod(number, max(size - 1, 1))
-    tails = place + (place >= heads)  # the diagonal is skipped
+    heads, column = np.divmod(number, max(size - 1, 1))
+    tails = column + (column >= heads)  # skips the diagonal
     heads, tails = np.concatenate([heads, everything]), np.concatenate([tails, everything])
     weights = np.concatenate([np.full(len(number), pairs / max(len(number), 1)), np.ones(size)])
     return np.column_stack([heads, np.full(len(heads), relation), tails]), weights

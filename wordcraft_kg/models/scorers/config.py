@@ -1,4 +1,4 @@
-"""Settings and limits of scores; imports no torch."""
+"""Score settings and limits; imports no torch."""
 
 from typing import Literal
 
@@ -8,26 +8,26 @@ from wordcraft_kg.graphs.triples import RELATIONS
 Scale = Literal["standardise", "ranks", "log-softmax", "none"]
 """See :func:`~wordcraft_kg.models.scorers.scales.scaled_table`."""
 SelfEdges = Literal["keep", "observed", "drop"]
-"""Treatment of combinesWith scores between an entity and itself."""
+"""Treatment of combinesWith self edges."""
 MAX_QUERIES = 40_000
 """Default number of ranked queries; larger sets are sampled."""
 
 TABLE_LIMIT = 2**28
-"""Bytes; larger tables of all scores are replaced by factors."""
+"""Bytes; larger score tables are replaced by factors."""
 
 
 def table_bytes(num_entities: int) -> int:
-    """Return the size of a table of all scores."""
+    """Return the number of bytes in a score table."""
     return len(RELATIONS) * num_entities**2 * 4
 
 
 def check_table(what: str, num_entities: int) -> None:
-    """Raise ConfigError if a table of all scores is too large."""
+    """Raise ConfigError if a score table is too large."""
     needed = table_bytes(num_entities)
     if needed > TABLE_LIMIT:
         raise ConfigError(
-            f"{what} needs the scores of all pairs of {num_entities:,} entities, {needed / 2**30:,.1f} GiB; "
-            f"expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Take a smaller graph."
+            f"{what} needs a score table for {num_entities:,} entities, {needed / 2**30:,.1f} GiB; expected at most "
+            f"{TABLE_LIMIT / 2**30:.2f} GiB. Use a smaller graph."
         )
 
 
@@ -39,6 +39,6 @@ def check_dense(what: str, num_entities: int) -> None:
     """Raise ConfigError if a graph is too large for dense kernels."""
     if num_entities > _MAX_DENSE:
         raise ConfigError(
-            f"{what} compares each two of {num_entities:,} entities; expected at most {_MAX_DENSE:,}. Take ComplEx "
+            f"{what} compares all pairs of {num_entities:,} entities; expected at most {_MAX_DENSE:,}. Use ComplEx "
             "(wordcraft-kg train-complex), or a smaller graph."
         )

@@ -1,7 +1,7 @@
 """Cross-fitting: out-of-sample scores for train recipes.
 
-A scorer remembers its training recipes, so an agent that learns from in-sample scores overrates the scorer. The train
-recipes are cut into folds (:mod:`wordcraft_kg.graphs.folds`); one model per fold learns from all other folds.
+Scorers remember training recipes, so agents that learn from in-sample scores overrate the scorer. The train recipes
+are cut into folds (:mod:`wordcraft_kg.graphs.folds`); each fold has a model trained on the remaining folds.
 
 Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov et al. 2018.
 """
@@ -30,14 +30,14 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
 class Fold(Record, frozen=True, kw_only=True):
-    """A model trained without one fold.
+    """A model trained without a fold.
 
     Attributes:
-        trained_on: hash of the training triples, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
+        trained_on: training triples' hash, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
         triples: number of training triples.
-        queries: number of queries for triples of the fold outside training, all or a sample.
+        queries: number of queries for unseen fold triples, all or a sample.
         mrr: filtered MRR on these queries; None without queries.
-        in_sample_mrr: MRR of the model of all train recipes on the same queries.
+        in_sample_mrr: the whole model's MRR on the same queries.
     """
 
     trained_on: Hash
@@ -48,12 +48,12 @@ class Fold(Record, frozen=True, kw_only=True):
 
 
 class FoldsRecord(Record, frozen=True, kw_only=True):
-    """``folds.json``: the folds of a model folder.
+    """``folds.json``: a model folder's folds.
 
     Attributes:
-        seed: seed of the folds.
-        hash: hash of split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
-        folds: one record per fold.
+        seed: fold seed.
+        hash: hash for split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
+        folds: a record per fold.
     """
 
     format: Literal["wordcraft-kg folds 1"] = "wordcraft-kg folds 1"
@@ -68,37 +68,37 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
     @property
     def queries(self) -> int:
-        """Number of queries over all folds."""
+        """Number of queries, summed over folds."""
         return sum(fold.queries for fold in self.folds)
 
     @property
     def mrr(self) -> float | None:
-        """Out-of-sample MRR of train triples: a forecast of the test MRR."""
+        """Out-of-sample MRR on train triples, which forecasts the test MRR."""
         return self._mean([fold.mrr for fold in self.folds])
 
     @property
     def in_sample_mrr(self) -> float | None:
-        """In-sample MRR of the same triples."""
+        """In-sample MRR on the same triples."""
         return self._mean([fold.in_sample_mrr for fold in self.folds])
 
     def _mean(self, values: Sequence[float | None]) -> float | None:
-        found = [value * fold.queries for value, fold in zip(values, self.folds, strict=True) if value is not None]
-        return sum(found) / self.queries if found else None
+        sums = [value * fold.queries for value, fold in zip(values, self.folds, strict=True) if value is not None]
+        return sum(sums) / self.queries if sums else None
 
 
 class CrossFitted(Scorer):
-    """A scorer of all train recipes with one model per left-out fold.
+    """A scorer trained on all train recipes, with a model per left-out fold.
 
-    Scores and tables come from ``whole``. Anything that learns on train tasks uses :meth:`left_out`; sources made with
-    tasks do so: :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
+    Scores and tables come from ``whole``. Agents that learn on train tasks use :meth:`left_out`, through sources made
+    with tasks: :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
 
     Attributes:
-        whole: the scorer of all train recipes.
-        record: record of the folds.
-        of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
-        probabilities: calibration of scores; None in older folders.
-        train_results: results as learned, see :class:`~wordcraft_kg.graphs.train_samples.TrainSample`;
-            None for unchanged train recipes.
+        whole: scorer trained on all train recipes.
+        record: fold record.
+        of_recipe: fold by recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
+        probabilities: score calibration; None in older folders.
+        train_results: results in the train sample, see :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None
+            for unchanged train recipes.
     """
 
     def __init__(
@@ -110,14 +110,14 @@ class CrossFitted(Scorer):
         probabilities: Probabilities | None = None,
         train_results: Ids | None = None,
     ):
-        """Take the scorer of all train recipes and, per fold, a function that makes the model without the fold."""
+        """Combine the whole scorer with a function per fold that makes the model without this fold."""
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
         self._whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
         self.train_results = None if train_results is None else frozen(np.asarray(train_results, dtype=np.int64))
         self._makers = tuple(folds)
         self._made: dict[int, Scorer] = {}
-        if isinstance(whole, FactoredScorer):  # only then this scorer is one, too
+        if isinstance(whole, FactoredScorer):  # makes this scorer a FactoredScorer
             self.factors = whole.factors
 
     @property
@@ -145,20 +145,18 @@ class CrossFitted(Scorer):
         See :mod:`~wordcraft_kg.models.scorers.calibration`. Raises ConfigError if the folder has no calibration.
         """
         if self.probabilities is None:
-            raise ConfigError(f"{self.name} says nothing of probabilities. Train it again, with folds, to have them.")
+            raise ConfigError(f"{self.name} has no calibration. Train the model again, with folds.")
         ids = self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails)
         return self.probabilities.predict(self._score(*ids), *ids)
 
     def result_probabilities(self, ingredients: EntityIds, others: EntityIds) -> torch.Tensor:
-        """Return the distribution over results of pairs that make something: broadcast shape plus an axis of E.
+        """Return distributions over results, given that a pair makes something: broadcast shape plus an axis of E.
 
         Raises ConfigError if the scorer cannot score recipes, or the folder has no calibration.
         """
         temperature = self.probabilities.temperature if self.probabilities else None
         if temperature is None or not isinstance(self.whole, RecipeScores):
-            raise ConfigError(
-                f"{self.name} says nothing of what a pair makes. Take a model of wordcraft-kg train-recipes."
-            )
+            raise ConfigError(f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with folds.")
         a, b = (self.entity_ids(part)[..., None] for part in (ingredients, others))
         scores = self.whole.score_recipes(a, b, torch.arange(len(self.entities), device=self.device))
         return torch.softmax(scores / temperature, dim=-1)
@@ -170,23 +168,21 @@ class CrossFitted(Scorer):
         return self._made[fold]
 
     def train_sample(self, graph: RecipeGraph) -> TrainSample:
-        """Return the training recipes of :attr:`whole`; GraphMismatchError if the number of recipes differs."""
+        """Return the whole scorer's training recipes; GraphMismatchError if the number of recipes differs."""
         if len(self.of_recipe) != graph.num_recipes:
             raise GraphMismatchError(
-                f"the folds of {self.name} are of {len(self.of_recipe):,} recipes but '{graph.name}' has "
-                f"{graph.num_recipes:,}. Train it on this graph, or use the graph that it was trained on."
+                f"{self.name} has folds for {len(self.of_recipe):,} recipes but '{graph.name}' has "
+                f"{graph.num_recipes:,}. Train on this graph, or use the training graph."
             )
-        return (
-            TrainSample.of(graph, self.of_recipe != OUTSIDE)
-            if self.train_results is None
-            else TrainSample(graph, self.train_results)
-        )
+        if self.train_results is None:
+            return TrainSample.of(graph, self.of_recipe != OUTSIDE)
+        return TrainSample(graph, self.train_results)
 
     def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
-        """Return the training triples of :meth:`left_out`, shape (T, 3).
+        """Return the training triples without a fold, shape (T, 3).
 
         Raises:
-            LeakError: if the model was trained on other triples than the recipes outside the fold.
+            LeakError: if the fold's model was not trained on the recipes outside the fold.
             GraphMismatchError: if the number of recipes differs.
         """
         recipes = self.train_sample(graph).among(seen_by_models(self.of_recipe)[1 + fold])
@@ -195,27 +191,27 @@ class CrossFitted(Scorer):
         is_other = isinstance(left_out, RecipeScores) and not np.array_equal(left_out.recipes.cpu().numpy(), recipes)
         if is_other or triples_hash(triples) != self.record.folds[fold].trained_on:
             raise LeakError(
-                f"fold {fold} of {self.name} was trained on other triples than those of the recipes outside it, so it "
-                "may have seen what it is to be asked for. Train it again."
+                f"{self.name} without fold {fold} was not trained on the recipes outside this fold, so the model may "
+                "have seen recipes to be scored. Train again."
             )
         return triples
 
     def check_split(self, split: Split) -> None:
         """Raise GraphMismatchError unless the folds belong to a split."""
         if len(self.of_recipe) == split.graph.num_recipes:
-            found = Folds(split, self.count, self.record.seed, self.of_recipe).hash
-            if found == self.record.hash and ((self.of_recipe != OUTSIDE) == split.is_in("train")).all():
+            folds_hash = Folds(split, self.count, self.record.seed, self.of_recipe).hash
+            if folds_hash == self.record.hash and ((self.of_recipe != OUTSIDE) == split.is_in("train")).all():
                 return
         raise GraphMismatchError(
-            f"the folds of {self.name} are not those of the split {split.hash[:12]} of '{split.graph.name}'. Train it "
-            "on this split, or use the split that it was trained on."
+            f"the folds of {self.name} do not belong to split {split.hash[:12]} of '{split.graph.name}'. Train on "
+            "this split, or use the training split."
         )
 
 
 def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) -> CrossFitted:
     """Cross-fit a scorer on the train recipes of a split.
 
-    ``make`` makes a scorer for the split's graph from recipes, shape (n, 3), and no other information.
+    ``make`` makes a scorer for the split's graph from recipes, shape (n, 3), without further information.
 
     Raises:
         ConfigError: for fewer than two or too many folds, or a split without test part.
@@ -228,7 +224,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
     """
     if split.config.kind == "none":
         raise ConfigError(
-            "this split holds nothing out, so no recipe is unknown to a scorer of all. Take another split, such as "
+            "split kind 'none' has no test recipes, so cross-fitting is not needed. Use another split, such as "
             "by-recipe."
         )
     cut = make_folds(split, folds)
@@ -245,20 +241,20 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
 
 
 def whole_of(scorer: TripleScorer) -> TripleScorer:
-    """Return the scorer of all train recipes; a scorer without folds is returned unchanged."""
+    """Return the scorer trained on all train recipes; scorers without folds are returned unchanged."""
     folded = folds_of(scorer)
     return scorer if folded is None else folded.whole
 
 
 def folds_of(scorer: TripleScorer) -> CrossFitted | None:
-    """Return a cross-fitted scorer unchanged, None for any other object that scores."""
+    """Return a cross-fitted scorer unchanged, None for scorers without folds."""
     return scorer if isinstance(scorer, CrossFitted) else None
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
-    """Return a mask of the recipes seen by each model, shape (K + 2, num_recipes), given the fold of each recipe.
+    """Return a mask, shape (K + 2, num_recipes), with the training recipes of each model, given folds by recipe.
 
-    Models: of all train recipes, without each fold, and an empty model.
+    Models: the whole model, a model per left-out fold, and an empty model.
     """
     train = of_recipe != OUTSIDE
     folds = range(int(of_recipe.max(initial=OUTSIDE)) + 1)
@@ -266,25 +262,24 @@ def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
 
 
 def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return for each task, shape (N,), a model that was trained on no recipe of the task's plans.
+    """Return for each task, shape (N,), a model trained without the recipes in the task's plans.
 
-    Models are rows of :func:`seen_by_models`: 0 for tasks without train recipes, 1 + fold for tasks with train recipes
-    from one fold, K + 1 (the empty model) for tasks with recipes from several folds. ``of_recipe`` is the fold of each
-    recipe.
+    Models are rows of :func:`seen_by_models`: 0 for tasks without train recipes, 1 + fold for train recipes from a
+    single fold, K + 1 (the empty model) for recipes from several folds. ``of_recipe`` contains folds by recipe.
 
     Raises:
-        LeakError: if a model has seen a recipe of a task.
+        LeakError: if a model has seen a task's recipe.
         GraphMismatchError: if the folds belong to another split.
     """
     seen = seen_by_models(of_recipe)
     fold = fold_of_tasks(of_recipe, tasks)
-    # What answers for recipes of several folds is decided here, and nowhere else.
+    # This is the only place that decides which model scores recipes from several folds.
     models = np.select([fold == OUTSIDE, fold == SEVERAL], [0, len(seen) - 1], 1 + fold)
     for task, (model, plans) in enumerate(zip(models.tolist(), tasks.plans, strict=True)):
         for plan in plans:
             if seen[model, list(plan)].any():
                 raise LeakError(
-                    f"{tasks.part} task {task:,} would be answered by a model that has been trained on a recipe of its "
-                    "plan. Nothing was scored."
+                    f"{tasks.part} task {task:,} would be scored by a model trained on a recipe in the task's plan. "
+                    "Nothing was scored."
                 )
     return models

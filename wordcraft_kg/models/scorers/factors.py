@@ -1,4 +1,4 @@
-"""Stored scorers of links: tables of all scores, and factors for graphs too large for a table."""
+"""Stored link scorers: score tables, and factors for graphs too large for a table."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ _PAIRS = 2**14
 
 
 _NAMES = [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
-"""Names of both tensors of each relation in a model folder."""
+"""Tensor names by relation in a model folder."""
 
 
 class TableScorer(StoredScorer):
@@ -42,7 +42,7 @@ class TableScorer(StoredScorer):
 
     @classmethod
     def of(cls, scorer: Scorer) -> "TableScorer":
-        """Tabulate all scores of a scorer."""
+        """Tabulate a scorer's scores."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name)
 
@@ -65,10 +65,10 @@ class _Bilinear(StoredScorer):
 
 
 class FactorsScorer(_Bilinear):
-    """Computes the score of a pair in relation r as ``left_r[head] · right_r[tail]`` on demand.
+    """Computes pair scores in relation r as ``left_r[head] · right_r[tail]`` on demand.
 
-    Any bilinear scorer has this form (RESCAL, DistMult, ComplEx, a low-rank kernel). Factors of a relation have shape
-    (E, m), where m may differ between relations.
+    All bilinear scorers have this form (RESCAL, DistMult, ComplEx, a low-rank kernel). Factors have shape (E, m), where
+    m may differ between relations.
     """
 
     kind: ClassVar[str] = "factors"
@@ -101,7 +101,7 @@ class FactorsScorer(_Bilinear):
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         scores = torch.empty(torch.broadcast_shapes(heads.shape, relations.shape, tails.shape), device=self.device)
         is_grid, is_turned = _grids(heads, relations, tails)
-        if is_grid or is_turned:  # one matrix product for each relation
+        if is_grid or is_turned:  # a matrix product per relation
             of_row = relations.reshape(-1).expand(len(scores))
             for relation in of_row.unique().tolist():
                 left, right = self.factors(relation)
@@ -154,13 +154,13 @@ class ComplExScorer(_Bilinear):
         check_shapes(tensors, {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")})
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return real and imaginary parts of the embeddings."""
+        """Return real and imaginary parts for all embeddings."""
         parts = {"entity": self.entity, "relation": self.relation}
         return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
 
 
 def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
-    """Return whether ids ask for all tails of some heads, or all heads of some tails."""
+    """Return whether ids query all tails for some heads, or all heads for some tails."""
     by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
     if not by_row or not heads.ndim == tails.ndim == 2:
         return False, False
@@ -168,7 +168,7 @@ def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]
 
 
 def real_dot(queries: Tensor, candidates: Tensor) -> Tensor:
-    """Return ``Re<query, conj(candidate)>`` of complex rows (B, d) and (N, d), shape (B, N), by one real product."""
+    """Return ``Re<query, conj(candidate)>``, shape (B, N), for complex rows (B, d) and (N, d), by a real product."""
     return (
         torch.view_as_real(queries.resolve_conj()).flatten(1)
         @ torch.view_as_real(candidates.resolve_conj()).flatten(1).T

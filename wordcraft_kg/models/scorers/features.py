@@ -44,11 +44,11 @@ class EntityFeatures:
     """A vector for each entity of a list.
 
     Attributes:
-        source: description of the vectors' origin.
+        source: where the vectors come from.
         vectors: shape (E, D), float32, read-only; zeros for unknown entities.
-        known: shape (E,), bool: the label, or a word of it, has a vector.
-        words: distinct lower-case words of all labels, sorted; empty for sources without words.
-        missing_words: words without a vector, sorted, except words of labels that were found as a whole.
+        known: shape (E,), bool: the label, or a word in the label, has a vector.
+        words: distinct lower-case words in all labels, sorted; empty for sources without words.
+        missing_words: words without a vector, sorted, except in labels that have a vector as a whole.
         is_one_hot: row i is the i-th unit vector, so models may look rows up.
     """
 
@@ -72,7 +72,7 @@ class EntityFeatures:
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the vectors' shape and little-endian bytes, for run records."""
+        """SHA-256 over shape and little-endian bytes, for run records."""
         digest = hashlib.sha256(json.dumps(self.vectors.shape).encode())
         digest.update(self.vectors.astype("<f4").tobytes())
         return digest.hexdigest()
@@ -81,27 +81,27 @@ class EntityFeatures:
 def make_features(
     spec: str, labels: Sequence[str], *, pooling: Pooling = "mean", allow_missing: bool = False, seed: int = 0
 ) -> EntityFeatures:
-    """Return entity features by name or from a file of vectors.
+    """Return entity features by name or from a file.
 
     - ``glove``: the built-in vectors, see :func:`glove_features`;
     - ``one-hot``: row i is the i-th unit vector, D = E;
     - ``random``: Laplace noise, mean 0, standard deviation .4, D = 300; row i depends only on the seed and i;
-    - ``shuffled:<any spec>``: rows of another spec, randomly permuted: distinct entities without meaning;
+    - ``shuffled:<any spec>``: randomly permuted rows: distinct entities without meaning;
     - a text file, optionally gzipped, with lines ``word v1 ... vD`` (GloVe) and an optional header ``count D``
-      (word2vec; a first line of two whole numbers always counts as header); words may contain spaces;
-    - an ``.npy`` file, floats of shape (N, D), with N labels, one a line, in ``<same stem>.labels.txt`` or
+      (word2vec; a first line with two whole numbers always counts as header); words may contain spaces;
+    - an ``.npy`` file, float array, shape (N, D), with N labels, a label per line, in ``<same stem>.labels.txt`` or
       ``<same stem>.txt``.
 
     Names take precedence over files; write ``./glove`` for the file. In a file, the whole label is looked up first: as
     written, in lower case, then both with ``_`` for spaces; otherwise the words are pooled, each as written or in lower
-    case. The first vector of a word counts.
+    case. If a word has several vectors, the first is used.
 
     Args:
         spec: features, as above.
-        labels: labels of the E entities, in id order.
-        pooling: mean, or element-wise maximum, over the words of a label.
+        labels: entity labels in id order.
+        pooling: mean, or element-wise maximum, over a label's words.
         allow_missing: use zeros even if more than a tenth of the entities lack a vector.
-        seed: seed of ``random`` and ``shuffled:``, 0 or more.
+        seed: for ``random`` and ``shuffled:``, 0 or more.
 
     Raises:
         ConfigError: for an invalid argument, an unknown ``spec``, a damaged file (with the line), too large one-hot
@@ -111,17 +111,17 @@ def make_features(
     """
     one_of("pooling", pooling, tuple(_POOLINGS))
     whole("seed", seed, 0)
-    asked = FeatureSpec.parse(spec)
-    if asked.prefix:
-        features = make_features(asked.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed)
-        for _ in range(asked.prefix.count(SHUFFLED)):
+    parsed = FeatureSpec.parse(spec)
+    if parsed.prefix:
+        features = make_features(parsed.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed)
+        for _ in range(parsed.prefix.count(SHUFFLED)):
             features = _shuffled(features, seed)
         return features
     if spec in ("one-hot", "random"):
         return _one_hot(len(labels)) if spec == "one-hot" else _random(len(labels), seed)
     if spec == "glove":
         features = glove_features(labels, pooling)
-    elif asked.is_path and os.path.isfile(spec):
+    elif parsed.is_path and os.path.isfile(spec):
         features = _from_file(Path(spec), labels, pooling)
     else:
         names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
@@ -132,22 +132,22 @@ def make_features(
 
 
 def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFeatures:
-    """Return GloVe vectors of labels (6B tokens, 50 dimensions), pooled over known words, in lower case.
+    """Return GloVe vectors (6B tokens, 50 dimensions), pooled over each label's known words in lower case.
 
     Source: Pennington et al. 2014, "GloVe: Global vectors for word representation"; the vectors are public domain.
     """
     words = _words(labels)
     rows = _glove_rows(words)
     matrix = np.load(_glove_folder() / "glove_6B_50d_emb.npy", mmap_mode="r")
-    found = _WordVectors(tuple(compress(words, rows >= 0)), matrix[rows[rows >= 0]])
-    return _of_labels("GloVe 6B", labels, found, pooling)
+    vectors = _WordVectors(tuple(compress(words, rows >= 0)), matrix[rows[rows >= 0]])
+    return _of_labels("GloVe 6B", labels, vectors, pooling)
 
 
 def _one_hot(size: int) -> EntityFeatures:
     if size * size * 4 > ONE_HOT_LIMIT:
         raise ConfigError(
-            f"one-hot features of {size:,} entities take {size * size * 4:,} bytes; expected at most "
-            f"{ONE_HOT_LIMIT:,}. Use 'random', which tells entities apart in {_RANDOM_DIMENSIONS} dimensions."
+            f"one-hot features for {size:,} entities take {size * size * 4:,} bytes; expected at most "
+            f"{ONE_HOT_LIMIT:,}. Use 'random', which separates entities in {_RANDOM_DIMENSIONS} dimensions."
         )
     known = np.ones(size, dtype=bool)
     return EntityFeatures("one-hot", np.eye(size, dtype=np.float32), known, (), (), is_one_hot=True)
@@ -160,7 +160,7 @@ def _random(size: int, seed: int) -> EntityFeatures:
 
 
 def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
-    # Not the stream of random vectors: their order would then depend on the bits that they were drawn from.
+    # A separate random stream: the order must not depend on the bits that random vectors were drawn from.
     order = np.random.default_rng([seed, 1]).permutation(len(features.known))
     source = f"{features.source}, shuffled with seed {seed}"
     vectors, known = features.vectors[order], features.known[order]
@@ -175,13 +175,13 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
     words = ", ".join(features.missing_words[:_LISTED])
     more = len(features.missing_words) - _LISTED
     raise ConfigError(
-        f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. Words without one: {words}"
+        f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. Unknown words: {words}"
         + (f" and {more:,} more. " if more > 0 else ". ")
         + (
-            "Give vectors of the labels' language."
+            "Use vectors for the labels' language."
             if missing == size
-            else f"At most {_MAX_MISSING_SHARE:.0%} may be missing: give other vectors, or `allow_missing` to "
-            "use zeros."
+            else f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use different vectors, or `allow_missing` for "
+            "zeros."
         )
     )
 
@@ -202,19 +202,19 @@ def _words(labels: Sequence[str]) -> list[str]:
 
 
 def _spellings(text: str) -> tuple[str, ...]:
-    """Return spellings of a label or word in order of look-up."""
+    """Return spellings in look-up order."""
     joined = "_".join(text.split())
     return text, text.lower(), joined, joined.lower()
 
 
-def _of_labels(source: str, labels: Sequence[str], found: _WordVectors, pooling: Pooling) -> EntityFeatures:
-    rows = {word: row for row, word in enumerate(found.words)}
+def _of_labels(source: str, labels: Sequence[str], by_word: _WordVectors, pooling: Pooling) -> EntityFeatures:
+    rows = {word: row for row, word in enumerate(by_word.words)}
 
     def look_up(*texts: str) -> list[int]:
         spelt = [next((rows[s] for s in _spellings(text) if s in rows), -1) for text in texts]
         return [row for row in spelt if row >= 0]
 
-    dimensions = found.vectors.shape[1]
+    dimensions = by_word.vectors.shape[1]
     vectors = np.zeros((len(labels), dimensions), dtype=np.float32)
     known = np.zeros(len(labels), dtype=bool)
     missing: set[str] = set()
@@ -224,7 +224,7 @@ def _of_labels(source: str, labels: Sequence[str], found: _WordVectors, pooling:
             taken = look_up(*label.split())
             missing.update(word.lower() for word in label.split() if not look_up(word))
         if taken:
-            vectors[i] = _POOLINGS[pooling](found.vectors[taken], axis=0)
+            vectors[i] = _POOLINGS[pooling](by_word.vectors[taken], axis=0)
             known[i] = True
     source = f"{source}, {dimensions}-d, {pooling} of words"
     return EntityFeatures(source, vectors, known, tuple(_words(labels)), tuple(sorted(missing)))
@@ -246,7 +246,7 @@ def _glove_rows(words: list[str]) -> NDArray[np.int64]:
     rows = dict.fromkeys(words, -1)
     with parquet.ParquetFile(_glove_folder() / "glove_6B_index.parquet") as file:
         first = 0
-        # In batches, and without Arrow's own search: a quarter of its time, and 90 MB less at the peak.
+        # Batches without Arrow's search take a quarter of the time, and 90 MB less at the peak.
         for batch in file.iter_batches(_VOCABULARY_BATCH, use_threads=False):
             rows.update((word, row) for row, word in enumerate(batch.column(0).to_pylist(), first) if word in rows)
             first += len(batch)
@@ -260,15 +260,15 @@ def _from_file(path: Path, labels: Sequence[str], pooling: Pooling) -> EntityFea
     wanted = {spelt for label in labels for text in (label, *label.split()) for spelt in _spellings(text)}
     read = _read_array if path.suffix.lower() == ".npy" else _parse
     try:
-        found = read(path, wanted)
+        vectors = read(path, wanted)
     except (OSError, EOFError, zlib.error) as error:
-        raise ConfigError(f"{path} cannot be read: {error}. Get the file again, or give another.") from error
-    return _of_labels(path.name, labels, found, pooling)
+        raise ConfigError(f"{path} cannot be read: {error}. Download the file again, or use another file.") from error
+    return _of_labels(path.name, labels, vectors, pooling)
 
 
 def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Read vectors of wanted words; other lines are only checked for length."""
-    found: dict[str, tuple[int, list[float]]] = {}
+    """Read vectors for wanted words; all lines are checked for length."""
+    rows: dict[str, tuple[int, list[float]]] = {}
     spelt = {word.encode() for word in wanted}
     announced = None
     count = dimensions = 0
@@ -279,35 +279,35 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
                 continue
             dimensions = len(list(takewhile(_is_number, reversed(line.split()[1:]))))
             if not dimensions:
-                raise ConfigError(f"{path}, line {number}: no numbers at the end; expected a word and its vector.")
+                raise ConfigError(f"{path}, line {number}: no numbers at the end; expected a word and a vector.")
         count += 1
-        # Most lines are of other words: to count their spaces takes a fifth of the time of dividing them.
+        # Most lines contain unwanted words, and counting spaces takes a fifth of the time that splitting takes.
         text = line.partition(b" ")[0]
         if text.isascii() and text not in spelt and line.count(b" ") == dimensions:
             continue
         word, values = _divided(line, dimensions, path, number)
-        if word in wanted and word not in found:
-            found[word] = number, _numbers(values, f"{path}, line {number}", word)
+        if word in wanted and word not in rows:
+            rows[word] = number, _numbers(values, f"{path}, line {number}", word)
     if not dimensions:
-        raise ConfigError(f"{path} is empty; expected lines of a word and its vector.")
+        raise ConfigError(f"{path} is empty; expected a word and a vector per line.")
     if announced not in (None, count):
         raise ConfigError(
-            f"{path}: its first line announces {announced:,} vectors, but {count:,} follow. Get the file again, or "
-            "correct that line."
+            f"{path}: the first line announces {announced:,} vectors, but {count:,} follow. Download the file again, "
+            "or correct this line."
         )
-    words = sorted(found)
-    places = [f"line {found[word][0]}" for word in words]
-    return _checked(path, places, words, np.array([found[word][1] for word in words]).reshape(-1, dimensions))
+    words = sorted(rows)
+    lines = [f"line {rows[word][0]}" for word in words]
+    return _checked(path, lines, words, np.array([rows[word][1] for word in words]).reshape(-1, dimensions))
 
 
 def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:
     text, *values = line.rsplit(None, dimensions)
     before = text.split()[1:]
     if len(values) < dimensions or (before and _is_number(before[-1]) and not before[-1].isdigit()):
-        _decoded(line, path, number)  # binary vectors look like lines of the wrong length
+        _decoded(line, path, number)  # binary vectors look like lines with a wrong length
         raise ConfigError(
             f"{path}, line {number}: {len(line.split()) - 1} columns after the word, expected {dimensions} as at "
-            "the file's start. Correct the line, or get the file again."
+            "the file's start. Correct the line, or download the file again."
         )
     return _decoded(text, path, number), values
 
@@ -316,28 +316,28 @@ def _numbers(values: Sequence[bytes], where: str, word: str) -> list[float]:
     wrong = next((value for value in values if not _is_number(value)), None)
     if wrong is not None:
         raise ConfigError(
-            f"{where}: '{wrong.decode(errors='replace')}' in the vector of '{word}' is not a number. Correct the line, "
-            "or get the file again."
+            f"{where}: '{wrong.decode(errors='replace')}' in the vector for '{word}' is not a number. Correct the "
+            "line, or download the file again."
         )
     return [float(value) for value in values]
 
 
 def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Return the rows of an ``.npy`` file whose labels are wanted."""
-    beside = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
-    labels = next((file for file in beside if file.is_file()), None)
+    """Return the rows with wanted labels from an ``.npy`` file."""
+    label_files = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
+    labels = next((file for file in label_files if file.is_file()), None)
     if labels is None:
-        raise ConfigError(f"{path} has no labels: expected them, one a line, in {beside[0]} or {beside[1]}.")
+        raise ConfigError(f"{path} has no labels: expected a label per line in {label_files[0]} or {label_files[1]}.")
     try:
         matrix = np.lib.format.open_memmap(path, mode="r")  # never unpickles
     except ValueError as error:
         raise ConfigError(
-            f"{path} is cut off, or not an array of numbers as numpy.save writes it: {error}. Save the array again."
+            f"{path} is truncated, or not a numeric array written by numpy.save: {error}. Save the array again."
         ) from None
     if matrix.ndim != 2 or matrix.dtype.kind != "f" or not matrix.size:
         raise ConfigError(
-            f"{path} holds {matrix.dtype} of shape {matrix.shape}; expected floats of shape (N, D), a row for each "
-            "label. Save such an array."
+            f"{path} contains {matrix.dtype}, shape {matrix.shape}; expected floats, shape (N, D), a row per label. "
+            "Save such an array."
         )
     rows: dict[str, int] = {}
     count = 0
@@ -347,15 +347,15 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
             rows.setdefault(word, count - 1)
     if count != len(matrix):
         raise ConfigError(
-            f"{path} has {len(matrix):,} rows but {labels} has {count:,} labels; expected one for each row. "
-            "Save both again."
+            f"{path} has {len(matrix):,} rows but {labels} has {count:,} labels; expected a label per row. Save both "
+            "files again."
         )
     values = np.asarray(matrix[list(rows.values())], dtype=np.float64)
     return _checked(path, [f"row {row} (the first is 0)" for row in rows.values()], list(rows), values)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield stripped lines of a file, gzipped or not, with numbers from 1."""
+    """Yield stripped lines, with numbers from 1; the file may be gzipped."""
     with path.open("rb") as raw:
         is_packed = raw.peek(2)[:2] == _GZIP_MAGIC  # no UTF-8 text starts like this
         file = io.BufferedReader(gzip.GzipFile(fileobj=raw)) if is_packed else raw
@@ -381,12 +381,12 @@ def _is_number(text: bytes) -> bool:
     return True
 
 
-def _checked(path: Path, places: Sequence[str], words: Sequence[str], values: NDArray[np.float64]) -> _WordVectors:
+def _checked(path: Path, origins: Sequence[str], words: Sequence[str], values: NDArray[np.float64]) -> _WordVectors:
     is_finite = (np.abs(values) <= _MAX_FLOAT).all(axis=1)
     if not is_finite.all():
         first = int(np.argmin(is_finite))
         raise ConfigError(
-            f"{path}, {places[first]}: the vector of '{words[first]}' has a value that is NaN, infinite or beyond "
-            "float32; expected finite numbers. Correct it, or leave the word out."
+            f"{path}, {origins[first]}: the vector for '{words[first]}' has a value that is NaN, infinite or beyond "
+            "float32; expected finite numbers. Correct the value, or remove the word."
         )
     return _WordVectors(tuple(words), values.astype(np.float32))

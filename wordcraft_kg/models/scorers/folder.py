@@ -1,4 +1,4 @@
-"""Loading and writing the scorer of a model folder."""
+"""Loading scorers from model folders, and writing scorers."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -29,13 +29,13 @@ from wordcraft_kg.runs.record import read_finished_run
 
 WEIGHTS, VOCABULARY = "model.safetensors", "vocabulary.json"
 FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION = "folds.json", "folds.safetensors", "calibration.json"
-"""Files of a cross-fitted model: record of the folds, tensors ``fold0.entity_real``, ..., and calibration."""
+"""Files in a cross-fitted model: fold record, tensors ``fold0.entity_real``, ..., and calibration."""
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 OF_RECIPE = "of_recipe"
-"""Tensor with the fold of each recipe."""
+"""Tensor with folds by recipe."""
 TRAIN_RESULTS = "train_results"
-"""Tensor with the results of a train sample; absent for unchanged train recipes."""
-MODEL = "a model of train-complex, train-links, train-recipes or elicit"
+"""Tensor with the train sample's results; absent for unchanged train recipes."""
+MODEL = "a model folder from train-complex, train-links, train-recipes or elicit"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models", {kind.kind: kind for kind in (ComplExScorer, FactorsScorer, TableScorer, RecipeScorer)}
@@ -44,7 +44,7 @@ SCORERS: Registry[type[StoredScorer]] = Registry(
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
-    """``vocabulary.json``: kind of scorer, hash of the graph, and labels of tensor rows in id order."""
+    """``vocabulary.json``: scorer kind, graph hash, and labels for tensor rows in id order."""
 
     format: Literal["wordcraft-kg vocabulary 1"] = "wordcraft-kg vocabulary 1"
     scorer: str
@@ -54,7 +54,7 @@ class Vocabulary(Record, frozen=True, kw_only=True):
 
 
 def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu") -> Scorer:
-    """Load the scorer of a model folder.
+    """Load a scorer from a model folder.
 
     Args:
         folder: folder written by a training command, ``elicit`` or ``save_scorer``.
@@ -78,8 +78,8 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     tensors, vocabulary = files.tensors(WEIGHTS), files.record(VOCABULARY, Vocabulary)
     if vocabulary.scorer not in SCORERS:
         raise ArtefactError(
-            f"{folder / VOCABULARY} names a scorer of kind {vocabulary.scorer[:100]!r}; expected one of "
-            f"{', '.join(SCORERS)}. Install the package that it comes from, or restore a copy."
+            f"{folder / VOCABULARY} names scorer kind {vocabulary.scorer[:100]!r}; expected {' or '.join(SCORERS)}. "
+            "Install the package that provides this kind, or restore a copy."
         )
     try:
         SCORERS[vocabulary.scorer].check(tensors, len(vocabulary.entities))
@@ -87,7 +87,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
             vocabulary.scorer, tensors, vocabulary.entities, vocabulary.graph, device=device, name=folder.name
         )
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise ArtefactError(f"{folder} does not hold a scorer ({reason(error)}). Train it again.") from None
+        raise ArtefactError(f"{folder} does not contain a scorer ({reason(error)}). Train again.") from None
     if FOLDS_RECORD in files.run.outputs:
         scorer = _cross_fitted(files, scorer, vocabulary)
     if graph is not None:
@@ -101,8 +101,8 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
     record, tensors = files.record(FOLDS_RECORD, FoldsRecord), files.tensors(FOLDS_TENSORS)
     if record.hash != inputs.get("folds"):
         raise GraphMismatchError(
-            f"{files.folder / FOLDS_RECORD} is of the folds {record.hash[:12]}, but the model was trained with "
-            f"{inputs.get('folds', 'none')[:12]}. Train it again, or restore a copy."
+            f"{files.folder / FOLDS_RECORD} describes folds {record.hash[:12]}, but the model was trained with "
+            f"{inputs.get('folds', 'none')[:12]}. Train again, or restore a copy."
         )
     makers = []
     for fold in range(record.count):
@@ -117,13 +117,13 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
         settings = {"device": scorer.device, "name": f"{scorer.name}, without fold {fold}"}
         makers.append(partial(make_scorer, vocabulary.scorer, part, vocabulary.entities, vocabulary.graph, **settings))
     if OF_RECIPE not in tensors or tensors[OF_RECIPE].ndim != 1:
-        raise ArtefactError(f"{path} does not say which recipe is in which fold. Train again, or restore a copy.")
+        raise ArtefactError(f"{path} has no assignment from recipes to folds. Train again, or restore a copy.")
     train_results = tensors.get(TRAIN_RESULTS)
     if train_results is not None and (
         train_results.shape != tensors[OF_RECIPE].shape or train_results.is_floating_point()
     ):
-        raise ArtefactError(f"{path} does not say what each recipe was taught as. Train again, or restore a copy.")
-    # Folders of earlier versions have no calibration.
+        raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")
+    # Folders from earlier versions have no calibration.
     probabilities = files.record(CALIBRATION, Probabilities) if CALIBRATION in files.run.outputs else None
     results = None if train_results is None else train_results.numpy()
     return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities, results)
@@ -132,7 +132,7 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
 def make_scorer(
     kind: str, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
 ) -> Scorer:
-    """Make a scorer of a kind in :data:`SCORERS` from its tensors; factored scorers become tables within the limit.
+    """Make a scorer from its kind in :data:`SCORERS` and tensors; small factored scorers become tables.
 
     ``settings`` are ``device`` and ``name``. Raises KeyError for a missing tensor, ValueError for a tensor that does
     not fit the entities.
@@ -146,7 +146,7 @@ Tensors = Mapping[str, torch.Tensor]
 
 
 def stored(scorer: TripleScorer) -> StoredScorer:
-    """Return the stored form of a scorer (of ``whole`` if cross-fitted).
+    """Return the stored form of a scorer; a cross-fitted scorer is stored without folds.
 
     Scorers without a stored form become a table, or factors above the table limit.
 
@@ -154,34 +154,34 @@ def stored(scorer: TripleScorer) -> StoredScorer:
         ConfigError: if neither is possible, or a score is not finite.
     """
     scorer, size = whole_of(scorer), len(scorer.entities)
-    found: StoredScorer
+    result: StoredScorer
     if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer | FactorsScorer):
-        found = scorer
+        result = scorer
     elif table_bytes(size) <= TABLE_LIMIT:
         tables = [scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))]
         for relation, table in zip(RELATIONS, tables, strict=True):
             if table.shape != (size, size):
                 raise ConfigError(
-                    f"the scorer's table of {relation} has shape {tuple(table.shape)}; expected {(size, size)}, by "
+                    f"the scorer's {relation} table has shape {tuple(table.shape)}; expected {(size, size)}, by "
                     "head and tail."
                 )
-        found = TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)
+        result = TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)
     elif isinstance(scorer, FactoredScorer):
         factors = [scorer.factors(relation) for relation in range(len(RELATIONS))]
-        found = FactorsScorer(factors, scorer.entities, scorer.graph_hash)
+        result = FactorsScorer(factors, scorer.entities, scorer.graph_hash)
     else:
         raise ConfigError(
-            f"the scores of all triples of {size:,} entities take {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; "
-            f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer, or a scorer with "
-            "`factors`, can be saved without them."
+            f"a score table for {size:,} entities takes {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; expected at "
+            f"most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer, or a scorer with `factors`, can be saved "
+            "without a table."
         )
-    if not all(torch.isfinite(tensor).all() for tensor in found.tensors().values()):
-        raise ConfigError("the scorer gives scores that are not finite numbers. Nothing was written.")
-    return found
+    if not all(torch.isfinite(tensor).all() for tensor in result.tensors().values()):
+        raise ConfigError("some scores are not finite numbers. Nothing was written.")
+    return result
 
 
 def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) -> None:
-    """Write the tensors of a scorer and their vocabulary."""
+    """Write a scorer's tensors and vocabulary."""
     vocabulary = Vocabulary(scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS)
     write_atomically(folder / WEIGHTS, safetensors.torch.save(copied(dict(tensors))))
     write_atomically(folder / VOCABULARY, dump_json(as_values(vocabulary)))
@@ -190,33 +190,33 @@ def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) 
 def write_folds(
     folder: Path, folds: Folds, whole: Scorer, kind: str, part: Callable[[int], tuple[str, Tensors]]
 ) -> FoldsRecord:
-    """Write the files of the folds and return their record.
+    """Write the fold files and return the fold record.
 
-    ``part`` returns the hash of the training triples, and the tensors, of the model without a fold; ``whole`` is the
-    scorer of all train recipes, ``kind`` the kind of the fold scorers.
+    ``part`` returns the training triples' hash and the tensors for the model without a given fold; ``whole`` is the
+    scorer trained on all train recipes, ``kind`` the kind of the fold scorers.
     """
     graph = folds.split.graph
     tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
     if folds.is_subsample:
         tensors[TRAIN_RESULTS] = torch.from_numpy(folds.train_sample.results.copy())
-    found, seen_by = [], []
+    records, histograms = [], []
     for number in range(folds.count):
         trained_on, own_tensors = part(number)
         tensors |= {f"fold{number}.{name}": tensor for name, tensor in own_tensors.items()}
         seen = folds.triples([number])
         own = recipe_triples(folds.recipes_of(number))
         queries = sampled_for(graph, own[~is_in(own, seen, graph.num_entities)])
-        others = make_scorer(kind, own_tensors, graph.entities, graph.hash)
-        seen_by.append(predictions(others, folds, number))
+        left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
+        histograms.append(predictions(left_out, folds, number))
         mrr, in_sample = (
             mean_reciprocal_rank(rank_triples(scorer, queries, folds.triples())) if len(queries) else None
-            for scorer in (others, whole)
+            for scorer in (left_out, whole)
         )
-        found.append(
+        records.append(
             Fold(trained_on=trained_on, triples=len(seen), queries=2 * len(queries), mrr=mrr, in_sample_mrr=in_sample)
         )
-    record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(found))
-    write_atomically(folder / CALIBRATION, dump_json(as_values(Probabilities.fit(whole, folds, seen_by))))
+    record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(records))
+    write_atomically(folder / CALIBRATION, dump_json(as_values(Probabilities.fit(whole, folds, histograms))))
     write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
     write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
     return record

@@ -24,7 +24,7 @@ TEXT = 0.2
 
 
 def profiles(recipes: Ids, num_entities: int) -> Any:
-    """Return the use of each entity in recipes (n, 3) as unit rows of a sparse matrix, shape (E, M).
+    """Return how recipes (n, 3) use each entity: unit rows in a sparse matrix, shape (E, M).
 
     With C the symmetric combinesWith links, P the componentOf links (ingredient, result) and R the contexts (partner,
     result), rows are ``[C | P | Pᵀ | 2 R]``, damped and normalised; zeros for entities without recipes.
@@ -76,8 +76,8 @@ def check_vectors(vectors: NDArray[np.floating] | None, num_entities: int) -> No
     """Raise ConfigError unless word vectors have one row per entity."""
     if vectors is not None and (vectors.ndim != 2 or len(vectors) != num_entities):
         raise ConfigError(
-            f"`vectors` have shape {vectors.shape}; expected a row for each of the {num_entities:,} entities. "
-            "Make them from the graph's labels, by make_features."
+            f"`vectors` have shape {vectors.shape}; expected {num_entities:,} rows, a row per entity. Make vectors "
+            "from the graph's labels, by make_features."
         )
 
 
@@ -88,10 +88,10 @@ COMPLETION = 0.5
 
 
 def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen: Tensor | None = None) -> Tensor:
-    """Return the ridge regression of links on the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
+    """Return the ridge regression on links with the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
 
     With ``k = V diag(w) Vᵀ`` the solution is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not E² x E².
-    Entities outside ``seen`` are predicted only, ``K A Kᵀ``: missing links give no negative evidence.
+    Entities outside ``seen`` are only predicted, ``K A Kᵀ``: missing links give no negative evidence.
 
     Args:
         kernel: shape (E, E), symmetric; negative eigenvalues count as 0.
@@ -114,8 +114,8 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen
 def completion(recipes: Ids, num_entities: int) -> Tensor:
     """Score pairs by pairs with the same result, shape (E, E); ``recipes`` are (n, 3).
 
-    With ``R_c`` the degree-normalised symmetric matrix of pairs that make c, the score is ``Σ_c R_c³``: if a + y, x + y
-    and x + b make c, then a + b may as well.
+    With ``R_c`` the degree-normalised symmetric matrix for pairs that make c, the score is ``Σ_c R_c³``: if a + y,
+    x + y and x + b make c, then a + b may as well.
     """
     nodes, pairs = completion_paths(recipes, num_entities)
     return torch.from_numpy((nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32))
@@ -124,8 +124,8 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
 def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     """Return sparse G and R with ``completion = Gᵀ R³ G``.
 
-    A node is an entity as ingredient of one result: ``G[node, entity]`` is 1, shape (N, E); R, shape (N, N), is block
-    diagonal with all ``R_c``.
+    A node is an entity as ingredient for a single result: ``G[node, entity]`` is 1, shape (N, E); R, shape (N, N), is
+    block diagonal with all ``R_c``.
     """
     from scipy import sparse
 
@@ -143,7 +143,7 @@ def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
-    """Return combinesWith and componentOf links of recipes, two of shape (E, E), row = head, 1 or 0."""
+    """Return combinesWith and componentOf links in recipes, shape (E, E) each, row = head, 1 or 0."""
     triples = recipe_triples(recipes)
     tables = torch.zeros(2, num_entities, num_entities)
     heads, relations, tails = torch.from_numpy(triples.copy()).T
@@ -152,9 +152,9 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
 
 
 def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """Score all combinesWith and componentOf links, two of shape (E, E), row = head.
+    """Score all combinesWith and componentOf links, shape (E, E) each, row = head.
 
-    Training and standardisation use the entities in ``seen`` only, by default all.
+    Training and standardisation use only the entities in ``seen``, by default all.
     """
     size = len(kernel)
 
@@ -172,13 +172,13 @@ class KernelScorer(TableScorer):
     """Closed-form link prediction without training.
 
     combinesWith is the standardised kernel regression plus half the standardised completion, componentOf the
-    standardised regression. The scorer uses whole recipes: do not pass held-out recipes.
+    standardised regression. The scorer uses whole recipes: do not pass test recipes.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):
-        """Precompute the table of scores from training recipes (n, 3), such as ``split.recipes("train")``.
+        """Precompute the score table from training recipes (n, 3), such as ``split.recipes("train")``.
 
-        ``vectors`` are word vectors of the entities, shape (E, D), zeros for unknown words; ``kwargs`` are ``device``
+        ``vectors`` are the entities' word vectors, shape (E, D), zeros for unknown words; ``kwargs`` are ``device``
         and ``name``. Raises ConfigError if the graph is too large, or the vectors do not fit.
         """
         size = graph.num_entities

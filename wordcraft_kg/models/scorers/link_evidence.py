@@ -50,9 +50,9 @@ class LinkReason(Record):
     """A scorer's evidence for a link.
 
     Attributes:
-        learned_from: training recipes with the link itself, at most :data:`RECIPES`: the score is memory.
+        learned_from: training recipes with this link, at most :data:`RECIPES`; if any, the score is in-sample.
         more: number of further recipes.
-        evidence: total weight of all supporting links, listed or not.
+        evidence: total weight over all supporting links, listed or not.
         witnesses: supporting links, largest weight first.
     """
 
@@ -62,7 +62,7 @@ class LinkReason(Record):
     witnesses: tuple[LinkWitness, ...]
 
     @property
-    def is_memory(self) -> bool:
+    def is_in_sample(self) -> bool:
         """The scorer was trained on the link."""
         return bool(self.learned_from)
 
@@ -71,7 +71,7 @@ class LinkEvidence:
     """Finds training links and recipes that support a link.
 
     Attributes:
-        roles: similarities of entities.
+        roles: entity similarities.
         recipes: shape (n, 3), training recipes.
 
     Raises:
@@ -81,7 +81,7 @@ class LinkEvidence:
         >>> model = open_model("models/kitchen")
         >>> evidence = LinkEvidence(model.scorer, model.train_sample.recipes)
         >>> flour, water = model.scorer.entity_ids(["flour", "water"]).tolist()
-        >>> evidence.reason(flour, COMBINES_WITH, water).is_memory
+        >>> evidence.reason(flour, COMBINES_WITH, water).is_in_sample
         True
     """
 
@@ -92,7 +92,7 @@ class LinkEvidence:
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
         """Return supporting links of a link, shape (n, 3), and their weights, shape (n,).
 
-        The link itself is excluded. combinesWith links of an entity with itself are supported in one direction only.
+        The given link is excluded. combinesWith self links are supported in a single direction.
         """
         triples, weights = [], []
         sides: tuple[Side, ...] = ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
@@ -109,7 +109,7 @@ class LinkEvidence:
         return np.concatenate(triples), np.concatenate(weights)
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:
-        """Return the entities on a side of training links with a given entity on the other side; ascending."""
+        """Return the entities on a side of training links with a given entity on the opposite side; ascending."""
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
             return np.unique(np.concatenate([b[a == entity], a[b == entity]]))
@@ -138,7 +138,7 @@ class LinkEvidence:
         return np.flatnonzero(((a == head) | (b == head)) & (result == tail))
 
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
-        """Return the first recipes with a link, and the number of others."""
+        """Return the first recipes with a link, and the number of further recipes."""
         rows = self.recipes_of(head, relation, tail)
         recipes = [[self.entities[entity] for entity in row] for row in self.recipes[rows[:RECIPES]].tolist()]
         return tuple(Recipe.of(*labels) for labels in recipes), max(len(rows) - RECIPES, 0)

@@ -41,7 +41,7 @@ _POWERS = 1
 _Block = NDArray[np.float32]
 """Vectors over the entities, shape (E, m)."""
 _Product = Callable[[_Block], _Block]
-"""_Product of a matrix (E, E) with a block."""
+"""Product of a matrix (E, E) with a block."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class SparseSimilarity:
 
     Attributes:
         shared: profile columns with two or more entities, sparse, shape (E, M).
-        own: squared length of each entity's other columns, shape (E,), which add to the diagonal only.
+        own: squared length over each entity's remaining columns, shape (E,), which add to the diagonal only.
         words: unit word vectors, shape (E, D), zeros for unknown words; D is 0 without vectors.
     """
 
@@ -77,8 +77,8 @@ class SparseSimilarity:
     def times(self, block: _Block) -> _Block:
         """Return the kernel times a block, shape (E, m).
 
-        Negative word cosines count as positive: conjugate gradients need a positive semi-definite kernel. Neither ranks
-        better.
+        Negative word cosines count as positive: conjugate gradients need a positive semi-definite kernel. Both forms
+        rank equally well.
         """
         product = self.shared @ (self._columns @ block) + self.own[:, None] * block
         if self._word_pairs is not None:
@@ -94,7 +94,7 @@ class SparseSimilarity:
 
     @cached_property
     def _word_pairs(self) -> NDArray[np.float32] | None:
-        """Vectors whose products are squared cosines, shape (E, D (D + 1) / 2); None above E dimensions."""
+        """Vectors with products equal to squared cosines, shape (E, D (D + 1) / 2); None above E dimensions."""
         size, dimensions = self.words.shape
         if not 0 < dimensions * (dimensions + 1) // 2 <= size:
             return None
@@ -114,7 +114,7 @@ def smoothed(kernel: SparseSimilarity, block: _Block, ridge: float = SMOOTHING) 
         if (square <= enough).all():
             break
         image = kernel.times(direction) + ridge * direction
-        # A column that is solved (or zero) stays where it is.
+        # Solved and zero columns stay unchanged.
         step = np.where(square > enough, square / np.maximum((direction * image).sum(0), 1e-30), 0)
         solution += step * direction
         residual -= step * image
@@ -126,8 +126,8 @@ def smoothed(kernel: SparseSimilarity, block: _Block, ridge: float = SMOOTHING) 
 def two_step(kernel: SparseSimilarity, links: Any) -> _Product:
     """Return the product with ``P Y P``, ``P = K (K + λ)⁻¹``: ridge regression over heads, then over tails.
 
-    Replaces :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, whose filter ``w w' / (w w' + λ)`` needs all
-    eigenvectors. ``links`` is Y, sparse, shape (E, E), row = head.
+    Replaces :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, where the filter ``w w' / (w w' + λ)`` needs
+    all eigenvectors. ``links`` is Y, sparse, shape (E, E), row = head.
 
     Source: Pahikkala et al. 2014, "A two-step learning approach for solving full and almost full cold start problems in
     dyadic prediction"; Stock et al. 2018.
@@ -136,16 +136,15 @@ def two_step(kernel: SparseSimilarity, links: Any) -> _Product:
 
 
 def spread(image: _Block) -> float:
-    """Estimate the root mean square of the entries of a matrix M from ``M Ω`` with standard normal Ω.
+    """Estimate the root mean square entry in a matrix M from ``M Ω`` with standard normal Ω.
 
     Source: Hutchinson 1990.
     """
-    found = float(np.sqrt((image.astype(np.float64) ** 2).sum(0).mean()) / max(len(image), 1))
-    return found or 1.0
+    return float(np.sqrt((image.astype(np.float64) ** 2).sum(0).mean()) / max(len(image), 1)) or 1.0
 
 
 class Term(NamedTuple):
-    """A matrix, shape (E, E), as products, with its weight in a sum after scaling to a root mean square of 1."""
+    """A matrix, shape (E, E), as products, with a weight in the sum after scaling to root mean square 1."""
 
     weight: float
     product: _Product
@@ -153,7 +152,7 @@ class Term(NamedTuple):
 
 
 def factored_sum(terms: Sequence[Term], drawn: _Block) -> tuple[_Block, _Block]:
-    """Return ``left`` and ``right``, shape (E, m), with ``left rightᵀ`` close to the best approximation of that rank.
+    """Return ``left`` and ``right``, shape (E, m), with ``left rightᵀ`` close to the best approximation at rank m.
 
     ``drawn`` are standard normal directions, shape (E, m).
 
@@ -176,8 +175,8 @@ class LowRankKernelScorer(FactorsScorer):
     """Approximates :class:`KernelScorer` by low-rank factors, for graphs too large for a table.
 
     Two-step regression and completion are scaled by root mean square; a seeded randomised singular value decomposition
-    factors the sum. Truncating the kernel instead, whose spectrum is flat, would lose more. combinesWith is only nearly
-    symmetric: the loss may differ between (a, b) and (b, a).
+    factors the sum. Truncating the kernel would lose more, because the kernel spectrum is flat. combinesWith is only
+    nearly symmetric: the loss may differ between (a, b) and (b, a).
     """
 
     def __init__(
@@ -190,9 +189,9 @@ class LowRankKernelScorer(FactorsScorer):
         seed: int = 0,
         **kwargs: Any,
     ):
-        """Factor the scores of each relation.
+        """Factor the scores by relation.
 
-        Arguments as for :class:`KernelScorer`, and the number of factors ``rank`` and the ``seed`` of the random
+        Arguments as for :class:`KernelScorer`, plus the number of factors ``rank`` and a ``seed`` for random
         directions. Raises ConfigError for an invalid rank, or vectors that do not fit.
         """
         from scipy import sparse

@@ -1,6 +1,6 @@
-"""Test recipes that reword a train recipe: one ingredient replaced by a near-synonym.
+"""Test recipes that reword a train recipe: an ingredient is replaced by a near-synonym.
 
-Models may solve these by synonyms alone, so reports show figures with and without them.
+Models may solve such recipes by synonyms alone, so reports show figures with and without near-synonyms.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ NEAR_SYNONYM = 0.7
 
 @stage("looking for near-synonyms")
 def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:
-    """Return a mask of test recipes that reword a train recipe, shape (num_recipes,).
+    """Return a mask for test recipes that reword a train recipe, shape (num_recipes,).
 
     Test recipe {a, b} -> c counts if a train recipe {a', b} -> c exists with cos(a, a') >= ``threshold``; ``features``
     are in id order.
@@ -27,19 +27,20 @@ def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: floa
     graph = split.graph
     unit = features.unit_vectors
     is_train = split.is_in("train")
-    found = np.zeros(graph.num_recipes, dtype=bool)
+    is_reworded = np.zeros(graph.num_recipes, dtype=bool)
     for index in np.flatnonzero(split.is_in("test")).tolist():
         a, b, result = graph.recipes[index].tolist()
         made = graph.recipes_of(result)
         x, y = graph.recipes[made[is_train[made]], :2].T
         near_a, near_b = ((unit[[x, y]] @ unit[entity] >= threshold) for entity in (a, b))
-        found[index] = np.any((x == a) & near_b[1] | (y == a) & near_b[0] | (x == b) & near_a[1] | (y == b) & near_a[0])
-    return found
+        is_same = (x == a) & near_b[1] | (y == a) & near_b[0] | (x == b) & near_a[1] | (y == b) & near_a[0]
+        is_reworded[index] = np.any(is_same)
+    return is_reworded
 
 
 def near_synonym_triples(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> NDArray[np.bool_]:
-    """Return a mask of triples from near-synonym recipes, shape (T,).
+    """Return a mask for triples from near-synonym recipes, shape (T,).
 
-    A triple counts even if other test recipes give the same triple, so the remaining triples are free of near-synonyms.
+    Triples from several test recipes count as well, so the remaining triples contain no near-synonyms.
     """
     return is_in(triples, recipe_triples(graph.recipes[recipes]), graph.num_entities)

@@ -1,4 +1,4 @@
-"""Features of a pair and a goal from recipes, and the small ranker on top.
+"""Recipe-based features for a pair and a goal, and the small ranker on top.
 
 Policies score many tables at each step, so slow parts are precomputed tables; the evidence, which depends on three
 entities, sums over the few recipes with results most similar to the goal.
@@ -62,7 +62,7 @@ class Support(NamedTuple):
     Attributes:
         recipe: ids.
         weight: similarity, 1 for equality: the product of k over ingredients (in the better order) and result.
-        share: share of the evidence.
+        share: share of the total evidence.
     """
 
     recipe: tuple[int, int, int]
@@ -73,7 +73,7 @@ class Support(NamedTuple):
 class RecipeKnowledge(nn.Module):
     """Tables for scoring any pair and goal, for M models, and their rankers.
 
-    Row E stands for nothing. The evidence is
+    Row E is the empty slot. The evidence is
     ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]`` over the recipes r with results most
     similar to c, with the squared normalised similarity k.
 
@@ -82,7 +82,7 @@ class RecipeKnowledge(nn.Module):
             ranker.
         pairs: shape (M, E + 1, E + 1, 2), half: combinesWith from the kernel and the link ranker.
         numbers: shape (M, E + 1, E + 1), int32: number of a known pair, 0 for unknown pairs.
-        results: shape (M, N + 1, L), int32: results of each known pair, padded with E.
+        results: shape (M, N + 1, L), int32: results by known pair, padded with E.
         alike: shape (M, E + 1, E + 1), half: k.
         words: shape (E + 1, E + 1), half: word cosines.
         counts: shape (M, E + 1, 2): log(1 + recipes) that use, and that make, an entity.
@@ -136,11 +136,11 @@ class RecipeKnowledge(nn.Module):
         return {name: getattr(self, name) for name in BUFFERS}
 
     def with_ranker(self, weights: Mapping[str, Tensor]) -> Self:
-        """Return the knowledge of one model with another ranker."""
+        """Return a single model's knowledge with a new ranker."""
         return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return features of slot pairs, shape (F, B, P), in the order of :func:`pairs_of`.
+        """Return slot-pair features, shape (F, B, P), in the order of :func:`pairs_of`.
 
         ``goal`` (B,), ``table`` (B, A) with E for empty slots, and ``model`` (B,) are int64.
         """
@@ -175,7 +175,7 @@ class RecipeKnowledge(nn.Module):
         return torch.cat([of_a + of_b, torch.minimum(of_a, of_b), torch.stack(rest), evidence.add(FLOOR).log()])
 
     def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return the evidence for all slot pairs, by recipes and by words, shape (2, B, A, A)."""
+        """Return slot-pair evidence, by recipes and by words, shape (2, B, A, A)."""
         width = self.num_entities + 1
         supporting = self.supporting.flatten(0, 1).index_select(0, model * width + goal).long()
         first, second, result = supporting.unbind(-1)
@@ -204,16 +204,16 @@ class RecipeKnowledge(nn.Module):
         orders = torch.stack([alike[a, one].float() * alike[b, other], alike[a, other].float() * alike[b, one]])
         evidence, weights = like_goal * orders.sum(0), (like_goal * orders.amax(0)).clamp(max=1)
         shares = evidence / evidence.sum().clamp(min=torch.finfo(evidence.dtype).tiny)
-        first = torch.sort(evidence, descending=True, stable=True).indices[:limit].tolist()
-        found = []
-        for row in first:
-            if weights[row] > 0:
-                ids = supporting[row].tolist()
-                found.append(Support((ids[0], ids[1], ids[2]), float(weights[row]), float(shares[row])))
-        return found
+        rows = torch.sort(evidence, descending=True, stable=True).indices[:limit].tolist()
+        recipes = supporting.tolist()
+        return [
+            Support((recipes[row][0], recipes[row][1], recipes[row][2]), float(weights[row]), float(shares[row]))
+            for row in rows
+            if weights[row] > 0
+        ]
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return the score of all slot pairs for the goal, shape (B, A, A), nats; -inf for empty slots."""
+        """Return slot-pair scores for the goal, shape (B, A, A), nats; -inf for empty slots."""
         features = self.features(goal, table, model).transpose(0, 1)
         first = self.first.transpose(1, 2).index_select(0, model)
         hidden = torch.baddbmm(self.first_bias.index_select(0, model)[:, :, None], first, features).relu_()
@@ -238,7 +238,7 @@ BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "
 def knowledge_of(
     recipes: Ids, kernel: Tensor, text: Tensor, tables: tuple[Tensor, Tensor], links: tuple[Tensor, Tensor]
 ) -> RecipeKnowledge:
-    """Return the knowledge of one model from training recipes (n, 3), with a zero ranker.
+    """Return a model's knowledge from training recipes (n, 3), with a zero ranker.
 
     All tables have shape (E, E): ``kernel`` are similarities, ``text`` word cosines, ``tables`` combinesWith and
     componentOf from the kernel, ``links`` the same from the link ranker.
@@ -283,13 +283,13 @@ def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
 
 
 def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return the slots of each pair, two of shape (P,), with ``one <= other``."""
+    """Return the slots in each pair, shape (P,) each, with ``one <= other``."""
     one, other = torch.triu_indices(slots, slots, device=device)
     return one, other
 
 
 def _square(slots: int, device: torch.device) -> Tensor:
-    """Return the pair number of every two slots, shape (A * A,)."""
+    """Return pair numbers by slots, shape (A * A,)."""
     one, other = pairs_of(slots, device)
     number = torch.zeros(slots, slots, dtype=torch.int64, device=device)
     number[one, other] = number[other, one] = torch.arange(len(one), device=device)
@@ -297,13 +297,13 @@ def _square(slots: int, device: torch.device) -> Tensor:
 
 
 def _rows(table: Tensor, cells: Tensor) -> Tensor:
-    """Return cells of a half table as floats; cells may hold several numbers."""
-    numbers = table.shape[3:]  # of a cell
+    """Return cells from a half table as floats; cells may contain several numbers."""
+    numbers = table.shape[3:]
     flat = table.reshape(-1, *numbers)
     return flat.index_select(0, cells.reshape(-1)).view(*cells.shape, *numbers).float()
 
 
 def _padded(table: Tensor) -> Tensor:
-    """Append a zero row and column for nothing; half precision."""
+    """Append a zero row and column for empty slots; half precision."""
     pad = (0, 0) * (table.ndim - 2) + (0, 1, 0, 1)
     return nn.functional.pad(table, pad).half()

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class TripleScorer(Protocol):
-    """Scores triples of one recipe graph; higher scores mean more plausible, on any scale.
+    """Scores triples in a recipe graph; higher scores mean more plausible, on any scale.
 
     Attributes:
-        graph_hash: content hash of the graph.
+        graph_hash: the graph's content hash.
         entities: labels in id order.
     """
 
@@ -33,13 +33,13 @@ class TripleScorer(Protocol):
         ...
 
     def table(self, relation: "int | str") -> "torch.Tensor":
-        """Return the scores of all pairs: shape (E, E), float32, row = head, column = tail."""
+        """Return scores for all pairs: shape (E, E), float32, row = head, column = tail."""
         ...
 
 
 @runtime_checkable
 class FactoredScorer(TripleScorer, Protocol):
-    """A scorer that computes all pairs by one matrix product, without a table."""
+    """A scorer that computes all pairs by a matrix product, without a table."""
 
     def factors(self, relation: "int | str") -> "tuple[torch.Tensor, torch.Tensor]":
         """Return ``left`` and ``right``, shape (E, m), float32: a pair scores ``left[head] · right[tail]``."""
@@ -52,5 +52,5 @@ def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
         raise GraphMismatchError(
             f"{getattr(scorer, 'name', 'the scorer')} was trained on graph {scorer.graph_hash[:12]} "
             f"({len(scorer.entities)} entities) but '{graph.name}' is {graph.hash[:12]} ({graph.num_entities}). "
-            "Train it on this graph, or use the graph that it was trained on."
+            "Train on this graph, or use the training graph."
         )

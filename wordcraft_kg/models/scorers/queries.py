@@ -1,4 +1,4 @@
-"""Queries of a scorer: triples or recipes with at most one open slot, from arguments or a file."""
+"""Scorer queries: triples or recipes with at most a single open slot, from arguments or a file."""
 
 import csv
 import io
@@ -13,7 +13,7 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.triples import RELATIONS
 
 OPEN = ("_", "?")
-"""Spellings of an open slot; shells expand ``?``, but not ``_``."""
+"""Spellings for an open slot; shells expand ``?``, but not ``_``."""
 HEADER = ["head", "relation", "tail"]
 _RECIPE_HEADER = ["ingredient_a", "ingredient_b", "result"]
 """Header of a file of recipe queries; files without header contain triples."""
@@ -41,7 +41,7 @@ class _Slots:
 
 @dataclass(frozen=True)
 class Query(_Slots):
-    """A triple of labels; head or tail may be open (None). ``line`` is the line in its file, from 1."""
+    """A triple as labels; head or tail may be open (None). ``line`` is the line in the file, from 1."""
 
     head: str | None
     relation: str
@@ -61,7 +61,7 @@ class Query(_Slots):
             raise ConfigError("both slots are open: name the head or the tail.")
         if relation not in RELATIONS:
             hint = nearest(relation, RELATIONS)
-            raise UnknownEntityError(f"no relation '{relation}'; expected one of {', '.join(RELATIONS)}.{hint}")
+            raise UnknownEntityError(f"no relation '{relation}'; expected {' or '.join(RELATIONS)}.{hint}")
         _check_known(slots, entities)
         return cls(slots[0], relation, slots[1], line)
 
@@ -73,7 +73,7 @@ class Query(_Slots):
 
 @dataclass(frozen=True)
 class RecipeQuery(_Slots):
-    """A recipe of labels with at most one open slot (None). ``line`` is the line in its file, from 1."""
+    """A recipe as labels with at most a single open slot (None). ``line`` is the line in the file, from 1."""
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -91,7 +91,7 @@ class RecipeQuery(_Slots):
         slots = _slots((a, b, result), entities)
         if slots.count(None) > 1:
             shown = f"{slots[0] or '_'} + {slots[1] or '_'} = {slots[2] or '_'}"
-            raise ConfigError(f"more than one slot of {shown} is open: leave one open, an ingredient or the result.")
+            raise ConfigError(f"{shown} has several open slots: leave a single slot open, an ingredient or the result.")
         _check_known(slots, entities)
         return cls(slots[0], slots[1], slots[2], line)
 
@@ -106,9 +106,9 @@ def parse_query(
 ) -> Query | RecipeQuery:
     """Parse a query from command line arguments.
 
-    A triple is ``head relation [tail]``. A recipe is ``a + b``, ``a + b c`` or ``a + b = c``, in one or several
+    A triple is ``head relation [tail]``. A recipe is ``a + b``, ``a + b c`` or ``a + b = c``, in any number of
     arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split. Queries may name entities in
-    ``allowed``, by default all ``entities`` of the graph.
+    ``allowed``, by default all graph entities.
 
     Raises:
         UnknownEntityError: for an unknown entity or relation, with the nearest names.
@@ -135,7 +135,7 @@ def _pieces(words: Sequence[str], entities: Collection[str]) -> Iterator[str]:
 
 def _unreadable(words: Sequence[str], what: str, expected: str) -> ConfigError:
     return ConfigError(
-        f"'{' '.join(words)}' is no {what}; expected {expected}. Write a label of several words in quotes."
+        f"cannot parse {what} '{' '.join(words)}'; expected {expected}. Quote labels with several words."
     )
 
 
@@ -156,34 +156,34 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
     otherwise the file is CSV. Blank lines are skipped.
 
     Raises:
-        QueryFileError: if the file is unreadable or a line is wrong, with its number.
+        QueryFileError: if the file is unreadable or a line is wrong, with the line number.
     """
     rows = list(_rows(path))
     header = rows[0][1] if rows and rows[0][1] in (HEADER, _RECIPE_HEADER) else None
     kind, columns = (RecipeQuery, _RECIPE_HEADER) if header == _RECIPE_HEADER else (Query, HEADER)
-    found: list[Any] = []
+    queries: list[Any] = []
     for line, cells in rows[header is not None :]:
         if len(cells) != 3:
             shown = ",".join(cells)[:80]
             expected = ", ".join(columns)
             raise QueryFileError(f"{path}, line {line}: '{shown}' has {len(cells)} columns; expected {expected}.")
         try:
-            found.append(kind.of(cells[0], cells[1], cells[2], entities, line=line))
+            queries.append(kind.of(cells[0], cells[1], cells[2], entities, line=line))
         except WordCraftKGError as error:
             raise QueryFileError(f"{path}, line {line}: {error}") from None
-    if not found:
-        raise QueryFileError(f"{path} has no query; expected lines of {', '.join(columns)}.")
-    return found
+    if not queries:
+        raise QueryFileError(f"{path} has no query; expected lines with {', '.join(columns)}.")
+    return queries
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the cells of non-blank rows with the number of their first line."""
+    """Yield the cells in non-blank rows, with the first line number."""
     if not path.is_file():
-        raise QueryFileError(f"'{path}' is not a file; expected a CSV or TSV file of {', '.join(HEADER)}.")
+        raise QueryFileError(f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(HEADER)}.")
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise QueryFileError(f"{path} is not UTF-8 (byte {error.start:,}). Save it as UTF-8.") from None
+        raise QueryFileError(f"{path} is not UTF-8 (byte {error.start:,}). Save the file as UTF-8.") from None
     lines = io.StringIO(text, newline="")
     if "\t" in text.partition("\n")[0]:
         reader = csv.reader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, strict=True)

@@ -1,4 +1,4 @@
-"""Filtered ranking of held-out triples: ranks, metrics with intervals, slices and calibration."""
+"""Filtered ranking on test triples: ranks, metrics with intervals, slices and calibration."""
 
 from typing import Annotated
 
@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 MIN_TRIPLES = 30
-"""Minimum number of held-out triples for meaningful figures."""
+"""Minimum number of test triples for meaningful figures."""
 BATCH = 1_024
 """Maximum number of queries scored at once: (BATCH, E) floats."""
 CELLS = 2**23
@@ -26,14 +26,14 @@ CELLS = 2**23
 
 
 class RankingMetrics(Record, omit_defaults=True):
-    """Metrics of ranked queries; without queries, only ``queries`` is set.
+    """Metrics over ranked queries; without queries, only ``queries`` is set.
 
     Attributes:
         queries: number of queries.
         mrr: mean reciprocal rank.
         hits_at_1, hits_at_3, hits_at_10: share of ranks up to k.
         mean_rank: mean rank, from 1.
-        amri: adjusted mean rank index, 0 for a random order and 1 for a perfect one (Berrendorf et al. 2020).
+        amri: adjusted mean rank index, 0 for a random order and 1 for a perfect order (Berrendorf et al. 2020).
         mrr_ci: 95 % interval of ``mrr``, if computed.
     """
 
@@ -48,7 +48,7 @@ class RankingMetrics(Record, omit_defaults=True):
 
 
 class CalibrationBin(Record):
-    """Queries with similar confidence: mean confidence, and accuracy of the best candidate."""
+    """Queries with similar confidence: mean confidence, and accuracy for the best candidate."""
 
     confidence: Share
     accuracy: Share
@@ -63,7 +63,7 @@ class Calibration(Record):
 
 
 def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
-    """Return a uniform sample of triples in their order, without replacement; all if at most ``size``."""
+    """Return a uniform sample without replacement, in the given order; all triples if at most ``size``."""
     if len(triples) <= size:
         return triples
     return triples[np.sort(np.random.default_rng(seed).permutation(len(triples))[:size])]
@@ -75,21 +75,21 @@ def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
 
 
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
-    """Rank the true head and tail of each triple among all entities.
+    """Rank each triple's true head and true tail among all entities.
 
-    Filtered: other true answers in ``known`` do not compete. Ties get the realistic rank (mean of best and worst), so a
-    constant scorer ranks like chance.
+    Filtered: further true answers in ``known`` do not compete. Ties get the realistic rank (mean of best and worst), so
+    a constant scorer ranks like chance.
 
     Args:
-        scorer: scorer of the graph.
+        scorer: the scorer to evaluate.
         triples: shape (T, 3), the queries.
-        known: shape (K, 3), all true triples, train and held out.
+        known: shape (K, 3), all true triples, train and test.
 
     Returns:
-        2 T rows, first all tail queries, then all head queries, in the order of ``triples``. Columns: head, relation,
-        tail (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates
-        (number of competing entities, including the true entity), score (of the true entity), top (best candidate) and
-        confidence (softmax share of ``top``).
+        2 T rows, first all tail queries, then all head queries, in the given order. Columns: head, relation, tail
+        (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates (number of
+        competing entities, including the true entity), score (for the true entity), top (best candidate) and
+        confidence (softmax share for ``top``).
 
     Raises:
         ArtefactError: if a score is not finite.
@@ -98,7 +98,7 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
     parts: list[pd.DataFrame] = []
     block = min(BATCH, max(1, CELLS // num_entities))
     for side, fixed, target in (("tail", 0, 2), ("head", 2, 0)):
-        # Known answers of each query (relation, fixed entity), as a sorted list with binary search.
+        # Known answers by query (relation, fixed entity), as a sorted list with binary search.
         known_keys = known[:, 1] * num_entities + known[:, fixed]
         order = np.argsort(known_keys, kind="stable")
         known_keys, answers = known_keys[order], known[order, target]
@@ -120,14 +120,14 @@ def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns:
     with torch.no_grad():
         scores = scorer.score(*((head, relation, everything) if side == "tail" else (everything, relation, tail)))
     scores = scores.cpu().double()
-    # The sum is finite if all scores are: they were of 32 bits.
+    # The sum of 32-bit scores is finite in 64 bits if all scores are finite.
     if not bool(torch.isfinite(scores.sum())):
-        raise ArtefactError("the model gives scores that are not finite numbers; train it again with a lower rate.")
+        raise ArtefactError("some scores are not finite numbers; train again with a lower learning rate.")
     target = (tail if side == "tail" else head)[:, 0]
     index = torch.arange(len(batch))
     true = scores[index, target][:, None]
     raw = _count(scores > true) + (1 + _count(scores == true)) / 2
-    # The true entity is set aside too: the remaining ones compete with it.
+    # The true entity is excluded as well, so only competitors are counted.
     scores[torch.from_numpy(rows), torch.from_numpy(columns)] = -torch.inf
     scores[index, target] = -torch.inf
     better, equal = _count(scores > true), _count(scores == true)
@@ -165,12 +165,12 @@ def _ranges(left: Ids, right: Ids) -> Ids:
 
 
 def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
-    """Return the MRR of at least one ranked query."""
+    """Return the mean reciprocal rank; needs a ranked query."""
     return float(np.mean(1 / ranks["rank"].to_numpy(dtype=float)))
 
 
 def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics:
-    """Return the metrics of ranked queries for a column of ranks."""
+    """Return metrics over ranked queries for a rank column."""
     rank = ranks[column].to_numpy(dtype=float)
     if not len(rank):
         return RankingMetrics(0)
@@ -187,14 +187,14 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
 
 
 def random_reciprocal_ranks(ranks: pd.DataFrame) -> NDArray[np.float64]:
-    """Return the expected reciprocal rank of each query in a random order, ``H_n / n`` for n candidates."""
+    """Return the expected reciprocal rank by query in a random order, ``H_n / n`` for n candidates."""
     n = ranks["candidates"].to_numpy(dtype=np.int64)
     harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max(initial=1) + 1))])
     return np.asarray(harmonic[n] / n)
 
 
 def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
-    """Return the exact expected metrics of a random order."""
+    """Return exact expected metrics for a random order."""
     n = ranks["candidates"].to_numpy(dtype=float)
     if not len(n):
         return RankingMetrics(0)
@@ -210,10 +210,10 @@ def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
 
 
 def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
-    """Return for each triple (T, 3) the number of the first pair with a recipe that gives the triple; shape (T,).
+    """Return for each triple (T, 3) the index of the first pair with a recipe that gives the triple; shape (T,).
 
-    Queries from one pair depend on each other (its mirrored combinesWith triples most), so intervals resample pairs.
-    Only recipes in the mask ``recipes``, shape (num_recipes,), count.
+    Queries from the same pair are dependent (mirrored combinesWith triples most), so intervals resample pairs. Only
+    recipes in the mask ``recipes``, shape (num_recipes,), count.
     """
     a, b, result = graph.recipes[recipes].T
     pair = graph.pair_of_recipe[recipes]
@@ -239,7 +239,7 @@ def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000,
 
 
 def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
-    """Compare the softmax confidence of the best candidate with its accuracy.
+    """Compare the best candidate's softmax confidence with accuracy.
 
     Most unseen triples have several plausible answers, so values near 1 are not expected.
     """
@@ -255,7 +255,7 @@ def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
-    """Return masks of the standard slices: all, each relation, each relation and side."""
+    """Return masks for the standard slices: all, each relation, each relation and side."""
     relation, side = ranks["relation"].to_numpy(), ranks["side"].to_numpy()
     masks = {"all": np.ones(len(ranks), dtype=bool)}
     masks |= {name: relation == i for i, name in enumerate(RELATIONS)}

@@ -1,4 +1,4 @@
-"""Recipe-level scores, and train recipes that support them."""
+"""Recipe-level scores, and supporting train recipes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -21,7 +21,7 @@ _DTYPES = {
     **dict.fromkeys(("numbers", "results", "recipes"), torch.int32),
     "supporting": torch.int16,
 }
-"""Types of stored tensors other than float32."""
+"""Stored tensor types, where not float32."""
 
 
 class Witness(Record):
@@ -47,7 +47,7 @@ class Witness(Record):
 
 @runtime_checkable
 class RecipeScores(TripleScorer, Protocol):
-    """A scorer with recipe scores; ``recipes``, shape (n, 3), are its training recipes."""
+    """A scorer with recipe scores; ``recipes``, shape (n, 3), are the training recipes."""
 
     recipes: Tensor
 
@@ -61,15 +61,15 @@ class RecipeScores(TripleScorer, Protocol):
 
 
 class RecipeScorer(StoredScorer):
-    """The learned scorer of recipes and links: rankers on out-of-sample features.
+    """Learned recipe and link scorer: rankers on out-of-sample features.
 
-    A recipe score is in nats: the log-odds, up to a constant, that of all pairs on a table this pair makes the goal.
-    Link scores come from the link ranker.
+    Recipe scores are in nats: the log-odds, up to a constant, that this pair makes the goal, given that some pair on
+    the table does. Link scores come from the link ranker.
 
     Attributes:
         knowledge: tables and rankers.
         recipes: shape (n, 3), training recipes.
-        link_rankers: weights of the link rankers by relation, for entities outside the graph.
+        link_rankers: link-ranker weights by relation, for entities outside the graph.
 
     Raises:
         KeyError: if a tensor is missing.
@@ -86,9 +86,11 @@ class RecipeScorer(StoredScorer):
         self.link_rankers = {relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS}
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors that restore the scorer."""
+        """Return tensors that restore the scorer."""
         links = {
-            f"{of}.{name}": weights for of, ranker in self.link_rankers.items() for name, weights in ranker.items()
+            f"{relation}.{name}": weights
+            for relation, ranker in self.link_rankers.items()
+            for name, weights in ranker.items()
         }
         return {**self.knowledge.constants(), **links, "recipes": self.recipes}
 
@@ -101,31 +103,31 @@ class RecipeScorer(StoredScorer):
         return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Score recipes of ids or labels (single, sequence or tensor), which broadcast; float32, nats.
+        """Score recipes by ids or labels (single, sequence or tensor), which broadcast; float32, nats.
 
         Raises:
             UnknownEntityError: for an unknown label or id.
         """
         ids = torch.broadcast_tensors(*(self.entity_ids(part) for part in (ingredients, others, results)))
         a, b, result = (part.reshape(-1) for part in ids)
-        found = [
+        scores = [
             self.knowledge(goal, torch.stack(pair, dim=1), torch.zeros_like(goal))[:, 0, 1]
             for goal, *pair in zip(result.split(_ROWS), a.split(_ROWS), b.split(_ROWS), strict=True)
         ]
-        return torch.cat(found).view(ids[0].shape)
+        return torch.cat(scores).view(ids[0].shape)
 
     def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return at most ``limit`` train recipes that support a recipe of labels, largest share of the evidence first.
+        """Return at most ``limit`` train recipes that support a recipe, largest evidence share first.
 
-        A train recipe supports itself. Evidence is one feature of a score, see
+        Train recipes are part of their own evidence. The score has further features, see
         :data:`~wordcraft_kg.models.scorers.pair_features.FEATURES`.
 
         Raises:
             UnknownEntityError: for an unknown label.
         """
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
-        found = self.knowledge.supporting_recipes(a, b, goal, limit=limit)
-        return [Witness.of(supporting, self.entities) for supporting in found]
+        supports = self.knowledge.supporting_recipes(a, b, goal, limit=limit)
+        return [Witness.of(support, self.entities) for support in supports]
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
@@ -155,6 +157,6 @@ class RecipeScorer(StoredScorer):
         check_shapes(tensors, shapes, _DTYPES)
         for name in shapes:
             if tensors[name].dtype.is_floating_point and not bool(torch.isfinite(tensors[name]).all()):
-                raise ValueError(f"{name} holds numbers that are not finite")
+                raise ValueError(f"{name} contains numbers that are not finite")
         for name, high in (("supporting", size), ("recipes", size - 1), ("results", size), ("numbers", known[0] - 1)):
             check_ids(name, tensors[name], high)

@@ -1,4 +1,4 @@
-"""Similarity of entities to a scorer: as heads and as tails of each relation, by scores."""
+"""Entity similarities by scores: as heads and as tails in each relation."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,15 +17,15 @@ _Rows = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class EntityRoles:
-    """Similarity of entities by role: head or tail of a relation.
+    """Entity similarities by role: head or tail in a relation.
 
-    In a role, an entity is represented by its row (as tail: column) of scores with all entities, centred by row and
-    column; uncentred rows mainly show which entities score high overall. Only products of rows matter, so factors
-    replace tables: :attr:`units` are other coordinates of the same vectors.
+    A role represents each entity by a row (as tail: column) of scores with all entities, centred by row and column;
+    uncentred rows mainly show which entities score high overall. Only row products matter, so factors can replace
+    tables: :attr:`units` are then different coordinates for the same vectors.
 
     Attributes:
         units: by relation and side (head, tail), unit rows (0 for entities without scores), shape (E, m).
-        lengths: shape (E, 4), float32: row lengths relative to the root mean square of the role.
+        lengths: shape (E, 4), float32: row lengths relative to the role's root mean square.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")
@@ -39,7 +39,7 @@ class EntityRoles:
 
     @classmethod
     def of(cls, scorer: TripleScorer) -> "EntityRoles":
-        """Compute roles from the scores of all pairs, or from their factors.
+        """Compute roles from a score table or from factors.
 
         Raises:
             ConfigError: for too many pairs without factors.
@@ -50,11 +50,11 @@ class EntityRoles:
             if isinstance(scorer, FactoredScorer):
                 roles = _of_factors(*(part.cpu().numpy() for part in scorer.factors(relation)))
             else:
-                check_table("comparing entities by their scores", size)
+                check_table("comparing entities by scores", size)
                 roles = _of_table(scorer.table(relation).cpu().numpy())
-            found = [np.linalg.norm(rows, axis=1) for rows in roles]
-            units.append(tuple(_unit(rows, length) for rows, length in zip(roles, found, strict=True)))
-            lengths += [length / (np.sqrt(np.mean(length**2)) or 1.0) for length in found]
+            norms = [np.linalg.norm(rows, axis=1) for rows in roles]
+            units.append(tuple(_unit(rows, norm) for rows, norm in zip(roles, norms, strict=True)))
+            lengths += [norm / (np.sqrt(np.mean(norm**2)) or 1.0) for norm in norms]
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))  # type: ignore[arg-type]
 
     def alike(self, entity: int, relation: int, side: Side) -> _Rows:
@@ -66,9 +66,9 @@ class EntityRoles:
         """Return the nearest entities over all roles with cosines, nearest first; each role weighs the same."""
         weights = self.lengths * self.lengths[entity] / np.maximum(self._total * self._total[entity], 1e-12)[:, None]
         cosines = np.stack([self.alike(entity, relation, side) for relation, side in ROLES], axis=1)
-        found = (weights * cosines).sum(axis=1)
-        order = np.argsort(-found, kind="stable")
-        return [(other, float(found[other])) for other in order[: limit + 1].tolist() if other != entity][:limit]
+        means = (weights * cosines).sum(axis=1)
+        order = np.argsort(-means, kind="stable")
+        return [(other, float(means[other])) for other in order[: limit + 1].tolist() if other != entity][:limit]
 
     @cached_property
     def _total(self) -> _Rows:
@@ -80,19 +80,19 @@ ROLES: tuple[tuple[int, Side], ...] = tuple((relation, side) for relation in (0,
 
 
 def centred(scores: NDArray[Any]) -> NDArray[Any]:
-    """Return scores of all pairs, shape (E, E), with row and column means of 0."""
+    """Centre a score table, shape (E, E), by row and column."""
     by_row = scores - scores.mean(axis=1, keepdims=True)
     return np.asarray(by_row - by_row.mean(axis=0))
 
 
 def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
-    """Return the rows of a table as heads and as tails, shape (E, m) each."""
+    """Return table rows as heads and as tails, shape (E, m) each."""
     whole = centred(scores)
     return whole, np.ascontiguousarray(whole.T)
 
 
 def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
-    """Return vectors with the same products as rows and columns of the centred ``left rightᵀ``."""
+    """Return vectors with the same products as rows and columns in the centred ``left rightᵀ``."""
     heads, tails = (side.astype(np.float64) - side.mean(axis=0, dtype=np.float64) for side in (left, right))
     return _turned(heads, tails), _turned(tails, heads)
 
@@ -104,6 +104,6 @@ def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
 
 
 def _unit(rows: _Rows, lengths: _Rows) -> _Rows:
-    """Scale rows to length 1; rows of zeros up to rounding become zeros."""
+    """Scale rows to length 1; rows that are zero up to rounding become zeros."""
     least = 1e-6 * float(np.max(lengths, initial=0)) or 1.0
     return np.asarray(np.where(lengths > least, 1 / np.maximum(lengths, least), 0)[:, None] * rows, dtype=np.float32)

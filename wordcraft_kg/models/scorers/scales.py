@@ -23,16 +23,16 @@ def scaled_table(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> Tensor:
-    """Return scaled scores of all pairs in one relation: shape (E, E), row = head.
+    """Return scaled scores for all pairs in a relation: shape (E, E), row = head.
 
     Args:
         scorer: any scorer.
-        relation: id of the relation.
-        scale: ``standardise`` scores of all pairs; ``ranks`` standardises ranks among all pairs, ``log-softmax`` the
-            log-softmax over heads for each tail; ``none`` keeps raw scores.
-        self_edges: scores between an entity and itself: ``keep`` all, keep those in ``observed``, or ``drop`` all.
-            Dropped scores become the mean over pairs of different entities.
-        observed: training triples of the scorer, shape (T, 3).
+        relation: relation id.
+        scale: ``standardise`` standardises scores, ``ranks`` ranks among all pairs, ``log-softmax`` the log-softmax
+            over heads for each tail; ``none`` keeps raw scores.
+        self_edges: ``keep`` all self edges, keep self edges in ``observed``, or ``drop`` all. Dropped scores become the
+            mean over pairs of different entities.
+        observed: the scorer's training triples, shape (T, 3).
 
     Raises:
         ConfigError: for an unknown scale or kind of self edges, or ``observed`` without triples.
@@ -41,9 +41,9 @@ def scaled_table(
     one_of("self_edges", self_edges, get_args(SelfEdges))
     scores = scorer.table(relation).detach().cpu().numpy().astype(np.float64)
     if scale == "ranks":
-        _, place, counts = np.unique(scores, return_inverse=True, return_counts=True)
-        middle = np.cumsum(counts) - (counts - 1) / 2  # equal scores share the mean of their ranks
-        scores = middle[place].reshape(scores.shape)
+        _, group, counts = np.unique(scores, return_inverse=True, return_counts=True)
+        middle = np.cumsum(counts) - (counts - 1) / 2  # equal scores share their mean rank
+        scores = middle[group].reshape(scores.shape)
     elif scale == "log-softmax":
         scores = scores - scores.max(axis=0)
         scores -= np.log(np.exp(scores).sum(axis=0))
@@ -61,7 +61,7 @@ FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "none")
 
 @dataclass(frozen=True)
 class ScaledFactors:
-    """Scaled scores of one relation as factors: ``left[head] · right[tail] - shift``.
+    """Scaled scores for a relation as factors: ``left[head] · right[tail] - shift``.
 
     Attributes:
         left, right: shape (E, m).
@@ -86,11 +86,11 @@ def scaled_factors(
 ) -> ScaledFactors:
     """Return :func:`scaled_table` in factored form; mean and deviation follow from the factors' moments.
 
-    With X and Y the factors, scores sum to ``Σ x · Σ y`` and squared scores to the sum over the entries of ``XᵀX *
-    YᵀY``, both minus the contribution of self pairs.
+    With X and Y the factors, scores sum to ``Σ x · Σ y`` and squared scores to the sum over all entries in ``XᵀX *
+    YᵀY``, both without self pairs.
 
     Raises:
-        ConfigError: for a scale that needs the table, or ``observed`` without triples.
+        ConfigError: for a scale that needs a table, or ``observed`` without triples.
     """
     one_of("scale", scale, FACTORED_SCALES)
     one_of("self_edges", self_edges, get_args(SelfEdges))
@@ -116,8 +116,8 @@ def _dropped_self_edges(size: int, relation: int, self_edges: SelfEdges, observe
     if self_edges == "observed":
         if observed is None:
             raise ConfigError(
-                "`self_edges` 'observed' needs the triples that the scorer was trained on: give `observed` (for the "
-                "partial graph, split.partial), or choose keep or drop."
+                "`self_edges` 'observed' needs the scorer's training triples: give `observed` (for the partial graph, "
+                "split.partial), or choose keep or drop."
             )
         loops = (observed[:, 1] == relation) & (observed[:, 0] == observed[:, 2])
         kept[observed[loops, 0]] = True

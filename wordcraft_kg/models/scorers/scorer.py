@@ -1,4 +1,4 @@
-"""The base class of scorers; a new scorer implements ``_score``."""
+"""The scorer base class; a new scorer implements ``_score``."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -25,8 +25,8 @@ class Scorer(ABC):
 
     Attributes:
         entities: labels in id order.
-        graph_hash: content hash of the graph.
-        device: device of computation and results.
+        graph_hash: the graph's content hash.
+        device: torch device for computation and results.
         name: name in reports.
     """
 
@@ -39,17 +39,17 @@ class Scorer(ABC):
 
     @property
     def whole(self) -> "Scorer":
-        """The scorer of all train recipes: ``self`` unless cross-fitted."""
+        """The scorer trained on all train recipes: ``self`` unless cross-fitted."""
         return self
 
     @property
     def folds(self) -> "CrossFitted | None":
-        """This scorer if it is cross-fitted, else None."""
+        """``self`` if cross-fitted, else None."""
         return None
 
     @property
     def observed(self) -> Ids | None:
-        """Triples that the scorer takes for true, shape (T, 3); None for the training triples."""
+        """Triples that count as true for this scorer, shape (T, 3); None for the training triples."""
         return None
 
     @abstractmethod
@@ -57,7 +57,7 @@ class Scorer(ABC):
         """Score broadcastable int64 ids within range; float32."""
 
     def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> Tensor:
-        """Score triples of ids or labels (single, sequence or tensor), which broadcast; float32.
+        """Score triples by ids or labels (single, sequence or tensor), which broadcast; float32.
 
         Raises:
             UnknownEntityError: for an unknown label or id.
@@ -65,7 +65,7 @@ class Scorer(ABC):
         return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
 
     def table(self, relation: int | str) -> Tensor:
-        """Return the scores of all pairs, shape (E, E), row = head, column = tail; 1.5 GiB for 20,000 entities."""
+        """Return scores for all pairs, shape (E, E), row = head, column = tail; 1.5 GiB for 20,000 entities."""
         everything = torch.arange(len(self.entities), device=self.device)
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 
@@ -81,7 +81,7 @@ class Scorer(ABC):
                 values = np.array([self._index[str(label)] for label in values.flat]).reshape(values.shape)
             entities = torch.tensor(values if values.size else values.astype(np.int64))
         if entities.is_floating_point() or entities.is_complex():
-            raise UnknownEntityError(f"entities are labels or integer ids; found numbers of type {entities.dtype}.")
+            raise UnknownEntityError(f"expected entities as labels or integer ids; found {entities.dtype}.")
         ids = entities.to(self.device, torch.int64)
         _check_range(ids, len(self.entities), "entity")
         return ids
@@ -91,7 +91,7 @@ class Scorer(ABC):
         if isinstance(relations, str):
             if relations not in RELATIONS:
                 hint = nearest(relations, RELATIONS)
-                raise UnknownEntityError(f"no relation '{relations}'; expected one of {', '.join(RELATIONS)}.{hint}")
+                raise UnknownEntityError(f"no relation '{relations}'; expected {' or '.join(RELATIONS)}.{hint}")
             relations = RELATIONS.index(relations)
         ids = torch.as_tensor(relations, dtype=torch.int64, device=self.device)
         _check_range(ids, len(RELATIONS), "relation")
@@ -100,9 +100,9 @@ class Scorer(ABC):
     def top(
         self, head: EntityIds | None, relation: RelationIds, tail: EntityIds | None, limit: int | None = 10
     ) -> list[tuple[str, float]]:
-        """Rank entities for the open slot (None): labels and scores, best first; all if ``limit`` is None."""
+        """Rank entities for the open slot (None): labels and scores, best first; without ``limit`` all entities."""
         if (head is None) == (tail is None):
-            raise ValueError("exactly one of head and tail must be None.")
+            raise ValueError("either head or tail must be None, not both.")
         everything = torch.arange(len(self.entities), device=self.device)
         scores = self.score(everything if head is None else head, relation, everything if tail is None else tail)
         order = torch.sort(scores, descending=True, stable=True).indices[:limit]
@@ -110,17 +110,17 @@ class Scorer(ABC):
 
 
 class StoredScorer(Scorer):
-    """A scorer with its own tensors in a model folder.
+    """A scorer with tensors in a model folder.
 
     Attributes:
-        kind: name in ``vocabulary.json`` and key of :data:`~wordcraft_kg.models.scorers.folder.SCORERS`.
+        kind: name in ``vocabulary.json`` and key in :data:`~wordcraft_kg.models.scorers.folder.SCORERS`.
     """
 
     kind: ClassVar[str]
 
     @abstractmethod
     def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors that restore the scorer."""
+        """Return tensors that restore the scorer."""
 
     @staticmethod
     @abstractmethod
@@ -138,18 +138,18 @@ class StoredScorer(Scorer):
 def check_shapes(
     tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]], dtypes: Mapping[str, torch.dtype] = {}
 ) -> None:
-    """Raise KeyError or ValueError for tensors with another shape or type (float32 unless in ``dtypes``)."""
+    """Raise KeyError or ValueError for tensors with a wrong shape or type (float32 unless in ``dtypes``)."""
     for name, shape in expected.items():
         if tensors[name].dtype != (kind := dtypes.get(name, torch.float32)):
-            raise ValueError(f"{name} is of {tensors[name].dtype}, not {kind}")
+            raise ValueError(f"{name} has type {tensors[name].dtype}, not {kind}")
         if tensors[name].shape != shape:
-            raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, its vocabulary needs {shape}")
+            raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, the vocabulary needs {shape}")
 
 
 def check_ids(name: str, ids: Tensor, high: int) -> None:
     """Raise ValueError for ids outside 0 .. ``high``."""
     if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) <= high:
-        raise ValueError(f"{name} holds numbers outside 0 .. {high}")
+        raise ValueError(f"{name} contains numbers outside 0 .. {high}")
 
 
 def _check_range(ids: Tensor, size: int, what: str) -> None:

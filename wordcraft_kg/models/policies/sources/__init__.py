@@ -1,8 +1,8 @@
 """Sources: the single path from knowledge to decisions.
 
-A source scores the slots of a table: ``source(goal, selection, table) -> (B, A)``. Policies mix sources, wrappers add
-scores to observations, scripted players follow scores, explanations and reports name columns by source. A policy's own
-attention logits are called :data:`ALPHA`.
+A source scores table slots: ``source(goal, selection, table) -> (B, A)``. Policies mix sources, wrappers add scores to
+observations, scripted players follow scores, explanations and reports name columns by source. A policy's own attention
+logits are called :data:`ALPHA`.
 
 A new source subclasses :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry point in the group
 ``wordcraft_kg.sources`` registers an installed package's source for all commands;
@@ -23,12 +23,12 @@ GROUP = "wordcraft_kg.sources"
 
 @dataclass(frozen=True)
 class Label:
-    """Names of a source.
+    """A source's names.
 
     Attributes:
         name: name in settings and records.
         symbol: symbol in formulas.
-        about: column header; ``{held}`` stands for the entity held.
+        about: column header; ``{selection}`` is replaced by the selected entity.
         words: name in running text; by default ``name``.
         meaning: explanatory sentence for reports.
     """
@@ -43,18 +43,18 @@ class Label:
         object.__setattr__(self, "words", self.words or self.name)
 
     @property
-    def needs_held(self) -> bool:
-        """Scores are meaningful only with an entity held."""
-        return "{held}" in self.about
+    def needs_selection(self) -> bool:
+        """Scores are meaningful only with a selection."""
+        return "{selection}" in self.about
 
     @property
     def coefficient(self) -> str:
-        """Symbol of the mixing coefficient."""
+        """Symbol for the mixing coefficient."""
         return f"λ{self.symbol}"
 
-    def title(self, held: str | None) -> str:
-        """Return the column header, given the entity held (None for nothing)."""
-        return f"{self.about.format(held=held or 'nothing')} ({self.symbol})"
+    def title(self, selection: str | None) -> str:
+        """Return the column header, given the selected entity (None without selection)."""
+        return f"{self.about.format(selection=selection or 'nothing')} ({self.symbol})"
 
 
 ALPHA = Label(
@@ -64,37 +64,37 @@ ALPHA = Label(
 U = Label(
     "u",
     "u",
-    "combinesWith {held}",
+    "combinesWith {selection}",
     "combination score",
-    "The scorer's combinesWith score of a slot with the entity in hand.",
+    "The scorer's combinesWith score for a slot with the selection.",
 )
-V = Label("v", "v", "componentOf goal", "ingredient score", "The scorer's componentOf score of a slot with the goal.")
+V = Label("v", "v", "componentOf goal", "ingredient score", "The scorer's componentOf score for a slot with the goal.")
 W = Label(
     "w",
     "w",
     "makes the goal with its best partner",
     "recipe score",
-    "How plausible it is that a slot and the entity in hand make the goal; with an empty hand, its best partner.",
+    "How plausible a slot and the selection are as a recipe for the goal; without selection, with the best partner.",
 )
 BUILT_IN = {label.name: label for label in (U, V, W)}
 LABELS = dict(BUILT_IN)
-"""Labels of built-in and registered sources by name."""
+"""Labels by name, for built-in and registered sources."""
 
 
 @cache
 def installed_sources() -> dict[str, EntryPoint]:
-    """Return the entry points of installed sources by name."""
+    """Return entry points for installed sources by name."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def source_names() -> tuple[str, ...]:
-    """Return the names of all sources in mixing order: built-in, then others by name."""
-    others = {*LABELS, *installed_sources()} - BUILT_IN.keys()
-    return (*BUILT_IN, *sorted(others))
+    """Return all source names in mixing order: built-in sources, then plug-ins by name."""
+    plug_ins = {*LABELS, *installed_sources()} - BUILT_IN.keys()
+    return (*BUILT_IN, *sorted(plug_ins))
 
 
 def label_of(name: str) -> Label:
-    """Return the label of a source or ``alpha``; KeyError for unknown names."""
+    """Return the label for a source or ``alpha``; KeyError for unknown names."""
     if name == ALPHA.name:
         return ALPHA
     if name in LABELS:

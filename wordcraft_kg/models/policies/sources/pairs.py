@@ -1,4 +1,4 @@
-"""Sources of pair scores: u, with the entity held, and v, with the goal."""
+"""Pair-score sources: u, with the selection, and v, with the goal."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -22,15 +22,15 @@ _FACTORS = {"left": "N m float32", "right": "N m float32", "shift": "float32", "
 
 
 class PairSource(FoldedSource):
-    """Scores each slot's entity with a key, the goal or the entity held, by a table of all pairs or by factors.
+    """Scores each slot's entity with a key, the goal or the selection, by a score table or by factors.
 
-    Cross-fitted scorers add a first axis of K + 2 models to each buffer; the last, the empty model, is 0. The task
-    selects the model; without a task, the model of all train recipes answers.
+    Cross-fitted scorers add a first axis with K + 2 models to each buffer; the last model is empty and scores 0. The
+    task selects the model; without a task, the whole model scores.
 
     Attributes:
-        scores: buffer of a table, shape (E + 1, E + 1): by key and slot's entity; 0 for nothing.
-        left, right, shift, dropped, itself: buffers of factors, see
-            :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`, with a zero row for nothing.
+        scores: buffer, shape (E + 1, E + 1): score table by key and slot's entity; 0 for empty slots.
+        left, right, shift, dropped, itself: factor buffers, see
+            :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`, with a zero row for empty slots.
     """
 
     scores: Tensor
@@ -48,7 +48,7 @@ class PairSource(FoldedSource):
 
     @classmethod
     def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
-        """Make the source from scores of one relation, slot's entity first, then key."""
+        """Make the source from a relation's scores, with the slot's entity as head and the key as tail."""
         size = len(scorer.entities)
         constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
         folded = folds_of(scorer)
@@ -65,8 +65,8 @@ class PairSource(FoldedSource):
                 )
                 for fold in range(folded.count)
             ]
-            of_nothing = {name: torch.zeros_like(tensor) for name, tensor in constants.items()}
-            models = (constants, *of_folds, of_nothing)
+            empty = {name: torch.zeros_like(tensor) for name, tensor in constants.items()}
+            models = (constants, *of_folds, empty)
             constants = {name: torch.stack([model[name] for model in models]) for name in constants}
         return cls(size, {**constants, "fold_of_recipe": of_recipe}).bound(view)
 
@@ -105,7 +105,7 @@ class PairSource(FoldedSource):
 
 
 class CombinesWith(PairSource):
-    """``u_i = L(e_i, combinesWith, e_s)``; 0 while nothing is held.
+    """``u_i = L(e_i, combinesWith, e_s)``; 0 without selection.
 
     Source: Jiang et al. 2020, section "Link Prediction Model".
     """
@@ -137,7 +137,6 @@ class ComponentOf(PairSource):
 
 
 def _constants(scorer: TripleScorer, relation: int, view: ScoreView) -> dict[str, Tensor]:
-    """Return the buffers of one model."""
     size = len(scorer.entities)
     settings: dict[str, Any] = {"self_edges": view.self_edges, "observed": view.observed}
     if not view.by_factors:

@@ -1,4 +1,4 @@
-"""w: the score of the best recipe for the goal with a slot's entity."""
+"""w: the score for the best recipe that makes the goal with a slot's entity."""
 
 from collections.abc import Mapping
 
@@ -32,13 +32,13 @@ _LAYOUTS = {
 
 
 class BestRecipe(FoldedSource):
-    """``w_i = S(e_i, e_s -> e_g)``; while nothing is held, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
+    """``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
 
     S is a recipe score in nats, so w needs no common scale. Weighted recipe lists use
     :class:`~wordcraft_kg.models.policies.sources.weighted.BestWeighted`.
 
     Attributes:
-        knowledge: tables and rankers, of K + 1 models for cross-fitted scorers.
+        knowledge: tables and rankers, K + 1 models for cross-fitted scorers.
     """
 
     label = W
@@ -56,8 +56,8 @@ class BestRecipe(FoldedSource):
             return BestWeighted.of_scorer(whole, view)
         if not isinstance(whole, RecipeScorer):
             raise ConfigError(
-                "`use` w needs scores of recipes, and this scorer has scores of links only. Train one with "
-                "`wordcraft-kg train-recipes`, elicit them with `wordcraft-kg elicit`, or leave out w."
+                "`use` w needs recipe scores, and this scorer only has link scores. Use a scorer from "
+                "`wordcraft-kg train-recipes` or `wordcraft-kg elicit`, or leave out w."
             )
         size, folded = len(scorer.entities), folds_of(scorer)
         if folded is None:
@@ -66,7 +66,7 @@ class BestRecipe(FoldedSource):
         of_recipe = cls.fold_numbers(folded, view)
         if view.tasks is not None:
             for fold in range(folded.count):
-                folded.trained_on(fold, view.tasks.graph)  # or it is refused
+                folded.trained_on(fold, view.tasks.graph)  # raises LeakError
                 left_out = folded.left_out(fold)
                 assert isinstance(left_out, RecipeScorer)
                 models.append(left_out)
@@ -91,7 +91,7 @@ class BestRecipe(FoldedSource):
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
         if isinstance(whole_of(scorer), WeightedRecipes):
-            return 0  # a few numbers for each recipe
+            return 0  # a few numbers per recipe
         return 16 * (len(scorer.entities) + 1) ** 2
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
@@ -99,22 +99,24 @@ class BestRecipe(FoldedSource):
         models = len(self.knowledge.bias)
         if model is None:
             scores = self._scores(goal, table, torch.zeros_like(goal))
-        else:  # the one after the last knows nothing
+        else:  # the empty model follows the last model
             scores = self._scores(goal, table, model.clamp(max=models - 1))
-        is_held = (table == selection[:, None]) & (table != self.num_entities)
-        with_held = scores[torch.arange(len(table), device=table.device), is_held.int().argmax(1)]
-        best = torch.where((selection == self.num_entities)[:, None], scores.amax(-1), with_held)
-        if not is_held.any(1)[selection != self.num_entities].all():
-            best = torch.where(is_held.any(1)[:, None], best, self._with_absent(goal, selection, table, model, best))
+        is_selected = (table == selection[:, None]) & (table != self.num_entities)
+        with_selection = scores[torch.arange(len(table), device=table.device), is_selected.int().argmax(1)]
+        best = torch.where((selection == self.num_entities)[:, None], scores.amax(-1), with_selection)
+        if not is_selected.any(1)[selection != self.num_entities].all():
+            best = torch.where(
+                is_selected.any(1)[:, None], best, self._with_absent(goal, selection, table, model, best)
+            )
         best = best.masked_fill(table == self.num_entities, 0)
         return best if model is None else best.masked_fill((model == models)[:, None], 0)
 
     def evidence(  # noqa: D102 - inherited
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
     ) -> tuple[Evidence | None, ...]:
-        found = self.model_of(task)
-        model = 0 if found is None else int(found)
-        if model == len(self.knowledge.bias):  # knows nothing
+        models = self.model_of(task)
+        model = 0 if models is None else int(models)
+        if model == len(self.knowledge.bias):  # the empty model
             return (None,) * table.shape[1]
         if int(selection) == self.num_entities:
             best = self._scores(goal, table, torch.full_like(goal, model))[0].argmax(1)
@@ -131,10 +133,7 @@ class BestRecipe(FoldedSource):
         )
 
     def knows(self, recipes: Tensor, model: int) -> Tensor:
-        """Return a mask of recipes (n, 3) in a model's training data, shape (n,).
-
-        With a dose, these are fewer than the folds' recipes.
-        """
+        """Return a mask for recipes (n, 3) in a model's train sample, shape (n,)."""
         one, other, result = recipes.T
         number = self.knowledge.numbers[model, one, other].long()
         return (number > 0) & (self.knowledge.results[model, number] == result[:, None]).any(1)
@@ -142,29 +141,28 @@ class BestRecipe(FoldedSource):
     def _with_absent(
         self, goal: Tensor, selection: Tensor, table: Tensor, model: Tensor | None, best: Tensor
     ) -> Tensor:
-        """Return scores with a held entity missing from the table; ``best`` where nothing is held."""
-        asked = torch.zeros_like(goal) if model is None else model.clamp(max=len(self.knowledge.bias) - 1)
+        """Return scores with a selection missing from the table; ``best`` without selection."""
+        used = torch.zeros_like(goal) if model is None else model.clamp(max=len(self.knowledge.bias) - 1)
         wider = torch.cat([table, selection[:, None]], dim=1)
-        scores = self.knowledge(goal, wider, asked)[:, -1, :-1]
+        scores = self.knowledge(goal, wider, used)[:, -1, :-1]
         return torch.where((selection == self.num_entities)[:, None], best, scores)
 
     def _scores(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return scores of all pairs on the tables, shape (B, A, A).
+        """Return scores for all slot pairs, shape (B, A, A).
 
-        Most tables recur once, before and after the first selection, so the last scores are cached. Trailing slots that
+        Most tables recur once, before and after the first action, so the last scores are cached. Trailing slots that
         are empty in all tables are skipped. Threads may call concurrently: the cache is read once and replaced as a
         whole.
         """
-        last = self._last
         slots, is_used = table.shape[1], (table != self.num_entities).any(0)
         used = int(is_used.nonzero().max()) + 1 if is_used.any() else 0
-        asked = goal, table[:, :used], model
+        inputs = goal, table[:, :used], model
         last = self._last
-        if last is not None and last[1].shape[-1] == slots and all(map(_is_same, last[0], asked)):
+        if last is not None and last[1].shape[-1] == slots and all(map(_is_same, last[0], inputs)):
             return last[1]
         rest = slots - used
-        scores = nn.functional.pad(self.knowledge(*asked), (0, rest, 0, rest), value=-torch.inf)
-        self._last = (goal.clone(), asked[1].clone(), model.clone()), scores
+        scores = nn.functional.pad(self.knowledge(*inputs), (0, rest, 0, rest), value=-torch.inf)
+        self._last = (goal.clone(), inputs[1].clone(), model.clone()), scores
         return scores
 
 

@@ -37,20 +37,20 @@ def register_source(kind: _SourceT) -> _SourceT:
 
 
 def source_class(name: str) -> type[Source]:
-    """Return the class of a source by name. Raises ConfigError for unknown names."""
+    """Return a source class by name. Raises ConfigError for unknown names."""
     if name not in _CLASSES:
         point = installed_sources().get(name)
         if point is None:
             raise ConfigError(
-                f"there is no source '{name}'; expected one of {', '.join(source_names())}. Install the package that "
-                "has it, or register its class."
+                f"unknown source '{name}'; expected a name among {', '.join(source_names())}. Install the package that "
+                "provides this source, or register the class."
             )
         register_source(point.load())
     return _CLASSES[name]
 
 
 def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale) -> bool:
-    """Return whether tables of all pairs are too large, so that sources must score by factors.
+    """Return whether score tables are too large, so that sources must score by factors.
 
     Raises:
         ConfigError: if factors are needed but unavailable.
@@ -59,34 +59,33 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
     if needed <= TABLE_LIMIT:
         if (folded := folds_of(scorer)) is not None:
-            what = "tables of the scores of all pairs, one for each"
+            what = "score tables, a table for each"
             check_memory("folds", folded.count, what, needed * (folded.count + 2))
         return False
     cost = (
-        f"the scores of all pairs of {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "
-        f"{TABLE_LIMIT / 2**20:.0f} MiB, because sources look them up in tables"
+        f"score tables for {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "
+        f"{TABLE_LIMIT / 2**20:.0f} MiB"
     )
     if not isinstance(scorer, FactoredScorer):
         raise ConfigError(
-            f"{cost}; only the scores of ComplEx, DistMult and the recipe kernel of low rank can be computed without. "
-            "Take one of these."
+            f"{cost}; only ComplEx, DistMult and the low-rank recipe kernel work without tables. Use such a scorer."
         )
     if scale not in FACTORED_SCALES:
-        raise ConfigError(f"`scale` {scale}: {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need none.")
+        raise ConfigError(f"`scale` {scale}: {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need no tables.")
     return True
 
 
 def make_sources(
     names: Iterable[str], scorer: TripleScorer, view: ScoreView = AS_IS, *, tasks: TaskSet | None = None
 ) -> list[Source]:
-    """Make sources of a scorer by name; ``view`` selects scale and self edges.
+    """Make a scorer's sources by name; ``view`` selects scale and self edges.
 
-    ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, sources of cross-fitted scorers serve test
-    tasks only.
+    ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, cross-fitted sources serve only test
+    tasks.
 
     Raises:
         ConfigError: if the scorer cannot serve a source, or only by a too large table (before computing the table).
-        LeakError: if a model has seen the recipes of a task.
+        LeakError: if a model has seen a task's recipes.
         GraphMismatchError: if the tasks belong to another graph or split than the scorer's folds.
 
     Example:

@@ -1,4 +1,4 @@
-"""The base class of sources, and of sources with one model per fold."""
+"""Base classes for sources, and for sources with a model per fold."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -26,8 +26,8 @@ class ScoreView:
     Attributes:
         scale: see :func:`~wordcraft_kg.models.scorers.scales.scaled_table`.
         self_edges: see there.
-        observed: training triples of the scorer, shape (T, 3), for ``self_edges`` ``observed``.
-        by_factors: use the scorer's factors because a table of all pairs would be too large.
+        observed: the scorer's training triples, shape (T, 3), for ``self_edges`` ``observed``.
+        by_factors: use the scorer's factors because a score table would be too large.
         tasks: tasks to score, required by cross-fitted scorers, see :meth:`Source.bind`.
     """
 
@@ -48,8 +48,8 @@ class Source(nn.Module, ABC):
     Attributes:
         label: name and symbol.
         reads_task: scores depend on the task number.
-        num_entities: E, also the id of nothing.
-        graph_hash: hash of the graph; empty for sources restored with a policy.
+        num_entities: E, also the id for empty slots and no selection.
+        graph_hash: the graph's content hash; empty for sources restored with a policy.
     """
 
     label: ClassVar[Label]
@@ -68,7 +68,7 @@ class Source(nn.Module, ABC):
     @classmethod
     @abstractmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Source":
-        """Make the source of a scorer; ConfigError if the scorer lacks the scores."""
+        """Make the source from a scorer; ConfigError if the scorer lacks the scores."""
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Source":
@@ -77,14 +77,14 @@ class Source(nn.Module, ABC):
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:
-        """Estimate the size of a scorer's constants before computing them."""
+        """Estimate the number of bytes in a scorer's constants before computation."""
         return 0
 
     def bind(self, tasks: TaskSet) -> None:
-        """Set the tasks of subsequent task numbers; no effect unless scores depend on the task.
+        """Set the tasks to which later task numbers refer; no effect unless scores depend on the task.
 
         Raises:
-            LeakError: if a model has seen the recipes of a task.
+            LeakError: if a model has seen a task's recipes.
             GraphMismatchError: if the tasks belong to another graph or split.
         """
 
@@ -95,28 +95,28 @@ class Source(nn.Module, ABC):
     def evidence(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
     ) -> "tuple[Evidence | None, ...]":
-        """Return up to ``limit`` supporting recipes for each slot of one state (B = 1); None without evidence."""
+        """Return up to ``limit`` supporting recipes per slot in a single state (B = 1); None without evidence."""
         return (None,) * table.shape[1]
 
 
 def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int) -> None:
-    """Check types and shapes of saved constants.
+    """Check saved constants: types and shapes.
 
     Args:
         constants: tensors by name.
-        layouts: type and axes by name, such as ``N N float32``; axes of the same name have the same size.
-        sizes: known sizes of axes.
+        layouts: axes and type by name, such as ``N N float32``; axes with the same name have the same size.
+        sizes: known axis sizes.
 
     Raises:
         KeyError: if a constant is missing.
-        ValueError: if a constant has another type or shape.
+        ValueError: if a constant has a wrong type or shape.
     """
     for name, layout in layouts.items():
         *axes, dtype = layout.split()
         tensor = constants[name]
         expected = [sizes.setdefault(axis, size) for axis, size in zip(axes, tensor.shape, strict=False)]
         if str(tensor.dtype) != f"torch.{dtype}" or len(axes) != tensor.ndim or expected != list(tensor.shape):
-            raise ValueError(f"{name} is of {tensor.dtype} and shape {tuple(tensor.shape)}: expected {layout}")
+            raise ValueError(f"{name} has type {tensor.dtype}, shape {tuple(tensor.shape)}: expected {layout}")
 
 
 class Evidence(NamedTuple):
@@ -133,7 +133,7 @@ class FoldedSource(Source):
 
     Attributes:
         fold_of_recipe: buffer for cross-fitted scorers, shape (num_recipes,), int64; empty without tasks.
-        model_of_task: model of each bound task, then the model of all train recipes, shape (N + 1,). Not saved.
+        model_of_task: model by bound task, then the whole model, shape (N + 1,). Not saved.
     """
 
     fold_of_recipe: Tensor
@@ -145,11 +145,11 @@ class FoldedSource(Source):
         if fold_of_recipe is not None:
             self.register_buffer("fold_of_recipe", fold_of_recipe)
             self.register_buffer("model_of_task", torch.zeros(0, dtype=torch.int64), persistent=False)
-        self.bound_to = ""  # hash of the tasks
+        self.bound_to = ""  # task hash
 
     @staticmethod
     def num_folds(constants: Mapping[str, Tensor]) -> int | None:
-        """Return the number of folds of saved constants, None without a model for each fold."""
+        """Return the number of folds in saved constants, None without fold models."""
         if "fold_of_recipe" not in constants:
             return None
         check_constants(constants, {"fold_of_recipe": "recipes int64"})
@@ -158,14 +158,14 @@ class FoldedSource(Source):
 
     @staticmethod
     def fold_numbers(scorer: CrossFitted, view: ScoreView) -> Tensor:
-        """Return the fold of each recipe; empty for sources made without tasks."""
+        """Return folds by recipe; empty for sources made without tasks."""
         if view.tasks is None:
             return torch.empty(0, dtype=torch.int64)
         check_scorer(scorer, view.tasks.graph)
         return torch.from_numpy(scorer.of_recipe.copy())
 
     def bound(self, view: ScoreView) -> Self:
-        """Bind the source to the tasks of a view, if any, and return the source."""
+        """Bind the source to the view's tasks, if any, and return the source."""
         if view.tasks is not None:
             self.bind(view.tasks)
         return self
@@ -175,21 +175,21 @@ class FoldedSource(Source):
             return
         if not len(self.fold_of_recipe):
             raise LeakError(
-                f"source '{self.name}' was made of a cross-fitted scorer without its folds, so it would answer train "
-                "tasks from memory. Make it with the `tasks` that it will score, such as those of the environment's "
-                "world, or with the scorer's `whole` if memory is what you want."
+                f"source '{self.name}' was made from a cross-fitted scorer without folds, so train tasks would have "
+                "in-sample scores. Make the source with the `tasks` to score, such as `world.tasks`, or with the "
+                "scorer's `whole` for in-sample scores."
             )
         if len(self.fold_of_recipe) != tasks.graph.num_recipes or self.graph_hash not in ("", tasks.graph.hash):
             raise GraphMismatchError(
-                f"source '{self.name}' belongs to another graph than the tasks, which are of '{tasks.graph.name}', "
-                f"{tasks.graph.hash[:12]}. Take a scorer of that graph."
+                f"source '{self.name}' and the tasks belong to different graphs; the tasks to '{tasks.graph.name}', "
+                f"{tasks.graph.hash[:12]}. Use a scorer for the tasks' graph."
             )
         models = models_of_tasks(self.fold_of_recipe.cpu().numpy(), tasks)
         self.model_of_task = torch.from_numpy(np.append(models, 0)).to(self.fold_of_recipe.device)
         self.bound_to = tasks.hash
 
     def model_of(self, task: Tensor | None) -> Tensor | None:
-        """Return the model for each state, shape (B,); None for the model of all train recipes.
+        """Return the model for each state, shape (B,); None for the whole model.
 
         Raises:
             LeakError: if the tasks are unknown.
@@ -199,7 +199,7 @@ class FoldedSource(Source):
             return None
         if not self.bound_to:
             raise LeakError(
-                f"source '{self.name}' has a model for each fold of the train recipes, and does not know which of them "
-                "has not seen a task's: bind it to the tasks first, such as those of the environment's world."
+                f"source '{self.name}' has a model per fold and needs the tasks to choose an out-of-sample model: call "
+                "`bind` first, for example with `world.tasks`."
             )
         return self.model_of_task.index_select(0, task)

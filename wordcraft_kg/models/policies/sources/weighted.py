@@ -1,4 +1,4 @@
-"""w of a weighted recipe list."""
+"""w from a weighted recipe list."""
 
 from collections.abc import Mapping
 from typing import Protocol, Self, runtime_checkable
@@ -14,20 +14,20 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 @runtime_checkable
 class WeightedRecipes(TripleScorer, Protocol):
-    """A scorer with a weighted list of recipes, such as elicited recipes."""
+    """A scorer with a weighted recipe list, such as elicited recipes."""
 
     def weighted_recipes(self) -> tuple[Tensor, Tensor]:
-        """Return recipes, shape (n, 3), int64, in ascending order of keys, and positive weights, shape (n,)."""
+        """Return recipes, shape (n, 3), int64, by ascending key, and positive weights, shape (n,)."""
         ...
 
 
 class BestWeighted(Source):
-    """``w_i = S(e_i, e_s -> e_g)``; while nothing is held, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
+    """``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
 
-    S is the weight of a listed recipe, otherwise 0. The list uses no recipe of the graph, so nothing can leak.
+    S is a listed recipe's weight, otherwise 0. The list uses no graph recipe, so nothing can leak.
 
     Attributes:
-        keys: buffer, shape (n + 1,), see :func:`recipe_keys`; the last key stands for no recipe.
+        keys: buffer, shape (n + 1,), see :func:`recipe_keys`; the last key equals no recipe's key.
         weights: buffer, shape (n + 1,).
     """
 
@@ -54,9 +54,9 @@ class BestWeighted(Source):
         return cls(num_entities, lazily_zero(constants["keys"]), lazily_zero(constants["weights"]))
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
-        with_held = self._scores(table, selection[:, None], goal[:, None])
+        with_selection = self._scores(table, selection[:, None], goal[:, None])
         of_pairs = self._scores(table[:, :, None], table[:, None, :], goal[:, None, None]).amax(-1)
-        return torch.where((selection == self.num_entities)[:, None], of_pairs, with_held)
+        return torch.where((selection == self.num_entities)[:, None], of_pairs, with_selection)
 
     def _scores(self, one: Tensor, other: Tensor, result: Tensor) -> Tensor:
         recipes = torch.stack(torch.broadcast_tensors(one, other, result), dim=-1)
@@ -66,7 +66,7 @@ class BestWeighted(Source):
 def recipe_keys(recipes: Tensor, size: int) -> Tensor:
     """Return order-independent recipe keys, shape (..., 3) -> (...).
 
-    Ids are 0 .. E, where E stands for nothing; keys with nothing differ from all keys of entities.
+    Ids are 0 .. E, where E is an empty slot; keys with E differ from all entity keys.
     """
     one, other, result = recipes.unbind(-1)
     return (torch.minimum(one, other) * (size + 1) + torch.maximum(one, other)) * (size + 1) + result
@@ -77,11 +77,11 @@ def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Ten
 
     ``keys``, ascending, and ``weights``, shape (n + 1,), end with :func:`with_end` and 0; ``size`` is E.
     """
-    asked = recipe_keys(recipes, size).contiguous()
-    found = torch.searchsorted(keys, asked)
-    return torch.where(keys[found] == asked, weights[found], 0.0)
+    wanted = recipe_keys(recipes, size).contiguous()
+    rows = torch.searchsorted(keys, wanted)
+    return torch.where(keys[rows] == wanted, weights[rows], 0.0)
 
 
 def with_end(keys: Tensor) -> Tensor:
-    """Append a key larger than all others, so searches always end at a key."""
+    """Append a largest key, so searches always end at a key."""
     return torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])

@@ -19,13 +19,13 @@ import msgspec
 
 from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.studies.claims import Judged, Verdict, in_words, share, signed, view_claims
+from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.studies.collect import collect_study
 from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
+from wordcraft_kg.studies.scatter import ScorerScatter
 from wordcraft_kg.studies.store import studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
-from wordcraft_kg.studies.train_samples import TrainSample
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
@@ -103,13 +103,13 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
             f"{seeds_of(view)} | {trainings} | {results.hours:.1f} |"
         )
     yield ""
-    judged = [(results, view_claims(results, current(results).claims)) for results in found]
+    evaluated = [(results, view_claims(results, current(results).claims)) for results in found]
     yield "## Claims"
     yield ""
-    yield f"Of the paper: {verdicts(judged, of_paper=True)}. Of this project: {verdicts(judged, of_paper=False)}."
+    yield f"Of the paper: {verdicts(evaluated, of_paper=True)}. Of this project: {verdicts(evaluated, of_paper=False)}."
     yield "Each claim counts at each point that it is about, on each book; [the rule](#how-to-read-this-page) is below."
     yield ""
-    for results, claims in judged:
+    for results, claims in evaluated:
         yield f"**{current(results).title}**, {shown_book(results)}"
         yield ""
         yield from claims_table(claims)
@@ -118,10 +118,10 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
         yield from section(results, view)
 
 
-def verdicts(judged: list[tuple[StudyResults, tuple[Judged, ...]]], *, of_paper: bool) -> str:
+def verdicts(evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]], *, of_paper: bool) -> str:
     """Return how many verdicts of each kind there are."""
     counts = Counter(
-        claim.verdict for _, claims in judged for claim in claims if claim.source.startswith("paper") == of_paper
+        claim.verdict for _, claims in evaluated for claim in claims if claim.source.startswith("paper") == of_paper
     )
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in get_args(Verdict) if counts[verdict]) or "none"
 
@@ -155,7 +155,7 @@ def _entries(view: StudyView) -> list[VariantFigures]:
     return [entry for point in view.points for entry in point.variants]
 
 
-def claims_table(claims: Iterable[Judged]) -> Iterator[str]:
+def claims_table(claims: Iterable[ClaimVerdict]) -> Iterator[str]:
     """Yield the lines of a table of claims; the text of a claim is there once."""
     yield "| claim | at | left against right: difference [95 %] | verdict |"
     yield "|---|---|---|---|"
@@ -180,9 +180,9 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
     yield ""
     yield f"![{study.title} ({shown_book(results).strip('`')})](images/results-{anchor(results)}.svg)"
     yield ""
-    if view.train_samples:
-        for train_sample in view.train_samples:
-            yield from dose_table(train_sample, view.reference)
+    if view.scatters:
+        for scatter in view.scatters:
+            yield from scatter_table(scatter, view.reference)
     else:
         for point in view.points:
             yield from point_table(view, point)
@@ -215,30 +215,26 @@ def point_table(view: StudyView, point: PointFigures) -> Iterator[str]:
     yield ""
 
 
-def dose_table(train_sample: TrainSample, reference: str) -> Iterator[str]:
+def scatter_table(scatter: ScorerScatter, reference: str) -> Iterator[str]:
     """Yield the lines of a table of success by the scorer's MRR."""
-    how = (
-        "train tasks answered from memory"
-        if train_sample.in_sample
-        else "train tasks answered by models of other folds"
-    )
-    yield f"{how.capitalize()}{f', {title_of(train_sample.values)}' if train_sample.values else ''}:"
+    how = "train tasks scored in-sample" if scatter.in_sample else "train tasks scored out of sample"
+    yield f"{how.capitalize()}{f', {title_of(scatter.values)}' if scatter.values else ''}:"
     yield ""
     yield f"| scorer | MRR | success | steps to where {reference} ends |"
     yield "|---|---|---|---|"
-    if train_sample.without is not None:
-        yield f"| none |  | {share(train_sample.without)} |  |"
-    for at in train_sample.points:
+    if scatter.without is not None:
+        yield f"| none |  | {share(scatter.without)} |  |"
+    for at in scatter.points:
         low, high = at.interval
         reached = "never" if at.reached is None else f"{at.reached:,}"
         yield f"| {at.label} | {share(at.mrr)} | {share(at.success)} [{share(low)}, {share(high)}] | {reached} |"
     yield ""
-    found = {
-        "of MRR and success, Pearson": train_sample.pearson,
-        "Spearman": train_sample.spearman,
-        "of MRR and steps, Spearman": train_sample.steps_spearman,
+    correlations = {
+        "of MRR and success, Pearson": scatter.pearson,
+        "Spearman": scatter.spearman,
+        "of MRR and steps, Spearman": scatter.steps_spearman,
     }
-    said = [f"{name} {of.value:+.2f} [{of.low:+.2f}, {of.high:+.2f}]" for name, of in found.items() if of]
+    said = [f"{name} {of.value:+.2f} [{of.low:+.2f}, {of.high:+.2f}]" for name, of in correlations.items() if of]
     if said:
         yield f"Correlation over these scorers, with the 95 % interval over them: {', '.join(said)}."
         yield ""

@@ -56,7 +56,7 @@ def fabricate(
     )
 
 
-def with_train_sample() -> StudyResults:
+def three_train_fractions() -> StudyResults:
     """Return results of three shares of the recipes, with scores out of sample (folds) and in-sample (memory)."""
     rows = {0.2: ["50000", "50000"], 0.5: ["55000", "55500"], 1.0: ["55500", "55550"]}
     points = [

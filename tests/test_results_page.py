@@ -74,7 +74,7 @@ def test_what_is_missing_is_named_with_the_reason(script):
     lost = tuple(Missing("guided", {"distractors": 1}, seed, "the disk was full") for seed in range(3))
     text = text_of(script, results_of(SOME, missing=lost))
     assert "Missing: 3 trainings (the disk was full), the first guided, 1 distractor, seed 0." in text
-    assert "**not run**: no runs of 'guided', distractors 1: the disk was full" in text
+    assert "**not run**: no runs for 'guided', distractors 1: the disk was full" in text
 
 
 def test_without_results_the_page_says_so_and_keeps_its_words(script):

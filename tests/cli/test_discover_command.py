@@ -77,7 +77,7 @@ def test_players_that_never_repeat_a_pair_are_named_instead_of_drawn_at_zero(run
     known, repeated = (ET.fromstring(svg) for svg in re.findall(r"<svg.*?</svg>", html, re.DOTALL))
     names = [[line.find("title").text for line in svg if line.tag == "polyline"] for svg in (known, repeated)]
     assert names == [["random", "random-no-repeat", "greedy", "people (another game)"], ["random"]]
-    assert "Never tried a pair again: random-no-repeat, greedy." in html
+    assert "Never repeated a pair: random-no-repeat, greedy." in html
     assert run("discover", "kitchen", *QUICK, "--players", "greedy", "--out", page, "--force").code == 0
     assert page.read_text(encoding="utf-8").count("<svg") == 1
 

@@ -87,25 +87,25 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
     for row in values["top"]:
         recipe = (row["ingredient_a"], row["ingredient_b"], row["result"])
         assert row["known"] == parts.get((*sorted(recipe[:2]), recipe[2]), "new")
-        assert row["memory"] == (row["known"] == "train")
+        assert row["in_sample"] == (row["known"] == "train")
         evidence = scorer.supporting_recipes(*recipe, limit=3)
         assert [tuple(one.values()) for one in row["because"]] == [
             (*one.recipe, pytest.approx(one.weight), pytest.approx(one.share)) for one in evidence
         ]
     lines = run("score", recipes_folder, a, "+", b, "--top", "5").out.splitlines()
     assert sum(" because " in line for line in lines) == 3
-    assert any(f"train  {a} + {b} -> {result}" in line for line in lines if line.endswith("(memory)"))
+    assert any(f"train  {a} + {b} -> {result}" in line for line in lines if line.endswith("(in-sample)"))
     assert NOTE in lines[-1]
 
 
-@pytest.mark.parametrize(("part", "memory"), [("train", True), ("test", False)])
-def test_a_recipe_has_a_score_and_ranks_and_memory_is_only_its_training(
-    printed, refused, run, recipes_folder, scorer, part, memory
+@pytest.mark.parametrize(("part", "in_sample"), [("train", True), ("test", False)])
+def test_a_recipe_has_a_score_and_ranks_and_in_sample_is_only_its_training(
+    printed, refused, run, recipes_folder, scorer, part, in_sample
 ):
     a, b, result = in_part(part)
     command = ("score", recipes_folder, b, "+", a, "=", result)
     values = printed(*command)
-    assert (values["known"], values["memory"]) == (part, memory)
+    assert (values["known"], values["in_sample"]) == (part, in_sample)
     score = float(scorer.score_recipes(a, b, result))
     assert values["score"] == pytest.approx(score, abs=1e-4)
     everything = torch.arange(len(scorer.entities))
@@ -116,7 +116,7 @@ def test_a_recipe_has_a_score_and_ranks_and_memory_is_only_its_training(
     ):
         ties = int((scores - score).abs().lt(1e-3).sum()) - 1
         assert abs(values[rank] - 1 - int((scores > score + 1e-4).sum())) <= ties
-    assert (NOTE in run(*command).out) == memory
+    assert (NOTE in run(*command).out) == in_sample
     refused(*command, "--new-only", says="leave a slot open", kind="ConfigError")
 
 
@@ -129,7 +129,7 @@ def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder,
     top = printed(*command)["top"]
     scores = scorer.score_recipes(torch.arange(80), b, result).sort(descending=True).values.tolist()
     assert [row["score"] for row in top] == pytest.approx(scores, abs=1e-3)
-    assert a in [row[slot] for row in top if row["memory"]]
+    assert a in [row[slot] for row in top if row["in_sample"]]
     new = printed(*command, "--new-only")["top"]
     assert new == [row for row in top if row["known"] == "new"]
     assert 0 < len(new) < len(top) == 80
@@ -150,22 +150,22 @@ def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes
     )
     command = ("score", recipes_folder, "--in", queries, "--top", "3")
     found = printed(*command)
-    assert (found["queries"], found["found"]) == (4, 8)
+    assert (found["queries"], found["scored"]) == (4, 8)
     assert [(row["line"], row["rank"]) for row in found["rows"]] == [
         (2, None), *((line, rank) for line in (4, 5) for rank in (1, 2, 3)), (6, None),
     ]  # fmt: skip
     single = printed("score", recipes_folder, a, "+", b, result)
     top = printed("score", recipes_folder, c, "+", d, "--top", "3")["top"]
     for row, expected in zip(found["rows"][:4], [single, *top], strict=True):
-        for name in ("ingredient_a", "ingredient_b", "result", "known", "memory"):
+        for name in ("ingredient_a", "ingredient_b", "result", "known", "in_sample"):
             assert row[name] == expected[name]
         assert row["score"] == pytest.approx(expected["score"], abs=1e-4)
     out = tmp_path / f"out.{termination}"
     assert printed(*command, "--out", out)["out"] == str(out)
     header, *lines = [line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()]
-    assert header == ["line", "ingredient_a", "ingredient_b", "result", "score", "rank", "known", "memory"]
+    assert header == ["line", "ingredient_a", "ingredient_b", "result", "score", "rank", "known", "in_sample"]
     assert [line[1:4] for line in lines] == [[row[name] for name in header[1:4]] for row in found["rows"]]
-    assert [line[7] for line in lines] == [str(row["memory"]).lower() for row in found["rows"]]
+    assert [line[7] for line in lines] == [str(row["in_sample"]).lower() for row in found["rows"]]
     rows = printed(*command, "--new-only")["rows"]
     assert {row["known"] for row in rows} == {"new"}
     queries.write_text("ingredient_a,ingredient_b,result\nflour,waater,\n")
@@ -180,7 +180,7 @@ def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
     model = ScoringModel(scorer, None, None, "no graph")
     view = view_open_recipe(RecipeScoring.of(model), RecipeQuery(a, b, None), 80)
     assert {row.known for row in view.top} == {None}
-    assert result in [row.result for row in view.top if row.memory]
+    assert result in [row.result for row in view.top if row.in_sample]
 
 
 def test_explain_and_the_report_name_the_recipes_that_support_a_pair(printed, run, recipes_folder, tmp_path):

@@ -41,7 +41,7 @@ def row(player, kind, figures, **more):
 
 def own(values):
     """The rows of a table that are the user's."""
-    return [row for row in values["rows"] if row["origin"] == "beside"]
+    return [row for row in values["rows"] if row["origin"] == "external"]
 
 
 def figures(row):
@@ -169,7 +169,7 @@ def success(mean):
 
 def result(folder, settings, success=None, known=None):
     """Write the result of a text agent."""
-    counts = {"games": 10, "outcomes": {}, "refused": 3, "lost": 2, "look_ups": 0}
+    counts = {"games": 10, "outcomes": {}, "invalid_actions": 3, "lost_attempts": 2, "look_ups": 0}
     result = TextResult(player="parrot", settings=settings, success=success, known=known or {}, **counts)
     folder.mkdir()
     (folder / "result.json").write_bytes(msgspec.json.encode(result))
@@ -184,11 +184,11 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(
     (row,) = own(printed(*TWO, "--external-results", four, "--external-results", one))
     assert figures(row) == {"4": 0.3, "1": 0.5}
     assert (row["player"], row["tasks"], row["distractor_seeds"]) == ("parrot", 63, 1)
-    assert "2 attempts lost by messages" in run(*TWO, "--external-results", four).out
-    refused(*TWO[:3], "2", "--external-results", four, says="has 4 distractors, which are no column of the table")
-    refused(*TWO, "--depth", "2", "--external-results", four, says="give --part test --depth 1, or leave it out")
+    assert "2 attempts lost by invalid actions" in run(*TWO, "--external-results", four).out
+    refused(*TWO[:3], "2", "--external-results", four, says="has 4 distractors, but the columns are 2")
+    refused(*TWO, "--depth", "2", "--external-results", four, says="add --part test --depth 1, or remove")
     refused("reference", "everyday", *TWO[2:], "--external-results", four, kind="GraphMismatchError")
-    refused(*OPEN, "--external-results", four, says="is of crafting tasks")
+    refused(*OPEN, "--external-results", four, says="was recorded on tasks")
 
 
 def test_results_with_several_attempts_are_compared_with_the_same_number_only(
@@ -196,7 +196,7 @@ def test_results_with_several_attempts_are_compared_with_the_same_number_only(
 ):
     settings = PlayedSettings.of_tasks(kitchen_world.variant(max_attempts=3), tasks=50)
     tries = result(tmp_path / "tries", settings, success(0.3))
-    refused(*TWO, "--external-results", tries, says="give --part test --depth 1 --attempts 3")
+    refused(*TWO, "--external-results", tries, says="add --part test --depth 1 --attempts 3")
     text = run(*TWO, "--attempts", 3, "--external-results", tries).out
     assert "test tasks of depth 1, 3 attempts" in text
     assert "an even sample of 63 tasks, 2 attempts lost" in text
@@ -240,8 +240,16 @@ def test_a_player_that_uses_words_stands_in_open_ended_play(printed, refused, pa
     [
         (lambda path: path.mkdir(), "", "is an empty folder; expected a run folder of 'train-agent'"),
         (lambda path: path.write_text("hello"), "", "is a file; expected a run folder of 'train-agent'"),
-        (lambda path: session(path, right=1, wrong=0, graph="everyday"), "", "is of graph 917cafc4ad20, and the table"),
-        (lambda path: session(path, right=1, wrong=0, distractors=3), "--distractors 1,4", "it is of 3 distractors"),
+        (
+            lambda path: session(path, right=1, wrong=0, graph="everyday"),
+            "",
+            "was played on graph 917cafc4ad20, but the table",
+        ),
+        (
+            lambda path: session(path, right=1, wrong=0, distractors=3),
+            "--distractors 1,4",
+            "train or test tasks with 3 distractors",
+        ),
     ],
     ids=["empty folder", "text", "another graph", "other distractors"],
 )

@@ -151,7 +151,7 @@ def test_an_entity_called_like_an_open_slot_goes_before_it(printed, run, tmp_pat
 def test_a_file_of_queries_gives_what_single_ones_give(printed, trained, tmp_path):
     (tmp_path / "pairs.csv").write_text(QUERIES)
     values = printed("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3")
-    assert (values["queries"], values["found"], len(values["rows"])) == (3, 7, 7)
+    assert (values["queries"], values["scored"], len(values["rows"])) == (3, 7, 7)
     triple, *listed = values["rows"]
     single = printed("score", trained / "one", "flour", "combinesWith", "water")
     assert (triple["line"], triple["rank"], triple["known"]) == (2, None, single["known"])
@@ -251,7 +251,7 @@ def test_new_words_of_a_file_are_scored_and_listed(printed, run, recipes_folder,
     queries.write_text("yogurt,combinesWith,water\n_,componentOf,rice\nflour,combinesWith,yogurt\n")
     command = ("score", recipes_folder, "--in", queries, "--top", "2")
     values = printed(*command)
-    assert (values["found"], values["by_words"]) == (4, ["yogurt", "rice"])
+    assert (values["scored"], values["by_words"]) == (4, ["yogurt", "rice"])
     assert "'yogurt', 'rice' are not in the graph" in run(*command, "--out", out).out
     assert len(out.read_text().splitlines()) == 5
 

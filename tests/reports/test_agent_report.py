@@ -76,7 +76,7 @@ def test_runs_that_differ_in_the_seed_are_one_agent(agents):
 
 
 def test_a_run_given_twice_is_an_error(agents):
-    with pytest.raises(ConfigError, match="the same agent with the same seed"):
+    with pytest.raises(ConfigError, match="the same settings and seed"):
         group_agents([agents[0], agents[0]])
 
 
@@ -244,7 +244,7 @@ def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_sa
     links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
     model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
     agents = []
-    for name, in_sample in (("honest", False), ("memory", True)):
+    for name, in_sample in (("folds", False), ("whole", True)):
         config = AgentConfig("kitchen", str(model), TASKS, PolicyConfig(in_sample=in_sample), TRAINER)
         train_agent(config, tmp_path / name)
         agents.append(open_agent(tmp_path / name))
@@ -261,11 +261,11 @@ def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_sa
             max(float((row > row[part]).sum() + ((row == row[part]).sum() + 1) / 2) for part in pair) for pair in pairs
         ]
         expected.append(np.ceil(min(rank)))
-    honest, memory = (entry.slices["link_rank"][0] for entry in report.view.agents)
-    assert honest.slice == memory.slice
-    assert honest.tasks == sum(rank <= 3 for rank in expected) < memory.tasks
+    folds, whole = (entry.slices["link_rank"][0] for entry in report.view.agents)
+    assert folds.slice == whole.slice
+    assert folds.tasks == sum(rank <= 3 for rank in expected) < whole.tasks
     assert [entry.cross_fitted for entry in report.view.agents] == [3, 0]
     html = render(report)
-    honest_note = r"On train tasks <b>honest</b> is scored\s+.*out of sample.*, by a model of the other folds \(3\)"
-    for note in (honest_note, r"On train tasks <b>memory</b> is scored\s+from memory"):
+    out_of_sample = r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
+    for note in (out_of_sample, r"On train tasks <b>whole</b> is scored\s+.*in-sample"):
         assert re.search(note, html)

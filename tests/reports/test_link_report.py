@@ -500,7 +500,7 @@ def test_a_table_that_may_be_too_wide_can_be_scrolled_by_keyboard_and_has_a_name
 
 def test_words_with_a_tooltip_are_explained_at_the_end(html):
     meanings = set(re.findall(r'<abbr title="([^"]+)"', html))
-    words = html[html.index('<h2 id="words"') :]
+    words = html[html.index('<h2 id="terms"') :]
     assert len(meanings) > 8
     assert all(f"<dd>{meaning}</dd>" in words for meaning in meanings)
 
@@ -554,7 +554,7 @@ def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(k
     assert (report.view.queries, report.view.triples, report.view.sampled_from) == (80, 40, len(held_out))
     assert {table["all"].queries for table in report.view.baselines.values()} == {80}
     assert len(report.tables["ranks.csv"]) == 80
-    assert f"a uniform sample of 40 of {len(held_out)}" in render(report)
+    assert f"a uniform sample: 40 of {len(held_out)}" in render(report)
     low, high = report.view.metrics["all"].mrr_ci
     assert low < report.view.metrics["all"].mrr < high
     leaked = len(split.triples_of("test")) - len(held_out)
@@ -690,7 +690,7 @@ def test_numbers_in_the_report_are_plain(values):
 def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
     kitchen_model, kitchen_report, values, whole_report, full_report
 ):
-    memory, record = values["memory"], kitchen_model.scorer.record
+    memory, record = values["in_sample"], kitchen_model.scorer.record
     assert memory == {
         "folds": 5,
         "queries": record.queries,
@@ -701,7 +701,7 @@ def test_a_cross_fitted_model_shows_what_it_remembers_beside_what_it_can_tell(
     assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
     assert "Memory and generalisation" in render(kitchen_report)
     for other in (whole_report, full_report):
-        assert other.view.memory is None
+        assert other.view.in_sample is None
         assert "Memory and generalisation" not in render(other)
 
 
@@ -740,7 +740,7 @@ def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kit
 def test_probabilities_are_shown_with_what_has_its_base_rate_only(kitchen_report, whole_report, full_report):
     html = render(kitchen_report)
     assert ">Probabilities<" in html
-    assert "of an entity with itself has its base rate" in " ".join(html.split())
+    assert "with the entity itself has the base rate" in " ".join(html.split())
     for others in (whole_report, full_report):
         assert others.view.probabilities == ()
         assert ">Probabilities<" not in render(others)

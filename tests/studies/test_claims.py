@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.studies.claims import judge, view_claims
+from wordcraft_kg.studies.claims import check_claim, view_claims
 from wordcraft_kg.studies.results import Missing, RunResult, StudyResults
 from wordcraft_kg.studies.study import Claim, Study
 
@@ -75,8 +75,8 @@ def both(left, right, *, seeds=3, points=(8,), **of_left):
 
 
 def verdict(results, **changed):
-    (judged,) = judge(results, msgspec.structs.replace(CLAIM, **changed))
-    return judged.verdict
+    (entry,) = check_claim(results, msgspec.structs.replace(CLAIM, **changed))
+    return entry.verdict
 
 
 @pytest.mark.parametrize(
@@ -139,20 +139,20 @@ def test_a_claim_has_the_verdict_of_its_measure_and_points(sides, more, changed,
 
 def test_a_claim_about_all_points_is_judged_at_each():
     results = both({8: 0.6, 1: 0.3}, 0.4, points=(8, 1))
-    assert [(at.measured[0].values["distractors"], at.verdict) for at in judge(results, CLAIM)] == [
+    assert [(at.measured[0].values["distractors"], at.verdict) for at in check_claim(results, CLAIM)] == [
         (8, "reproduced"),
         (1, "not reproduced"),
     ]
-    assert len(judge(results, msgspec.structs.replace(CLAIM, at={"distractors": 1}))) == 1
+    assert len(check_claim(results, msgspec.structs.replace(CLAIM, at={"distractors": 1}))) == 1
 
 
 def test_steps_are_counted_until_the_curve_of_the_other_is_reached_or_else_are_all():
     of_steps = msgspec.structs.replace(CLAIM, measure="steps", expected="less")
-    (judged,) = judge(both(0.6, 0.4, curve=((0, 0.0), (100, 0.39), (1000, 0.6))), of_steps)
-    assert (judged.measured[0].left, judged.measured[0].right) == pytest.approx((0.1, 1.0))
-    assert (judged.verdict, judged.measured[0].tasks) == ("reproduced", 0)
-    (judged,) = judge(both(0.2, 0.4), of_steps)
-    assert judged.measured[0].left == 1.0
+    (entry,) = check_claim(both(0.6, 0.4, curve=((0, 0.0), (100, 0.39), (1000, 0.6))), of_steps)
+    assert (entry.measured[0].left, entry.measured[0].right) == pytest.approx((0.1, 1.0))
+    assert (entry.verdict, entry.measured[0].tasks) == ("reproduced", 0)
+    (entry,) = check_claim(both(0.2, 0.4), of_steps)
+    assert entry.measured[0].left == 1.0
 
 
 def test_the_interval_over_seeds_is_students():
@@ -162,12 +162,12 @@ def test_the_interval_over_seeds_is_students():
             a_run("left", 0.3, seed=seed, curve=((100, height), (1000, 0.3))),
             a_run("right", 0.3, seed=seed, curve=((100, 0.0), (1000, 0.3))),
         ]
-    (judged,) = judge(results_of(*runs), msgspec.structs.replace(CLAIM, measure="early"))
+    (entry,) = check_claim(results_of(*runs), msgspec.structs.replace(CLAIM, measure="early"))
     # t of 2 degrees of freedom at .975 is 4.302653; the deviation of .1, .2, .6 is sqrt(.07).
     half = 4.302653 * math.sqrt(0.07 / 3)
-    assert judged.measured[0].low == pytest.approx(0.3 - half, abs=1e-6)
-    assert judged.measured[0].high == pytest.approx(0.3 + half, abs=1e-6)
-    assert judged.verdict == "undecided"
+    assert entry.measured[0].low == pytest.approx(0.3 - half, abs=1e-6)
+    assert entry.measured[0].high == pytest.approx(0.3 + half, abs=1e-6)
+    assert entry.verdict == "undecided"
 
 
 LOST = Missing("right", {"distractors": 8}, 0, "the disk was full")
@@ -178,30 +178,30 @@ ON_ANOTHER_SPLIT = msgspec.structs.replace(a_run("right", 0.5), graph=1)
     ("results", "at", "why"),
     [
         (results_of(a_run("left", 0.5), missing=(LOST,)), {}, "the disk was full"),
-        (both(0.6, 0.3), {"distractors": 2}, "the study was run without such points"),
+        (both(0.6, 0.3), {"distractors": 2}, "the study has no results at such points"),
         (results_of(a_run("left", 0.5, tasks=10), a_run("right", 0.5, tasks=11)), {}, "different tasks"),
         (results_of(a_run("left", 0.5), ON_ANOTHER_SPLIT), {}, "different tasks"),
     ],
     ids=["missing", "no such point", "other tasks", "as many tasks of another split"],
 )
 def test_a_claim_that_was_not_run_says_why(results, at, why):
-    (judged,) = judge(results, msgspec.structs.replace(CLAIM, at=at))
-    assert judged.verdict == "not run"
-    assert why in judged.why
+    (entry,) = check_claim(results, msgspec.structs.replace(CLAIM, at=at))
+    assert entry.verdict == "not run"
+    assert why in entry.why
 
 
 def test_only_seeds_that_both_have_are_compared():
     runs = [a_run("left", 0.6, seed=seed) for seed in (0, 1)] + [a_run("right", 0.3, seed=seed) for seed in (1, 2)]
-    (judged,) = judge(results_of(*runs), CLAIM)
-    assert judged.measured[0].seeds == 1
+    (entry,) = check_claim(results_of(*runs), CLAIM)
+    assert entry.measured[0].seeds == 1
 
 
 def test_a_note_is_shown_where_a_claim_does_not_hold():
     noted = msgspec.structs.replace(CLAIM, note="because")
-    assert [judge(both(a, b), noted)[0].note for a, b in ((0.6, 0.3), (0.3, 0.6))] == ["", "because"]
+    assert [check_claim(both(a, b), noted)[0].note for a, b in ((0.6, 0.3), (0.3, 0.6))] == ["", "because"]
 
 
 def test_the_claims_of_a_study_are_those_of_its_record_unless_others_are_given():
     results = results_of(a_run("left", 0.6), a_run("right", 0.3), claims=[CLAIM])
-    assert [judged.text for judged in view_claims(results)] == [CLAIM.text]
+    assert [entry.text for entry in view_claims(results)] == [CLAIM.text]
     assert not view_claims(results, [])

@@ -139,9 +139,9 @@ def test_damaged_figures_are_noticed_and_made_again(done, tmp_path, caplog):
     path = done / small_plan().runs[3] / "figures.json"
     path.write_text(path.read_text().replace('"distractor_seeds": 5', '"distractor_seeds": 4'))
     (missing,) = collect_study(done, "small").missing
-    assert "its hash does not fit" in missing.why
+    assert "the hash does not fit" in missing.why
     assert len(run_small(done).began) == 1
-    assert "made again now" in caplog.text
+    assert "is repeated now" in caplog.text
     assert figures(done) == before
 
 
@@ -255,7 +255,7 @@ def test_ctrl_c_once_or_again_ends_a_study_and_its_workers_and_says_what_is_done
 
     monkeypatch.setattr(Inline, "stop", stop)
     workers = Inline(tmp_path, lambda task, root: Outcome(task.address, "interrupted"))
-    with pytest.raises(KeyboardInterrupt, match="the same command goes on"):
+    with pytest.raises(KeyboardInterrupt, match="repeat the command"):
         run_plan(small_plan(), tmp_path, lambda: workers)
     assert (workers.stopped, len(workers.began)) == (True, 1)
 
@@ -275,7 +275,7 @@ def test_two_engines_do_not_work_in_one_folder(tmp_path):
     process.start()
     try:
         assert ready.wait(30)
-        with pytest.raises(ArtefactError, match="another study is being run"):
+        with pytest.raises(ArtefactError, match="another study runs in"):
             run_small(tmp_path, work=pretend)
     finally:
         release.set()
@@ -316,7 +316,7 @@ def test_a_task_that_is_always_killed_fails(tmp_path):
     plan = small_plan(text='title = "One run"\nseeds = 1\n[settings]\nbook = "kitchen"\n[variants.none]\n')
     state = run_plan(plan, tmp_path, lambda: LocalWorkers(tmp_path, 1, die))
     assert len(state.failed) == 1
-    assert "too little memory" in next(iter(state.failed.values())).error
+    assert "memory is too small" in next(iter(state.failed.values())).error
 
 
 def test_workers_that_are_stopped_write_a_checkpoint_first(tmp_path):

@@ -102,7 +102,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     [
         ('[variants.odd]\nscorer = "partial"\nuse = "x"', "variant 'odd', distractors 2: `use` 'x'"),
         ('[variants.odd]\nkg_only = true', "`kg_only` configures the use of a scorer"),
-        ('[variants.odd]\nsplit = "none"', "there are no test tasks to compare agents on"),
+        ('[variants.odd]\nsplit = "none"', "has no test tasks to compare agents on"),
         ('[variants.odd]\nuse = 3', "`use` 3: expected text"),
         ('[variants.odd]\nunroll = "long"', "`unroll` 'long': expected a number"),
         ('[variants.odd]\ntrain_ratio = "most"', "`train_ratio` 'most': expected a number"),

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -153,8 +154,8 @@ def test_failures_have_a_clear_line_and_only_crashes_are_begun_again(cluster, se
     assert outcomes["fails"].error == "the oven is broken"
     assert outcomes["raises"].error == "ValueError: the recipe is wrong"
     assert "in play" in outcomes["raises"].detail
-    assert outcomes["dies"].error.startswith("it was begun 2 times, and its node or process was lost")
-    assert "needs 2 cores, and no node of the cluster has that much" in outcomes["two threads"].error
+    assert outcomes["dies"].error.startswith("the task was begun 2 times, and its node or process was lost")
+    assert "needs 2 cores, more than any cluster node has" in outcomes["two threads"].error
     assert sorted(note["number"] for note in notes(root)) == [0, 1, 2, 3, 3, 10]
     assert next(note for note in notes(root) if note["number"] == 10)["gpus"] == "0"
     assert {(note["threads"], note["cores"]) for note in notes(root)} == {("1", 1)}
@@ -211,21 +212,13 @@ def test_without_an_address_a_cluster_of_this_machine_comes_and_goes(root):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "other", "found"),
-    [
-        ("version", lambda name: "99.0", r"found .* = \(True, '.*'\), expected \(True, '99.0'\)"),
-        ("_seen_there", lambda marker: (False, ray_workers.version("wordcraft-kg")), r"found .* = \(False, .*share"),
-    ],
-)
-def test_a_node_with_another_version_or_without_the_folder_is_refused(cluster, root, monkeypatch, name, other, found):
-    monkeypatch.setattr(ray_workers, name, other)
-    with pytest.raises(ConfigError, match=found):
-        RayWorkers(root, cluster.address, play)
-    import ray
-
-    assert not ray.is_initialized()
+def test_a_node_with_another_version_or_without_the_folder_is_refused(cluster, root, monkeypatch):
+    monkeypatch.setattr(ray_workers, "version", lambda name: "99.0")
+    (outcome,) = perform_all(root, cluster.address, [a_task(0)]).values()
+    assert re.search(r"cannot work in .*: folder shared: True, wordcraft-kg .*; expected True and 99.0", outcome.error)
     assert list(root.iterdir()) == []
+    with pytest.raises(ConfigError, match="folder shared: False"):
+        ray_workers._perform_on_node(a_task(0), root, play, sys.argv, root / "missing", "99.0")
 
 
 @pytest.mark.parametrize("address", ["10.0.0.1", "ray://10.0.0.1:10001", "127.0.0.1:99999", "nowhere.invalid:6379"])

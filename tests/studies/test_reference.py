@@ -28,7 +28,7 @@ from wordcraft_kg.evaluation.reference import (
 )
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.studies import result_readers
-from wordcraft_kg.studies.result_readers import ResultReader, rows_beside
+from wordcraft_kg.studies.result_readers import ResultReader, external_rows
 
 DEPTH_1 = TaskPlay("test", 1, 1)
 
@@ -64,9 +64,9 @@ def test_another_distribution_adds_a_reader_of_results(everyday, monkeypatch, tm
     reader = ResultReader("a folder of mine", lambda path: path == tmp_path, lambda *_: [row])
     monkeypatch.setattr(registry, "entry_points", lambda group: [SimpleNamespace(name=group, load=lambda: reader)])
     monkeypatch.setattr(result_readers, "READERS", registry.Registry("theirs", {"agents": result_readers.AGENTS}))
-    assert rows_beside(everyday, DEPTH_1, [1], [tmp_path]) == (row,)
+    assert external_rows(everyday, DEPTH_1, [1], [tmp_path]) == (row,)
     with pytest.raises(ConfigError, match="a folder of mine"):
-        rows_beside(everyday, DEPTH_1, [1], [tmp_path / "other"])
+        external_rows(everyday, DEPTH_1, [1], [tmp_path / "other"])
 
 
 def row_of(play: TaskPlay | OpenPlay, player: str) -> ReferenceRow:
@@ -123,17 +123,21 @@ def test_every_row_of_the_literature_says_what_was_played_and_where_it_is_printe
         ("everyday", lambda pack: pack.pop("title"), "missing required field 'title'"),
         ("everyday", lambda pack: pack["rows"][0].update(score=1), "unknown field 'score'"),
         ("everyday", lambda pack: pack["rows"][0].update(figures={}), "Expected 'object' of length >= 1"),
-        ("everyday", lambda pack: pack["rows"][0].update(origin="literature"), "row 1, 'random', is of a graph"),
-        ("everyday", lambda pack: pack["rows"][0].pop("play"), "row 1, 'random', is of a graph"),
-        ("everyday", lambda pack: pack["rows"][0].update(measure="entities known"), "of another kind of play"),
-        ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].update(value=1.5), "a success outside of 0 to 1"),
-        ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].update(low=0.9, high=0.1), "two ends in their order"),
-        ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].pop("high"), "two ends in their order"),
-        ("everyday", lambda pack: pack["rows"][0].pop("interval"), "does not say what the interval at 1 is"),
+        ("everyday", lambda pack: pack["rows"][0].update(origin="literature"), "row 1, 'random', has a graph"),
+        ("everyday", lambda pack: pack["rows"][0].pop("play"), "row 1, 'random', has a graph"),
+        ("everyday", lambda pack: pack["rows"][0].update(measure="entities known"), "which does not fit its play"),
+        ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].update(value=1.5), "a success outside 0 to 1"),
+        (
+            "everyday",
+            lambda pack: pack["rows"][0]["figures"]["1"].update(low=0.9, high=0.1),
+            "without two ordered ends",
+        ),
+        ("everyday", lambda pack: pack["rows"][0]["figures"]["1"].pop("high"), "without two ordered ends"),
+        ("everyday", lambda pack: pack["rows"][0].pop("interval"), "no interval kind for the interval at 1"),
         ("everyday", lambda pack: pack["rows"][0]["figures"].update(many={"value": 0}), "'many', which is not a"),
-        ("literature", lambda pack: pack["rows"][0].update(origin="ours"), "of no graph"),
-        ("literature", lambda pack: pack["rows"][0].pop("year"), "of no graph"),
-        ("literature", lambda pack: pack["rows"][0].pop("environment"), "of no graph"),
+        ("literature", lambda pack: pack["rows"][0].update(origin="ours"), "has no graph"),
+        ("literature", lambda pack: pack["rows"][0].pop("year"), "has no graph"),
+        ("literature", lambda pack: pack["rows"][0].pop("environment"), "has no graph"),
         ("literature", lambda pack: pack["rows"][0].update(source=""), "Expected 'str' of length >= 1"),
     ],
 )

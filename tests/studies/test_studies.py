@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
-from fabricated import GUIDED, NO_GRAPH, fabricate, with_train_sample
+from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
@@ -96,7 +96,7 @@ def test_steps_to_the_references_end_are_of_the_mean_curve():
 
 
 def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks():
-    folds, memory = view_study(with_train_sample()).train_samples
+    folds, memory = view_study(three_train_fractions()).scatters
     assert (folds.in_sample, memory.in_sample) == (False, True)
     assert [(at.label, at.mrr, at.success) for at in folds.points] == [
         ("train_fraction 0.2", pytest.approx(0.105), pytest.approx(0.2)),
@@ -121,9 +121,9 @@ def test_steps_are_correlated_with_never_as_the_latest():
         "c": [[(10, 0.6), (20, 0.6)]],
     }
     mrr = {"a": 0.1, "b": 0.2, "c": 0.3}
-    (train_sample,) = view_study(fabricate(points, mrr=mrr, curves=curves, drawing="scatter")).train_samples
-    assert [at.reached for at in train_sample.points] == [None, 20, 10]
-    assert train_sample.steps_spearman.value == pytest.approx(-1)
+    (scatter,) = view_study(fabricate(points, mrr=mrr, curves=curves, drawing="scatter")).scatters
+    assert [at.reached for at in scatter.points] == [None, 20, 10]
+    assert scatter.steps_spearman.value == pytest.approx(-1)
 
 
 @pytest.mark.parametrize(
@@ -137,16 +137,14 @@ def test_steps_are_correlated_with_never_as_the_latest():
     ],
 )
 def test_a_dose_is_labelled_by_what_is_not_whole(values, label):
-    (train_sample,) = view_study(
-        fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="scatter")
-    ).train_samples
-    assert train_sample.points[0].label == label
+    (scatter,) = view_study(fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="scatter")).scatters
+    assert scatter.points[0].label == label
 
 
 def test_a_view_has_a_place_for_each_of_its_values_and_equal_results_have_equal_ones():
-    view = view_study(with_train_sample())
+    view = view_study(three_train_fractions())
     assert msgspec.convert(checked_values(view), StudyView) == view
-    assert as_values(view_study(with_train_sample())) == as_values(view)
+    assert as_values(view_study(three_train_fractions())) == as_values(view)
 
 
 def moved(results: StudyResults, number: int, key: str) -> StudyResults:
@@ -177,7 +175,7 @@ LOST = (Missing("no graph", {}, 0, "the disk was full"),)
     ("won", "more", "why"),
     [
         (["50000", "5000"], {}, "5 tasks with 5 distractor seeds and on 4 with 5"),
-        ([], {"runs": RUNS * 2}, "seed 0 is there twice"),
+        ([], {"runs": RUNS * 2}, "seed 0 occurs twice"),
         ([], {"missing": LOST}, r"no finished run, 1 missing.*disk was full.*kg reproduce made-up"),
     ],
     ids=["other tasks", "a seed twice", "no runs"],

@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 import jsonschema
 import msgspec
 import pytest
-from fabricated import GUIDED, NO_GRAPH, fabricate, with_train_sample
+from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
 
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.records import schema_of
@@ -109,7 +109,7 @@ def test_a_variant_keeps_its_colour_where_others_are_missing():
 
 
 def test_a_study_of_doses_is_drawn_by_mrr():
-    view = view_study(with_train_sample())
+    view = view_study(three_train_fractions())
     ((title, chart),) = panels_of(view)
     assert title == ""
     assert all(label in chart for label in ("cross-fitted", "in-sample", "no graph", "train_fraction 0.5"))

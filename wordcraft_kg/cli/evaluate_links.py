@@ -78,9 +78,9 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     for row in view.drill_down.near_synonyms:
         if row.slice == "no such train recipe":
             rows.append(("no near-synonym", f"{_figures(row)}  (recipes that do not nearly repeat a train recipe)"))
-    if view.memory:
-        left_out = f"MRR {view.memory.left_out_mrr:.3f} on train triples left out of training"
-        rows.append(("cross-fitted", f"{left_out} ({view.memory.in_sample_mrr:.3f} in-sample)"))
+    if view.in_sample:
+        left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
+        rows.append(("cross-fitted", f"{left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"))
     if view.leaked_left_out and view.model.kg != "none":
         leaked, headline = (metrics.mrr or 0.0 for metrics in (view.with_leaked, view.metrics["all"]))
         # A model that does not remember the leaked triples lowers the figure.

@@ -90,7 +90,7 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
 
     def name(row: "ReferenceRow") -> str:
         mark = f" [{notes.index(_note(row)) + 1}]" if _note(row) else ""
-        return f"{row.player}{' (yours)' * (row.origin == 'beside')}{mark}"
+        return f"{row.player}{' (yours)' * (row.origin == 'external')}{mark}"
 
     titles = ("", "", *(counted(column, unit) for column in view.columns))
     cells = ((name(row), row.kind, *map(row.shown, view.columns)) for row in everything if row.fits(view.measure))

@@ -160,7 +160,7 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
     from wordcraft_kg.evaluation.recipe_scores import because
 
     rows = [
-        (f"{one.score:9.4f}", one.known or "", thing, _chance(one), "(memory)" * getattr(one, "memory", False))
+        (f"{one.score:9.4f}", one.known or "", thing, _chance(one), "(in-sample)" * getattr(one, "in_sample", False))
         for one, thing in zip(scored, things or map(_thing, scored), strict=True)
     ]
     for number, (line, one) in enumerate(zip(aligned(rows), scored, strict=True)):
@@ -182,8 +182,8 @@ def _chance(row: Any) -> str:
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
     """Yield notes on triples or recipes in the training data."""
-    if any(getattr(one, "memory", False) for one in scored):
-        yield "(memory): the scorer was trained on this recipe, so the score is not a prediction."
+    if any(getattr(one, "in_sample", False) for one in scored):
+        yield "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
     if kg == "full" and {"valid", "test"} & {one.known for one in scored}:
         yield "The model was trained on the full graph, test triples included."
 
@@ -193,8 +193,8 @@ def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
     import pandas as pd
 
     frame: Any = pd.DataFrame([[getattr(row, column) for column in columns] for row in rows], columns=list(columns))
-    if "memory" in frame:
-        frame["memory"] = frame["memory"].astype(str).str.lower()
+    if "in_sample" in frame:
+        frame["in_sample"] = frame["in_sample"].astype(str).str.lower()
     quoting = csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL  # labels hold no tab
     text: str = frame.to_csv(sep=delimiter, index=False, float_format="%.9g", lineterminator="\n", quoting=quoting)
     return text

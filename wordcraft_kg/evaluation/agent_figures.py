@@ -1,4 +1,4 @@
-"""Figures of evaluated agents: success with intervals, endings, confusions, and success by kind of task."""
+"""Metrics for evaluated agents: success with intervals, termination reasons, confusions, and success by task kind."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -31,25 +31,25 @@ from wordcraft_kg.models.policies.sources.pairs import ComponentOf
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 _LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 _CONFUSIONS = 10
-"""Most listed confusions of an agent."""
+"""Most confusions in an agent's list."""
 NEVER = "never"
-"""Layer of an unreachable goal."""
+"""Layer for an unreachable goal."""
 _LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
 Interval = tuple[float, float]
 Slice = Literal["train_recipes", "layer", "link_rank"]
 
 
 class AgentSuccess(Record):
-    """Success of an agent for a distractor count; intervals are of 95 %.
+    """An agent's success for a distractor count; all intervals are 95 % intervals.
 
     Attributes:
         iqm: interquartile mean over runs.
         seed_ci: over seeds; None for a single run.
         task_ci: over tasks.
-        seeds: mean of each run.
-        by_plan: success rate by the last pair of a plan.
+        seeds: mean per run.
+        by_plan: success rate by the last pair in a plan.
         difference: to the first agent on the same tasks, with an interval over tasks; None for the first agent.
-        p_better: probability that a run of this agent beats a run of the first agent; None for single runs.
+        p_better: probability that this agent's run beats a run by the first agent; None for single runs.
     """
 
     mean: Share
@@ -66,7 +66,7 @@ class AgentSuccess(Record):
 
 
 class SliceSuccess(Record):
-    """Success on a named slice of the tasks, with the 95 % interval over tasks."""
+    """Success on a named task slice, with the 95 % interval over tasks."""
 
     slice: str
     tasks: Annotated[int, msgspec.Meta(ge=1)]
@@ -87,12 +87,12 @@ def _means(results: Sequence[Evaluation]) -> list[float]:
 
 
 def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
-    """Return the successes of all runs, shape (N tasks, runs · draws)."""
+    """Return all runs' successes, shape (N tasks, runs · distractor seeds)."""
     return np.concatenate([result.success for result in results], axis=1)
 
 
 def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | None) -> AgentSuccess:
-    """Return the success of an agent's runs, compared with the runs of a reference agent if given."""
+    """Return success over an agent's runs, compared with the reference agent's runs if given."""
     means = _means(results)
     success = AgentSuccess(
         mean=float(np.mean(means)),
@@ -108,7 +108,7 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
     difference, low, high = paired_difference(_successes(results), _successes(reference))
     success = msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
     seeds = means, _means(reference)
-    if max(map(len, seeds)) == 1:  # of single runs the probability is 0 or 1
+    if max(map(len, seeds)) == 1:  # for single runs the probability is 0 or 1
         return success
     interval = probability_of_improvement_interval(*seeds)
     return msgspec.structs.replace(success, p_better=probability_of_improvement(*seeds), p_better_ci=interval)
@@ -123,7 +123,7 @@ def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]
 
 
 def confusions_of(world: World, results: Sequence[Evaluation]) -> tuple[Confusion, ...]:
-    """Count the wrong second ingredients of episodes that ended with one right ingredient."""
+    """Count the wrong second ingredients in episodes that ended with one right ingredient."""
     graph, code = world.graph, TERMINATION_REASONS.index("one_right_part")
     pairs = graph.recipes[:, :2].tolist()
     counts: Counter[tuple[int, int]] = Counter()
@@ -149,7 +149,7 @@ def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
 def slices_of(
     agent: OpenedAgent, tasks: TaskSet, results: Sequence[Evaluation]
 ) -> dict[Slice, tuple[SliceSuccess, ...]]:
-    """Return success by train recipes of the goal, by layer of the goal, and by the scorer's rank of its links."""
+    """Return success by train recipes for the goal, by the goal's layer, and by the scorer's rank for its links."""
     if not results:
         return {}
     played, success = results[0].tasks, _successes(results)
@@ -175,7 +175,7 @@ def slices_of(
 
 
 def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:
-    """Return the rank by v of the worse ingredient of each task, the best over its plans, from the agent's scores."""
+    """Return each task's rank by v for the worse ingredient, the best over its plans, from the agent's scores."""
     if ComponentOf.label.name not in agent.policy.sources:
         return None
     source = agent.policy.sources[ComponentOf.label.name]
@@ -190,7 +190,7 @@ def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:
     ranks = np.empty(len(goals))
     questions = goals * (int(models.max(initial=0)) + 1) + models
     order = np.argsort(questions, kind="stable")
-    # Goal by goal: scores of all goals from embeddings would not fit into memory.
+    # Goal by goal: scores for all goals from embeddings would not fit into memory.
     for rows in np.split(order, np.flatnonzero(np.diff(questions[order])) + 1):
         goal, task = (torch.from_numpy(ids[rows[:1]]) for ids in (goals, played))
         scores = source(goal, nothing, everything, task if by_task else None)[0].numpy()

@@ -1,4 +1,4 @@
-"""Agent figures over all seeds, on the same tasks."""
+"""Agents evaluated over all seeds, on the same tasks."""
 
 import re
 from collections.abc import Sequence
@@ -42,15 +42,15 @@ from wordcraft_kg.graphs.tasks import TaskPart
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Task settings that must be equal in all compared agents."""
 _DRAWN_BY = ("task_weighting",)
-"""Further settings if tasks are drawn instead of enumerated."""
+"""Further settings if tasks are sampled instead of enumerated."""
 DISTRACTORS = (1, 8)
-"""Numbers of distractors of every report, besides those of training."""
+"""Distractor counts in each report, in addition to the training counts."""
 _BASELINES = {"random": random_entity, "recipe oracle": recipe_oracle}
 """Scripted players at the same tables as the agents."""
 
 
 class SharedGraph(Record):
-    """The graph of all agents."""
+    """The graph that all agents share."""
 
     name: str
     hash: Hash
@@ -59,7 +59,7 @@ class SharedGraph(Record):
 
 
 class SharedSplit(Record):
-    """The split of all agents."""
+    """The split that all agents share."""
 
     kind: str
     seed: int
@@ -67,17 +67,17 @@ class SharedSplit(Record):
 
 
 class AgentEntry(Record):
-    """The figures of runs that differ only in the seed.
+    """Metrics for runs that differ only in the seed.
 
     Attributes:
         settings: settings that differ from the defaults.
-        kg: knowledge graph of the scorer; None without a scorer.
-        cross_fitted: fold count of the scorer; 0 if scores of train tasks are in-sample.
+        kg: the scorer's knowledge graph; None without a scorer.
+        cross_fitted: the scorer's fold count; 0 if train tasks have in-sample scores.
         trained_with: distractor count in training.
         success: by distractor count.
-        outcomes: ending shares, by distractor count.
+        outcomes: shares of termination reasons, by distractor count.
         confusions: most frequent confusions for the headline's distractor count.
-        slices: success by kind of task, for the headline's distractor count.
+        slices: success by task kind, for the headline's distractor count.
         curves: success during training, by task part.
         provenance: facts about each run, by name.
     """
@@ -104,14 +104,14 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success of a scripted player, by the distractor count."""
+    """Success of a scripted player, by distractor count."""
 
     name: str
     success: dict[str, Share]
 
 
 class AgentEpisodes(Record):
-    """Explained episodes of an agent's first run."""
+    """Explained episodes from an agent's first run."""
 
     agent: str
     run: str
@@ -122,9 +122,9 @@ class AgentsView(Record):
     """The agent report (``report.json``).
 
     Attributes:
-        headline: distractor count of the headline.
-        distractor_seeds: distractor draws per task.
-        sampled_from: number of all tasks if a sample was played, else None.
+        headline: the headline's distractor count.
+        distractor_seeds: distractor seeds per task.
+        sampled_from: total task count if a sample was played, else None.
         agents: the first agent is the comparison reference.
         references: reference pack rows for this graph, split and tasks.
     """
@@ -146,7 +146,7 @@ class AgentsView(Record):
 
 
 class AgentSummary(Record):
-    """Runs and success of an agent."""
+    """An agent's runs and success."""
 
     runs: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -166,14 +166,14 @@ class AgentsSummary(Record):
 Groups = dict[str, list[OpenedAgent]]
 """Runs by agent."""
 _Results = dict[int, list[Evaluation]]
-"""Evaluations of an agent's runs, by number of distractors."""
+"""Evaluated runs by distractor count."""
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
-    """Group runs that differ only in the seed; the name of an agent is the common name of its runs.
+    """Group runs that differ only in the seed; an agent's name is the common name among its runs.
 
     Raises:
-        ConfigError: if two runs of an agent have the same seed.
+        ConfigError: if two runs share agent and seed.
     """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
@@ -186,7 +186,7 @@ def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
         seeds = [agent.config.trainer.seed for agent in members]
         if len(set(seeds)) < len(seeds):
             names = ", ".join(agent.name for agent in members)
-            raise ConfigError(f"{names}: two of these runs are the same agent with the same seed; give each once.")
+            raise ConfigError(f"{names}: two of these runs have the same settings and seed; remove the duplicate.")
         stems = {re.sub(r"[-_.]?(seed|s)?[-_]?\d+$", "", agent.name) or agent.name for agent in members}
         name = stems.pop() if len(members) > 1 and len(stems) == 1 else members[0].name
         while name in groups:
@@ -203,14 +203,14 @@ def view_agents(
     distractor_seeds: int = 5,
     episodes: int = 2,
 ) -> AgentsView:
-    """Evaluate agents greedily on all tasks of a part, on the same tables.
+    """Evaluate agents greedily on all tasks of a split part, on the same tables.
 
     Args:
         groups: runs by agent, see :func:`group_agents`; the first agent is the comparison reference.
         part: task part.
-        distractors: distractor counts. Default: 1, 8 and the numbers of training.
-        distractor_seeds: distractor draws per task.
-        episodes: explained episodes of each agent.
+        distractors: distractor counts. Default: 1, 8 and the training counts.
+        distractor_seeds: distractor seeds per task.
+        episodes: explained episodes per agent.
 
     Raises:
         GraphMismatchError: for runs on different graphs or splits.
@@ -254,7 +254,7 @@ def view_agents(
 
 
 def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
-    """Return a view headline and its report path."""
+    """Return a view's headline and its report path."""
     agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
 
@@ -267,7 +267,7 @@ def _baselines(evaluators: dict[int, Evaluator]) -> tuple[BaselineSuccess, ...]:
 
 
 def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Return the reference pack rows for an agent's tasks, without the scripted players of the report."""
+    """Return the reference pack's rows for an agent's tasks, without the scripted players in the report."""
     play = play_of(agent.config.tasks, part)
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:
@@ -278,7 +278,7 @@ def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tu
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
-    """Return the world of the headline, and the distractor counts that some agent can play with."""
+    """Return the headline's world, and the distractor counts that at least one agent can play."""
     _check_alike(agents, _RULES)
     first = agents[0]
     headline = first.config.tasks.distractors
@@ -299,8 +299,8 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:
             raise GraphMismatchError(
-                f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: their tasks are not "
-                "the same, and their figures cannot be compared. Train them on one graph folder."
+                f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: their tasks differ, "
+                "so their figures cannot be compared. Train all runs on the same graph folder."
             )
         for rule in rules:
             value, expected = getattr(agent.config.tasks, rule), getattr(first.config.tasks, rule)
@@ -312,7 +312,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
 
 
 def can_play(agent: OpenedAgent, distractors: int) -> bool:
-    """Return whether a policy can play with tables of this size; an MLP plays with one size only."""
+    """Return whether a policy can play at this table size; an MLP is limited to its training size."""
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 

@@ -1,4 +1,4 @@
-"""Bins of whole numbers."""
+"""Integer bins."""
 
 from collections.abc import Iterator, Sequence
 
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from wordcraft_kg.graphs.arrays import Ids
 
 OPEN_END = 10**9
-"""Upper bound of a bin that is open at the top."""
+"""Upper bound for a bin that is open at the top."""
 Bounds = Sequence[tuple[int, int]]
 
 
 def binned(values: Ids, bounds: Bounds, *, more: str = "+") -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield name and mask, shape (N,), of each bin; bounds are inclusive, ``more`` ends the name of an open bin."""
+    """Yield each bin's name and mask, shape (N,); bounds are inclusive, ``more`` ends an open bin's name."""
     for low, high in bounds:
         name = str(low) if low == high else f"{low}{more}" if high == OPEN_END else f"{low}–{high}"
         yield name, (values >= low) & (values <= high)

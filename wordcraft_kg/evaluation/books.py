@@ -1,4 +1,4 @@
-"""The known recipe books, and the check of a book."""
+"""The known recipe books, and the book check."""
 
 from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
@@ -9,7 +9,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 
 MAX_COUNTED = 8 * 2**20
-"""Bytes. The size of a larger book is not listed, because counting takes seconds."""
+"""Bytes. A larger book's size is not listed, because counting takes seconds."""
 
 
 class ListedBook(Record):
@@ -66,7 +66,7 @@ def view_books() -> BookList:
 
 
 def _size(book: KnownBook) -> tuple[int, int] | None:
-    """Return the numbers of entities and recipes of a small, readable book."""
+    """Return entity and recipe counts for a small, readable book."""
     if book.path is None or book.path.stat().st_size > MAX_COUNTED:
         return None
     try:
@@ -83,7 +83,7 @@ def view_check(
 
     Args:
         book: file, folder or known name.
-        base: base entities; None takes or infers the base of the book.
+        base: base entities; None takes or infers the book's base.
         against: another book, or None.
         single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
     """

@@ -23,18 +23,18 @@ class Communities:
 
     @cached_property
     def sizes(self) -> list[int]:
-        """Number of entities of each group."""
+        """Number of entities in each group."""
         return np.bincount(self.group_of, minlength=len(self.names)).tolist()
 
 
 def communities_of(labels: Sequence[str], links: Ids, uses: Ids, seed: int) -> Communities:
-    """Find communities of an undirected graph by the Louvain method.
+    """Find communities in an undirected graph by the Louvain method.
 
     Args:
         labels: entity labels.
         links: shape (L, 2), positions in ``labels``; repetitions count once.
         uses: shape (E,), number of recipes that use each entity.
-        seed: seed of the entity order.
+        seed: seed for the entity order.
 
     Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
     """

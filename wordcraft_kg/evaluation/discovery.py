@@ -1,4 +1,4 @@
-"""Discovered entities of players in open-ended play."""
+"""Entities that players discover in open-ended play."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ class Known(Record):
     """Mean number of known entities after some attempts.
 
     Attributes:
-        low: lower end of the 95 % interval; None for a single run.
+        low: lower 95 % interval bound; None for a single run.
         repeated: share of the attempts so far that repeated a pair.
     """
 
@@ -41,8 +41,8 @@ class DiscoveryView(Record, omit_defaults=True):
     Attributes:
         base: entities known at the start.
         reachable: entities that can be made from the base.
-        players: known entities of each player by attempt count, one of ``marks``.
-        people: known entities of people in another game, by attempt count.
+        players: each player's known entities by attempt count, with ``marks`` as keys.
+        people: entities known to people in another game, by attempt count.
         references: reference pack rows for the same base, and the literature.
         out: written page.
     """
@@ -83,8 +83,8 @@ def view_discovery(
         attempts: combinations per run.
         runs: runs per player.
         seed: root seed.
-        base: entities known at the start; None takes the base of the graph.
-        scorer: name and scorer of the guided player.
+        base: entities known at the start; None takes the graph's base.
+        scorer: the guided player's scorer, with its name.
         progress: see :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
     """
     start = Discovery(graph, base)
@@ -119,7 +119,7 @@ def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str
     shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
     return (
         *(row for row in ours if row.player not in players),
-        *(row for row in others if {at: found.value for at, found in row.figures.items()} != shown),
+        *(row for row in others if {at: figure.value for at, figure in row.figures.items()} != shown),
     )
 
 

@@ -1,4 +1,4 @@
-"""The outcome of building a graph, and the recipes of an entity."""
+"""The result of building a graph, and the recipes of an entity."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 class BuiltGraph(Record):
-    """The main figures of the audit of a new graph, and its folder."""
+    """The audit's main figures for a new graph, and its folder."""
 
     entities: Count
     recipes: Count
@@ -35,7 +35,7 @@ class CheapestDerivation(Record):
 
 
 class EntityView(Record):
-    """An entity with its recipes and uses; ``layer`` and ``derivation`` are None if it is unreachable."""
+    """An entity with its recipes and uses; ``layer`` and ``derivation`` are None for an unreachable entity."""
 
     entity: str
     base: bool
@@ -46,14 +46,14 @@ class EntityView(Record):
 
 
 def view_build(audit: Audit, folder: Path) -> BuiltGraph:
-    """Return the main figures of a built graph from its audit."""
+    """Return a built graph's main figures from its audit."""
     same = {name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)}
     reachable, rounds = audit.reachability.reachable, audit.reachability.rounds
     return BuiltGraph(**same, reachable=reachable, rounds=rounds, out=str(folder))
 
 
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:
-    """Return the recipes, uses and cheapest derivation of an entity.
+    """Return an entity's recipes, uses and cheapest derivation.
 
     Raises:
         UnknownEntityError: for an unknown label.

@@ -28,13 +28,13 @@ Bounds = tuple[float, float]
 
 
 class ComparedModel(RankingMetrics, kw_only=True):
-    """The metrics of a model on the shared queries, averaged over seeds.
+    """A model's metrics on the shared queries, averaged over seeds.
 
     Attributes:
         has_seen_the_test_recipes: whether training includes the queries.
-        mrr_of_seeds: MRR of each training seed.
-        difference: difference of MRR to the first model; None for the first model.
-        difference_ci: interval with a joint confidence of 95 % over all pairs of models.
+        mrr_of_seeds: MRR per training seed.
+        difference: MRR difference to the first model; None for the first model.
+        difference_ci: interval with 95 % joint confidence over all model pairs.
         probability_better: share of resamples with a higher MRR than the first model; ties count half.
     """
 
@@ -51,12 +51,12 @@ class LinkComparison(Record, omit_defaults=True):
     """Models on the same queries; the first is the reference.
 
     Attributes:
-        split: hash of the split.
+        split: split hash.
         triples: ranked unseen test triples.
         sampled_from: number of all unseen test triples if a uniform sample is ranked.
-        pairs: number of pairs of models in the Bonferroni correction of difference intervals.
-        best: model with the highest MRR among those that have not seen the test recipes.
-        not_told_apart: models with 0 in the interval of the difference to the best.
+        pairs: number of model pairs, for the Bonferroni correction of difference intervals.
+        best: model with the highest MRR among models that have not seen the test recipes.
+        not_told_apart: models that do not differ from the best: the difference interval contains 0.
         out: written page.
     """
 
@@ -76,17 +76,17 @@ class LinkComparison(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare, trained with one seed or several."""
+    """A model to compare, trained with one or more seeds."""
 
     name: str
     runs: Sequence[Model]
 
 
 def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
-    """Rank the unseen test triples (a uniform sample if very many) and bootstrap differences of reciprocal ranks.
+    """Rank the unseen test triples (a uniform sample if very many) and bootstrap reciprocal rank differences.
 
-    All models share the resamples of ingredient pairs: a paired difference is more precise than two separate intervals.
-    Reciprocal ranks are averaged over the seeds of a model.
+    All models share the ingredient pair resamples: a paired difference is more precise than two separate intervals.
+    Reciprocal ranks are averaged over a model's seeds.
 
     Args:
         contenders: two or more; the first is the reference.
@@ -94,8 +94,8 @@ def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: in
         seed: bootstrap and sample seed.
 
     Raises:
-        ConfigError: for a setting out of range, or different training settings of a model's seeds.
-        GraphMismatchError: for models of different graphs or splits.
+        ConfigError: for a setting out of range, or different training settings between a model's seeds.
+        GraphMismatchError: for models with different graphs or splits.
         SplitError: for too few unseen triples.
     """
     whole("resamples", resamples, 1, MAX_SIZE)
@@ -156,36 +156,38 @@ def _with_intervals(
 
 
 def _check_alike(reference: Model, contender: Contender) -> None:
-    """Refuse a contender with other training data than the reference, or with differing settings of its seeds."""
+    """Refuse a contender with training data unlike the reference, or with settings that differ between its seeds."""
     for run in contender.runs:
-        for what, left, right in (
+        for input_name, left, right in (
             ("graphs", reference.opened.graph.hash, run.opened.graph.hash),
             ("splits", reference.opened.split.hash, run.opened.split.hash),
         ):
             if left != right:
                 raise GraphMismatchError(
-                    f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different {what} "
-                    f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train all on one graph folder."
+                    f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different {input_name} "
+                    f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train all on the same graph."
                 )
         if run.comparable_settings != contender.runs[0].comparable_settings:
             raise ConfigError(
-                f"the seeds of '{contender.name}' were trained with different settings; give their folders one by one."
+                f"the seeds of '{contender.name}' were trained with different settings; give each folder as a model."
             )
 
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
-    """Return the metrics of a model, and the reciprocal rank of each query, averaged over its seeds."""
+    """Return a model's metrics, and each query's reciprocal rank, averaged over its seeds."""
     known = contender.runs[0].opened.graph.triples
     ranks = [rank_triples(run.scorer, queries, known) for run in contender.runs]
-    metrics = [ranking_metrics(one) for one in ranks]
+    metrics = [ranking_metrics(frame) for frame in ranks]
     averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
-    means: dict[str, Any] = {name: float(np.mean([getattr(one, name) for one in metrics])) for name in averaged}
+    means: dict[str, Any] = {
+        name: float(np.mean([getattr(seed_metrics, name) for seed_metrics in metrics])) for name in averaged
+    }
     model = ComparedModel(
         queries=metrics[0].queries,
         **means,
         name=contender.name,
         has_seen_the_test_recipes=contender.runs[0].kg == "full",
         seeds=tuple(run.seed for run in contender.runs if run.seed is not None),
-        mrr_of_seeds=tuple(one.mrr or 0.0 for one in metrics),
+        mrr_of_seeds=tuple(seed_metrics.mrr or 0.0 for seed_metrics in metrics),
     )
-    return model, np.mean([1 / one["rank"].to_numpy(dtype=float) for one in ranks], axis=0)
+    return model, np.mean([1 / frame["rank"].to_numpy(dtype=float) for frame in ranks], axis=0)

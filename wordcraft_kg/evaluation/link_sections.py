@@ -1,4 +1,4 @@
-"""Strengths and weaknesses of a link predictor: slices, lists of triples, and play by its scores."""
+"""A link predictor's strengths and weaknesses: slices, triple lists, and play by its scores."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
@@ -32,7 +32,7 @@ class Comparison(Record):
     """The model against a baseline on the same queries.
 
     Attributes:
-        difference: MRR of the model minus MRR of the baseline.
+        difference: the model's MRR minus the baseline's MRR.
         ci: 95 % interval, by bootstrap over recipes.
         verdict: ``level with`` if the interval includes 0.
     """
@@ -44,18 +44,18 @@ class Comparison(Record):
 
 
 class SliceMetrics(RankingMetrics, kw_only=True):
-    """Metrics of a named slice of the queries."""
+    """Metrics for a named query slice."""
 
     slice: str
 
 
 class DrillDown(Record):
-    """Metrics of non-empty slices of the queries.
+    """Metrics for non-empty query slices.
 
     Attributes:
-        seen_in_train: by number of training triples of the target entity.
+        seen_in_train: by the number of training triples with the target entity.
         layer: by crafting rounds to the target entity.
-        self_combination: combinesWith of an entity with itself, and with another entity.
+        self_combination: combinesWith between an entity and itself, and between different entities.
         near_synonyms: test recipes that repeat a train recipe with a near-synonym, and the rest.
     """
 
@@ -66,7 +66,7 @@ class DrillDown(Record):
 
 
 class RankedTriple(Record):
-    """A query with rank and score of the true entity, and the best candidate."""
+    """A query with the true entity's rank and score, and the best candidate."""
 
     head: str
     relation: Relation
@@ -78,7 +78,7 @@ class RankedTriple(Record):
 
 
 class ScoredPair(Record):
-    """The score of a triple outside the graph."""
+    """A scored triple outside the graph."""
 
     head: str
     relation: Relation
@@ -87,30 +87,30 @@ class ScoredPair(Record):
 
 
 class SelfEdges(Record):
-    """Share of entities with themselves as the best combinesWith answer, and share that combine with themselves."""
+    """Share of entities that rank themselves first for combinesWith, and share that combine with themselves."""
 
     top_answer_is_itself: Share
     really_combines_with_itself: Share
 
 
-def comparisons_of(judged: RankedLinks, seed: int) -> tuple[Comparison, ...]:
+def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
     """Compare the model with each baseline, query by query."""
-    found = 1 / judged.ranks["rank"].to_numpy(dtype=float)
-    others = {name: 1 / ranks["rank"].to_numpy(dtype=float) for name, ranks in judged.baseline_ranks.items()}
-    others["random"] = random_reciprocal_ranks(judged.ranks)
+    reciprocal_ranks = 1 / links.ranks["rank"].to_numpy(dtype=float)
+    others = {name: 1 / ranks["rank"].to_numpy(dtype=float) for name, ranks in links.baseline_ranks.items()}
+    others["random"] = random_reciprocal_ranks(links.ranks)
     best_first = sorted(others, key=lambda name: -float(others[name].mean()))
     rows = []
     for name in best_first:
-        difference = found - others[name]
-        low, high = interval(bootstrap(difference, judged.clusters, seed=seed))
+        difference = reciprocal_ranks - others[name]
+        low, high = interval(bootstrap(difference, links.clusters, seed=seed))
         verdict: Literal["above", "level with", "below"] = "above" if low > 0 else "below" if high < 0 else "level with"
         rows.append(Comparison(name, float(difference.mean()), (low, high), verdict))
     return tuple(rows)
 
 
-def drill_down_of(judged: RankedLinks, seed: int) -> DrillDown:
-    """Return the metrics of slices of the queries; ``seed`` is the bootstrap seed."""
-    graph, ranks, trained_on = judged.graph, judged.ranks, judged.trained_on
+def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
+    """Return metrics for query slices; ``seed`` is the bootstrap seed."""
+    graph, ranks, trained_on = links.graph, links.ranks, links.trained_on
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
     seen = np.bincount(np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities)[target]
     layer = layers(graph)[target]
@@ -121,40 +121,40 @@ def drill_down_of(judged: RankedLinks, seed: int) -> DrillDown:
         return binned(values, bounds, more=" or more")
 
     def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
-        found = (
-            (name, with_interval(ranks[mask], judged.clusters[mask], seed=seed)) for name, mask in groups if mask.any()
+        rows = (
+            (name, with_interval(ranks[mask], links.clusters[mask], seed=seed)) for name, mask in groups if mask.any()
         )
-        return tuple(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name) for name, metrics in found)
+        return tuple(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name) for name, metrics in rows)
 
     return DrillDown(
         seen_in_train=slices(between(seen, SEEN)),
         layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
         self_combination=slices([("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]),
-        near_synonyms=() if judged.is_full else slices(_near_synonyms(judged)),
+        near_synonyms=() if links.is_full else slices(_near_synonyms(links)),
     )
 
 
-def _near_synonyms(judged: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
-    graph = judged.graph
-    recipes = near_synonym_recipes(judged.opened.split, glove_features(graph.entities))
-    repeats = np.tile(near_synonym_triples(graph, recipes, judged.queries), 2)
+def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
+    graph = links.graph
+    recipes = near_synonym_recipes(links.opened.split, glove_features(graph.entities))
+    repeats = np.tile(near_synonym_triples(graph, recipes, links.queries), 2)
     if not repeats.any():  # as in a split by goal, or without word vectors
         return []
     return [("a train recipe with a near-synonym", repeats), (NO_NEAR_SYNONYM, ~repeats)]
 
 
-def listed_triples(judged: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
-    """Return the queries of the best ranks (ascending) or the worst ranks."""
-    order = judged.ranks.sort_values(["rank", "score"], ascending=[ascending, not ascending], kind="stable")
-    shown = labelled(judged.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
+def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
+    """Return the best-ranked (ascending) or worst-ranked queries."""
+    order = links.ranks.sort_values(["rank", "score"], ascending=[ascending, not ascending], kind="stable")
+    shown = labelled(links.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
     return tuple(RankedTriple(*row) for row in zip(*(shown[name].tolist() for name in shown), strict=True))
 
 
-def perhaps_missing_of(judged: RankedLinks) -> tuple[ScoredPair, ...]:
-    """Return the best-scored triples outside the graph, equally many of each relation, without self edges."""
-    graph, pairs = judged.graph, []
+def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
+    """Return the best-scored triples outside the graph, equally many per relation, without self edges."""
+    graph, pairs = links.graph, []
     for relation, name in enumerate(RELATIONS):
-        scores = judged.table[relation].copy()
+        scores = links.table[relation].copy()
         if relation == COMBINES_WITH:
             scores = np.triu((scores + scores.T) / 2, k=1) + np.where(np.tri(len(scores), dtype=bool), -np.inf, 0)
         known = graph.triples[graph.triples[:, 1] == relation]
@@ -166,9 +166,9 @@ def perhaps_missing_of(judged: RankedLinks) -> tuple[ScoredPair, ...]:
     return tuple(pair for pair in pairs if np.isfinite(pair.score))
 
 
-def self_edges_of(judged: RankedLinks) -> SelfEdges:
-    """Return the share of entities with themselves as the best combinesWith answer, and the true share."""
-    graph, scores = judged.graph, judged.table[COMBINES_WITH]
+def self_edges_of(links: RankedLinks) -> SelfEdges:
+    """Return the share of entities with a self edge as the best combinesWith answer, and the true share."""
+    graph, scores = links.graph, links.table[COMBINES_WITH]
     symmetric = graph.triples[graph.triples[:, 1] == COMBINES_WITH]
     return SelfEdges(
         top_answer_is_itself=float(np.mean(scores.argmax(axis=1) == np.arange(len(scores)))),
@@ -176,15 +176,15 @@ def self_edges_of(judged: RankedLinks) -> SelfEdges:
     )
 
 
-def play_by_scores(judged: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players that use the scorer alone, on test tasks of depth 1 with 1 and 8 distractors."""
+def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
+    """Evaluate players that use the scorer alone, on depth 1 test tasks with 1 and 8 distractors."""
     try:
         players = {
-            **scorer_players(judged.graph, judged.scorer, judged.observed),
+            **scorer_players(links.graph, links.scorer, links.observed),
             "random": random_entity,
             "recipe oracle": recipe_oracle,
         }
-        return play_all(World(judged.opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)
+        return play_all(World(links.opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)
     except WordCraftKGError:
         # Without test tasks, with too few entities for distractors, or with a scorer that fails the checks.
         return ()

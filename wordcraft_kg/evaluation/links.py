@@ -1,4 +1,4 @@
-"""The figures of a link predictor: metrics, baselines, slices and checks."""
+"""Link predictor evaluation: metrics, baselines, slices and checks."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
@@ -45,19 +45,19 @@ from wordcraft_kg.models.scorers.ranking import (
 )
 
 _Slices = dict[str, RankingMetrics]
-"""Metrics of all queries, of each relation, and of each relation and side."""
+"""Metrics for all queries, for each relation, and for each relation and side."""
 
 
-class JudgedModel(Record):
-    """The model; a model of the full graph has seen the evaluation triples."""
+class EvaluatedModel(Record):
+    """The model; a model trained on the full graph has seen the evaluation triples."""
 
     name: str
     kg: TrainedOn
     has_seen_the_test_recipes: bool
 
 
-class JudgedGraph(Record):
-    """The graph and its size."""
+class EvaluatedGraph(Record):
+    """The graph with its size."""
 
     name: str
     hash: Hash
@@ -83,14 +83,14 @@ class Ties(Record):
     raw_rank: RankingMetrics
 
 
-class Memory(Record):
-    """MRR of train triples with and without them in training.
+class InSample(Record):
+    """MRR on train triples with and without these triples in training.
 
     Attributes:
-        folds: fold count of the train recipes.
-        queries: number of queries for train triples without a recipe outside their fold.
-        in_sample_mrr: MRR of the model of all train recipes.
-        left_out_mrr: MRR of the models without the fold: a forecast of ``test_mrr``.
+        folds: fold count for the train recipes.
+        queries: number of queries for train triples that no recipe outside their fold gives.
+        in_sample_mrr: MRR with the model trained on all train recipes.
+        left_out_mrr: MRR with the models trained without the fold: a forecast for ``test_mrr``.
     """
 
     folds: Count
@@ -104,23 +104,23 @@ class LinkView(Record):
     """The link-prediction report (``report.json``).
 
     Attributes:
-        queries: number of queries, two for each of ``triples``.
-        sampled_from: count of all triples if a uniform sample is ranked, else None.
-        without_pairs: whether the graph is too large for the scores of all pairs; dependent parts are empty or None.
-        leaked_left_out: number of triples of the test recipes that are also in training.
+        queries: number of queries, two per ranked triple (``triples``).
+        sampled_from: number of all triples if a uniform sample is ranked, else None.
+        without_pairs: whether the graph is too large for all pair scores; dependent parts are empty or None.
+        leaked_left_out: number of test recipe triples that are also in training.
         metrics: filtered metrics with realistic ties.
-        memory: of a cross-fitted model, like ``probabilities``, else None or empty.
+        in_sample: for a cross-fitted model, like ``probabilities``, else None or empty.
         with_leaked: metrics with the leaked triples.
         comparisons: the model against each baseline, the best baseline first.
         perhaps_missing: the best-scored triples outside the graph.
         kg_play: success of players that use the scorer alone.
-        trace: a row for each epoch of the training.
+        trace: a row per training epoch.
         provenance: facts about the training.
     """
 
     format: Literal["wordcraft-kg link report 1"]
-    model: JudgedModel
-    graph: JudgedGraph
+    model: EvaluatedModel
+    graph: EvaluatedGraph
     split: SplitSummary
     queries: Count
     triples: Count
@@ -131,7 +131,7 @@ class LinkView(Record):
     checks: Annotated[tuple[Check, ...], msgspec.Meta(min_length=2)]
     metrics: _Slices
     ties: Ties
-    memory: Memory | None
+    in_sample: InSample | None
     probabilities: tuple[Reliability, ...]
     with_leaked: RankingMetrics
     baselines: dict[str, _Slices]
@@ -170,55 +170,55 @@ class LinkSummary(Record):
 
 
 def view_links(
-    judged: RankedLinks,
+    links: RankedLinks,
     *,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
     trace: Sequence[TraceRow] = (),
     seed: int = 0,
 ) -> LinkView:
-    """Return all numbers of the report; ``seed`` is the bootstrap and player seed."""
-    graph, ranks = judged.graph, judged.ranks
-    split = split_summary(judged.opened.split)
+    """Return all numbers in the report; ``seed`` is the bootstrap and player seed."""
+    graph, ranks = links.graph, links.ranks
+    split = split_summary(links.opened.split)
 
     def measure(part: pd.DataFrame, mask: NDArray[np.bool_]) -> RankingMetrics:
-        return with_interval(part, judged.clusters[mask], seed=seed)
+        return with_interval(part, links.clusters[mask], seed=seed)
 
-    baselines = {name: _by_slice(found, measure) for name, found in judged.baseline_ranks.items()}
+    baselines = {name: _by_slice(ranks, measure) for name, ranks in links.baseline_ranks.items()}
     return LinkView(
         format="wordcraft-kg link report 1",
-        model=JudgedModel(name, judged.kg, judged.is_full),
-        graph=JudgedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes, len(graph.triples)),
+        model=EvaluatedModel(name, links.kg, links.is_full),
+        graph=EvaluatedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes, len(graph.triples)),
         split=split,
         queries=len(ranks),
-        triples=len(judged.queries),
-        sampled_from=judged.population if judged.population > len(judged.queries) else None,
-        without_pairs=not judged.has_table,
-        leaked_left_out=0 if judged.is_full else split.leaked_triples,
-        leakage=leakage(judged.opened.split),
-        checks=tuple(_checks(judged)),
+        triples=len(links.queries),
+        sampled_from=links.population if links.population > len(links.queries) else None,
+        without_pairs=not links.has_table,
+        leaked_left_out=0 if links.is_full else split.leaked_triples,
+        leakage=leakage(links.opened.split),
+        checks=tuple(_checks(links)),
         metrics=_by_slice(ranks, measure),
-        ties=_ties(judged),
-        memory=_memory(judged),
-        probabilities=_probabilities(judged),
-        with_leaked=_with_leaked(judged),
+        ties=_ties(links),
+        in_sample=_in_sample(links),
+        probabilities=_probabilities(links),
+        with_leaked=_with_leaked(links),
         baselines={**baselines, "random": _by_slice(ranks, lambda part, _: random_metrics(part))},
-        comparisons=comparisons_of(judged, seed),
+        comparisons=comparisons_of(links, seed),
         near_synonym_cosine=NEAR_SYNONYM,
-        drill_down=drill_down_of(judged, seed),
+        drill_down=drill_down_of(links, seed),
         calibration=calibration(ranks),
-        best=listed_triples(judged, ascending=True),
-        worst=listed_triples(judged, ascending=False),
-        perhaps_missing=perhaps_missing_of(judged) if judged.has_table else (),
-        self_edges=self_edges_of(judged) if judged.has_table else None,
-        kg_play=play_by_scores(judged, seed) if judged.has_table else (),
+        best=listed_triples(links, ascending=True),
+        worst=listed_triples(links, ascending=False),
+        perhaps_missing=perhaps_missing_of(links) if links.has_table else (),
+        self_edges=self_edges_of(links) if links.has_table else None,
+        kg_play=play_by_scores(links, seed) if links.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),
     )
 
 
 def summarise_links(view: LinkView, report: str) -> LinkSummary:
-    """Return a view headline and its report path."""
+    """Return a view's headline and its report path."""
     slices = ("all", *RELATIONS)
     metrics = {name: view.metrics[name] for name in slices}
     by_slice: dict[str, Any] = {
@@ -242,26 +242,23 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
     )
 
 
-def _checks(judged: RankedLinks) -> Iterator[Check]:
-    """Yield the checks, without leak checks for a model of the full graph."""
-    graph = judged.graph
+def _checks(links: RankedLinks) -> Iterator[Check]:
+    """Yield the checks, without leak checks for a model trained on the full graph."""
+    graph = links.graph
     yield Check(
-        "graph", "the model was trained on the graph that is evaluated", judged.scorer.graph_hash == graph.hash, ""
+        "graph", "the model was trained on the graph that is evaluated", links.scorer.graph_hash == graph.hash, ""
     )
-    if judged.kg != "none":  # coverage of an untrained model is undefined
-        uncovered = np.setdiff1d(
-            np.arange(graph.num_entities) if not judged.is_full else [], judged.train_sample.recipes
-        )
+    if links.kg != "none":  # an untrained model has no coverage
+        uncovered = np.setdiff1d(np.arange(graph.num_entities) if not links.is_full else [], links.train_sample.recipes)
         listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
         covered = not len(uncovered)
         yield Check("coverage", "every entity occurs in training", covered, "all do" if covered else listed)
-    if judged.is_full:
+    if links.is_full:
         return
-    test = judged.queries
+    test = links.queries
     symmetric = test[test[:, 1] == COMBINES_WITH]
     in_train, mirrored = (
-        int(np.sum(is_in(triples, judged.trained_on, graph.num_entities)))
-        for triples in (test, symmetric[:, [2, 1, 0]])
+        int(np.sum(is_in(triples, links.trained_on, graph.num_entities))) for triples in (test, symmetric[:, [2, 1, 0]])
     )
     no_leak = "no evaluated triple is in the training triples"
     yield Check("leak", no_leak, not in_train, f"{in_train} found")
@@ -269,9 +266,9 @@ def _checks(judged: RankedLinks) -> Iterator[Check]:
     yield Check("mirror", no_mirror, not mirrored, f"{mirrored} found")
 
 
-def _ties(judged: RankedLinks) -> Ties:
-    unfiltered = judged.ranks.assign(candidates=judged.graph.num_entities)
-    optimistic, pessimistic = (ranking_metrics(judged.ranks, ties) for ties in ("optimistic", "pessimistic"))
+def _ties(links: RankedLinks) -> Ties:
+    unfiltered = links.ranks.assign(candidates=links.graph.num_entities)
+    optimistic, pessimistic = (ranking_metrics(links.ranks, ties) for ties in ("optimistic", "pessimistic"))
     return Ties(optimistic, pessimistic, ranking_metrics(unfiltered, "raw_rank"))
 
 
@@ -279,31 +276,31 @@ def _by_slice(ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.b
     return {name: measure(ranks[mask], mask) for name, mask in slice_masks(ranks).items()}
 
 
-def _with_leaked(judged: RankedLinks) -> RankingMetrics:
-    """Return the metrics of all triples of the test recipes, leaked triples included."""
-    if judged.is_full:
-        return ranking_metrics(judged.ranks)
-    split, size = judged.opened.split, judged.graph.num_entities
+def _with_leaked(links: RankedLinks) -> RankingMetrics:
+    """Return metrics for all triples of the test recipes, leaked triples included."""
+    if links.is_full:
+        return ranking_metrics(links.ranks)
+    split, size = links.opened.split, links.graph.num_entities
     everything = split.triples_of("test")
     leaked = everything[~is_in(everything, split.held_out("test"), size)]
-    # Equal shares of leaked and other triples make a uniform sample.
-    leaked = sampled(leaked, round(len(leaked) * len(judged.queries) / judged.population))
-    ranks = rank_triples(judged.scorer, leaked, judged.graph.triples)
-    return ranking_metrics(pd.concat([judged.ranks, ranks], ignore_index=True) if len(ranks) else judged.ranks)
+    # Sampling leaked and unseen triples in equal shares makes a uniform sample.
+    leaked = sampled(leaked, round(len(leaked) * len(links.queries) / links.population))
+    ranks = rank_triples(links.scorer, leaked, links.graph.triples)
+    return ranking_metrics(pd.concat([links.ranks, ranks], ignore_index=True) if len(ranks) else links.ranks)
 
 
-def _probabilities(judged: RankedLinks) -> tuple[Reliability, ...]:
-    folds = folds_of(judged.scorer)
-    if judged.is_full or not judged.has_table or folds is None:
+def _probabilities(links: RankedLinks) -> tuple[Reliability, ...]:
+    folds = folds_of(links.scorer)
+    if links.is_full or not links.has_table or folds is None:
         return ()
-    return view_probabilities(folds, judged.graph, judged.trained_on)
+    return view_probabilities(folds, links.graph, links.trained_on)
 
 
-def _memory(judged: RankedLinks) -> Memory | None:
-    folds, test_mrr = folds_of(judged.scorer), ranking_metrics(judged.ranks).mrr
-    if judged.is_full or folds is None:
+def _in_sample(links: RankedLinks) -> InSample | None:
+    folds, test_mrr = folds_of(links.scorer), ranking_metrics(links.ranks).mrr
+    if links.is_full or folds is None:
         return None
     record = folds.record
     if record.mrr is None or record.in_sample_mrr is None or test_mrr is None:
         return None
-    return Memory(record.count, record.queries, record.in_sample_mrr, record.mrr, test_mrr)
+    return InSample(record.count, record.queries, record.in_sample_mrr, record.mrr, test_mrr)

@@ -1,4 +1,4 @@
-"""Success of an agent or of scripted players on all tasks of a part, and explained episodes."""
+"""Success of an agent or of scripted players on all tasks of a split part, and explained episodes."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -23,9 +23,9 @@ class AgentEvaluation(Record):
     """Success of a run's agent, or of another player on the same tasks.
 
     Attributes:
-        checkpoint: checkpoint of the trained agent; None for other players.
-        scores: origin of the scores of a scorer alone; None for other players.
-        success: by distractor count, like ``outcomes``, the ending shares.
+        checkpoint: the trained agent's checkpoint; None for other players.
+        scores: origin of the scores for a scorer alone; None for other players.
+        success: by distractor count, like ``outcomes`` (shares of termination reasons).
     """
 
     run: str
@@ -39,7 +39,7 @@ class AgentEvaluation(Record):
 
 
 class Explanation(Record):
-    """Episodes of a run's agent, with the logits of each pick."""
+    """Episodes of a run's agent, with the logits for each action."""
 
     run: str
     checkpoint: str
@@ -53,7 +53,7 @@ def view_evaluation(
     """Evaluate the player called ``agent``, see :func:`~wordcraft_kg.agents.evaluation.player_of`, on a run's tasks."""
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
     world = World(trained.opened, tasks.environment(part, distractors[0]))
-    found = {
+    results = {
         str(amount): Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)(player)
         for amount in distractors
     }
@@ -65,18 +65,18 @@ def view_evaluation(
         scores=scores,
         part=part,
         depth=tasks.depth,
-        success={amount: result.figures() for amount, result in found.items()},
-        outcomes={amount: result.shares() for amount, result in found.items()},
+        success={amount: result.figures() for amount, result in results.items()},
+        outcomes={amount: result.shares() for amount, result in results.items()},
     )
 
 
 def view_explanation(
     run: Path, agent: OpenedAgent, part: TaskPart, distractors: int | None, goal: str | None, episodes: int
 ) -> Explanation:
-    """Explain episodes of an agent, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
+    """Explain an agent's episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
-    found = explain_episodes(agent.policy, world, goal=goal, episodes=episodes)
-    return Explanation(str(run), agent.checkpoint, part, found)
+    explained = explain_episodes(agent.policy, world, goal=goal, episodes=episodes)
+    return Explanation(str(run), agent.checkpoint, part, explained)
 
 
 class Baselines(Record):
@@ -108,16 +108,16 @@ def view_baselines(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> Baselines:
-    """Evaluate scripted players, and players of a model if given.
+    """Evaluate scripted players, and a model's players if given.
 
     Args:
         opened: graph and split.
-        graph: name of the graph from the user.
-        config: part and depth of the tasks.
+        graph: the user's name for the graph.
+        config: task part and depth.
         distractors: distractor counts.
         model: name and link predictor.
-        distractor_seeds: distractor draws per task.
-        seed: seed of the draws and of ties.
+        distractor_seeds: distractor seeds per task.
+        seed: seed for distractors and ties.
         progress: see :func:`~wordcraft_kg.agents.players.play_all`.
     """
     players = knowledge_players(opened.split)

@@ -1,4 +1,4 @@
-"""Calibration of the probabilities of a cross-fitted scorer on recipes outside train."""
+"""Calibration of a cross-fitted scorer's probabilities on recipes outside train."""
 
 from typing import Literal
 
@@ -14,9 +14,9 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 
 _BINS = 8
-"""Most points of a curve."""
+"""Most points in a curve."""
 _LEAST = 5.0
-"""Least expected number of true triples of a point, if possible."""
+"""Least expected number of true triples per point, if possible."""
 
 
 class ReliabilityBin(Record):
@@ -30,15 +30,15 @@ class ReliabilityBin(Record):
 
 
 class Reliability(Record):
-    """Predicted against observed triples of a relation outside training; combinesWith counts one direction.
+    """Predicted against observed triples in a relation outside training; combinesWith counts one direction.
 
     Attributes:
-        pairs: of different entities, or of an entity with itself.
+        pairs: different entities, or an entity with itself.
         expected: expected number of true triples.
         observed: number of true triples, from recipes outside train.
         base_rate: probability without scores.
         ece: expected calibration error over ``bins``.
-        log_loss: mean of ``-log P(truth)``, nats; ``base_log_loss`` for the base rate.
+        log_loss: mean ``-log P(truth)``, nats; ``base_log_loss`` for the base rate.
         reason: reason for a constant base rate, or empty.
         bins: by probability, with about equal expected numbers of true triples.
     """

@@ -1,4 +1,4 @@
-"""The ranking of evaluation triples by a link predictor."""
+"""Evaluation triples ranked by a link predictor."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,17 +21,17 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, recipe_clusters, sampled
 
 MAP_LIMIT = 3_000
-"""Most entities for which the scores of all pairs are used, as by the neighbour baseline."""
+"""Most entities for which all pair scores are used, as in the neighbour baseline."""
 
 
 @dataclass(frozen=True)
 class RankedLinks:
-    """A ranking of evaluation triples.
+    """Ranked evaluation triples.
 
     Attributes:
         kg: training graph.
-        population: count of all evaluation triples.
-        queries: ranked triples, shape (T, 3): all of them, or a uniform sample.
+        population: number of all evaluation triples.
+        queries: ranked triples, shape (T, 3): all triples, or a uniform sample.
         ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
         train_sample: training recipes.
     """
@@ -46,7 +46,7 @@ class RankedLinks:
 
     @property
     def graph(self) -> RecipeGraph:
-        """The graph whose triples are ranked."""
+        """The graph with the ranked triples."""
         return self.opened.graph
 
     @property
@@ -61,30 +61,30 @@ class RankedLinks:
 
     @property
     def observed(self) -> Ids:
-        """Triples that the scorer takes as true, shape (T, 3): of its training, or elicited."""
+        """Triples that the scorer takes as true, shape (T, 3): its training triples, or elicited triples."""
         observed: Ids | None = getattr(self.scorer, "observed", None)
         return self.trained_on if observed is None else observed
 
     @property
     def has_table(self) -> bool:
-        """Whether the graph is small enough for the scores of all pairs."""
+        """Whether the graph is small enough for all pair scores."""
         return self.graph.num_entities <= MAP_LIMIT
 
     @cached_property
     def table(self) -> NDArray[np.float32]:
-        """Scores of all pairs, shape (2, E, E), by relation, head and tail."""
+        """All pair scores, shape (2, E, E), by relation, head and tail."""
         return torch.stack([self.scorer.table(relation) for relation in range(len(RELATIONS))]).cpu().numpy()
 
     @cached_property
     def clusters(self) -> Ids:
-        """Resampling unit of each query, its pair of ingredients; shape (2 T,)."""
+        """Each query's resampling unit, an ingredient pair; shape (2 T,)."""
         split = self.opened.split
         sources = np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
         return np.tile(recipe_clusters(self.graph, sources, self.queries), 2)
 
     @cached_property
     def baseline_ranks(self) -> dict[str, pd.DataFrame]:
-        """Rankings by baselines of the same training triples, by name; train recipes for an untrained scorer."""
+        """Baseline ranks with the same training triples, by name; an untrained scorer's baselines use train recipes."""
         known = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
         if self.has_table:
@@ -94,7 +94,7 @@ class RankedLinks:
 
     @property
     def labelled_ranks(self) -> pd.DataFrame:
-        """``ranks`` with labels instead of ids."""
+        """``ranks`` with labels in place of ids."""
         return labelled(self.graph, self.ranks)
 
 
@@ -107,18 +107,18 @@ def rank_links(
     max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> RankedLinks:
-    """Rank the evaluation triples of a scorer.
+    """Rank a scorer's evaluation triples.
 
-    Evaluation triples of the partial graph are the test triples outside training; of the full graph all triples, which
+    With the partial graph, the test triples outside training are evaluated; with the full graph all triples, which
     measures memory and is marked as such.
 
     Args:
-        scorer: a scorer of the graph.
+        scorer: a scorer for the graph.
         opened: graph and split.
         kg: training graph.
-        train_sample: training recipes; None takes all recipes of ``kg``. They change neither triples nor filter.
-        max_queries: most queries to rank, two for each triple of a uniform sample; 0 ranks all.
-        seed: seed of the sample.
+        train_sample: training recipes; None takes all ``kg`` recipes. Triples and filter do not depend on the sample.
+        max_queries: most queries to rank, two per triple in a uniform sample; 0 ranks all.
+        seed: sample seed.
 
     Raises:
         ConfigError: if ``max_queries`` is too small for a meaningful figure.
@@ -134,16 +134,16 @@ def rank_links(
     return RankedLinks(scorer, opened, kg, len(everything), queries, ranks, train_sample or opened.train_sample(kg))
 
 
-def _too_few(found: int, opened: OpenedGraph, kg: TrainedOn) -> str:
+def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
     needed = f"a meaningful figure needs at least {MIN_TRIPLES}."
     if kg == "full":
-        return f"only {found} triples in the whole graph; {needed} Use a recipe book with more recipes."
+        return f"only {count} triples in the whole graph; {needed} Use a recipe book with more recipes."
     ratio = "such as 0.7" if opened.split.config.train_ratio > 0.7 else "or use a recipe book with more recipes"
-    return f"only {found} unseen test triples; {needed} Build the graph with a smaller `train_ratio`, {ratio}."
+    return f"only {count} unseen test triples; {needed} Build the graph with a smaller `train_ratio`, {ratio}."
 
 
 def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
-    """Return a ranking with labels instead of ids."""
+    """Return a ranking with labels in place of ids."""
     names = np.array(graph.entities, dtype=object)
     frame = ranks.copy()
     for column in ("head", "tail", "top"):

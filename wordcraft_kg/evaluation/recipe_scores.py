@@ -1,4 +1,4 @@
-"""Scores of recipes: results of a pair, partners of an ingredient, and the supporting train recipes."""
+"""Recipe scores: results for a pair, partners for an ingredient, and supporting train recipes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,19 +20,19 @@ from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 _Key = tuple[int, int, int]
 _SUPPORT = 3
-"""Supporting recipes of each recipe."""
+"""Supporting recipes per recipe."""
 _LEAST_SHARE = 0.01
-"""Least share of the shown evidence."""
+"""Smallest share that shown evidence may have."""
 
 
 class ScoredRecipe(Record):
-    """The score of a recipe, higher for a more plausible recipe.
+    """A recipe's score, higher for a more plausible recipe.
 
     Attributes:
         known: recipe part, or ``new``; None without the graph.
-        memory: whether the scorer was trained on the recipe.
+        in_sample: whether the scorer was trained on the recipe.
         because: supporting recipes by descending weight.
-        probability: calibrated probability of this result of the pair, or None.
+        probability: calibrated probability that the pair has this result, or None.
     """
 
     ingredient_a: str
@@ -40,13 +40,13 @@ class ScoredRecipe(Record):
     result: str
     score: float
     known: Known | None
-    memory: bool
+    in_sample: bool
     because: tuple[Witness, ...]
     probability: Share | None
 
 
 class RankedRecipe(ScoredRecipe):
-    """The score of a recipe, and its unfiltered rank for each slot."""
+    """A recipe's score, and its unfiltered rank for each slot."""
 
     rank_as_result: Count
     rank_as_ingredient_a: Count
@@ -55,7 +55,7 @@ class RankedRecipe(ScoredRecipe):
 
 
 class OpenRecipe(Record):
-    """The best entities for the open slot of a recipe, given as None."""
+    """The best entities for a recipe's open slot, given as None."""
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -65,7 +65,7 @@ class OpenRecipe(Record):
 
 
 class ScoredRecipeRow(Record):
-    """A score file row; ``rank`` is the rank in the list of an open slot, or None."""
+    """A row in a score file; ``rank`` is the rank in an open slot's list, or None."""
 
     line: int
     ingredient_a: str
@@ -74,18 +74,18 @@ class ScoredRecipeRow(Record):
     score: float
     rank: int | None
     known: Known | None
-    memory: bool
+    in_sample: bool
 
 
 @dataclass(frozen=True)
 class RecipeScoring:
-    """A scorer of recipes and the recipes of the book.
+    """A recipe scorer and the book's recipes.
 
     Attributes:
         model: the opened model.
-        scorer: the recipe scorer; of a cross-fitted model the scorer of all train recipes.
+        scorer: the recipe scorer; for a cross-fitted model, the scorer trained on all train recipes.
         parts: part by recipe; empty without the graph.
-        seen: training recipes of the scorer.
+        seen: the scorer's training recipes.
     """
 
     model: ScoringModel
@@ -95,12 +95,12 @@ class RecipeScoring:
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
-        """Return the recipe scorer of a model; ConfigError for a model of links."""
+        """Return a model's recipe scorer; ConfigError for a link model."""
         scorer, split = whole_of(model.scorer), model.split
         if not isinstance(scorer, RecipeScores):
             raise ConfigError(
-                f"{model.scorer.name} scores links, not recipes. Ask it for a link, such as flour combinesWith water, "
-                "or train a scorer of recipes with `wordcraft-kg train-recipes`."
+                f"{model.scorer.name} scores links, not recipes. Give a link, such as flour combinesWith water, "
+                "or train a recipe scorer with `wordcraft-kg train-recipes`."
             )
         parts: dict[_Key, Known] = {}
         if split is not None:
@@ -109,7 +109,7 @@ class RecipeScoring:
         return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
 
     def rows(self, query: RecipeQuery) -> Ids:
-        """Return the recipes of a query, shape (n, 3): one, or one for each entity in the open slot."""
+        """Return a query's recipes, shape (n, 3): a single recipe, or a recipe for each entity in the open slot."""
         everything = np.arange(len(self.scorer.entities))
         ids = (everything if slot is None else [self.scorer.entities.index(slot)] for slot in query.slots)
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
@@ -119,15 +119,15 @@ class RecipeScoring:
         return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
 
     def known(self, rows: Ids) -> list[Known | None]:
-        """Return the part of each recipe, shape (n, 3)."""
+        """Return each recipe's part, shape (n, 3)."""
         return [self.parts.get(key, "new") if self.model.split is not None else None for key in _keys(rows)]
 
-    def memory(self, rows: Ids) -> list[bool]:
+    def in_sample(self, rows: Ids) -> list[bool]:
         """Return whether the scorer was trained on each recipe."""
         return [key in self.seen for key in _keys(rows)]
 
     def best(self, query: RecipeQuery, top: int, *, new_only: bool = False) -> tuple[Ids, list[float]]:
-        """Return recipes and scores of the best entities for an open slot, best first."""
+        """Return recipes and scores for the best entities in an open slot, best first."""
         rows = self.rows(query)
         scores = self.scores(rows)
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
@@ -137,10 +137,10 @@ class RecipeScoring:
 
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
         """Yield recipes with their parts and supporting recipes."""
-        for row, score, known, memory in zip(rows, scores, self.known(rows), self.memory(rows), strict=True):
+        for row, score, known, in_sample in zip(rows, scores, self.known(rows), self.in_sample(rows), strict=True):
             a, b, result = self.labels(row)
             because = tuple(self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT))
-            yield ScoredRecipe(a, b, result, score, known, memory, because, None)
+            yield ScoredRecipe(a, b, result, score, known, in_sample, because, None)
 
     def labels(self, row: Ids) -> tuple[str, str, str]:
         """Return recipe labels, shape (3,)."""
@@ -173,13 +173,15 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
 
 
 def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, new_only: bool = False) -> OpenRecipe:
-    """List the best entities for the open slot of a recipe."""
+    """List the best entities for a recipe's open slot."""
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
     folds = scoring.model.scorer.folds
     if query.result is None and folds is not None and folds.probabilities is not None:
         shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
-        best = tuple(msgspec.structs.replace(one, probability=share) for one, share in zip(best, shares, strict=True))
+        best = tuple(
+            msgspec.structs.replace(recipe, probability=share) for recipe, share in zip(best, shares, strict=True)
+        )
     return OpenRecipe(*query.slots, best, scoring.model.kg)
 
 
@@ -191,22 +193,24 @@ def score_recipe_queries(
     scores = iter(scoring.scores(np.concatenate(recipes)).tolist() if recipes else ())
     for query in queries:
         if query.is_open:
-            rows, found = scoring.best(query, top, new_only=new_only)
+            rows, values = scoring.best(query, top, new_only=new_only)
             ranks: Sequence[int | None] = range(1, len(rows) + 1)
         else:
-            rows, found, ranks = scoring.rows(query), [next(scores)], [None]
-        for row, score, rank, known, memory in zip(
-            rows, found, ranks, scoring.known(rows), scoring.memory(rows), strict=True
+            rows, values, ranks = scoring.rows(query), [next(scores)], [None]
+        for row, score, rank, known, in_sample in zip(
+            rows, values, ranks, scoring.known(rows), scoring.in_sample(rows), strict=True
         ):
             if not new_only or known == "new":
-                yield ScoredRecipeRow(query.line or 0, *scoring.labels(row), score, rank, known, memory)
+                yield ScoredRecipeRow(query.line or 0, *scoring.labels(row), score, rank, known, in_sample)
 
 
-def told(witnesses: Sequence[Witness]) -> Sequence[Witness]:
-    """Return supporting recipes without those of negligible share."""
-    return [one for one in witnesses if one.share >= _LEAST_SHARE] or witnesses[:1]
+def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
+    """Return supporting recipes, without negligible shares."""
+    return [witness for witness in witnesses if witness.share >= _LEAST_SHARE] or witnesses[:1]
 
 
 def because(witnesses: Sequence[Witness]) -> str:
     """Format supporting recipes with weights and shares, as ``river + wood -> driftwood 0.41 (80%)``."""
-    return ", ".join(f"{one.recipe} {one.weight:.2g} ({one.share:.0%})" for one in told(witnesses))
+    return ", ".join(
+        f"{witness.recipe} {witness.weight:.2g} ({witness.share:.0%})" for witness in main_support(witnesses)
+    )

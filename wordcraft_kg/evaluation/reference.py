@@ -1,4 +1,4 @@
-"""The reference pack: published figures of players and agents, of this package and of the literature."""
+"""The reference pack: published results for players and agents, from this package and from the literature."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
@@ -16,23 +16,23 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
 PACK = Path(__file__).parent / "references"
-"""Folder of the pack."""
+"""The pack's folder."""
 FORMAT = "wordcraft-kg references 1"
 Kind = Literal["chance", "knowledge graph", "oracle", "agent", "people", "language model", "other"]
 """Kind of a player."""
 Measure = Literal["success", "entities known", "new combinations"]
 """Share of solved tasks; entities known after n attempts; pairs with a new result in n attempts."""
-Origin = Literal["ours", "literature", "beside"]
+Origin = Literal["ours", "literature", "external"]
 """Measured by this package, taken from a publication, or given by the user."""
 Estimate = tuple[float, float | None, float | None]
-"""A value, and the ends of its interval."""
+"""A value with its interval bounds."""
 TRAINED_WITH = "trained with"
-"""Setting of an agent: number of distractors in training."""
+"""Agent setting: distractor count in training."""
 _DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}
 
 
 class PlayedGraph(Record, frozen=True):
-    """A graph and its split."""
+    """A graph with its split."""
 
     name: str
     hash: Hash
@@ -42,13 +42,13 @@ class PlayedGraph(Record, frozen=True):
 
     @classmethod
     def of(cls, opened: OpenedGraph) -> "PlayedGraph":
-        """Return the record of an opened graph."""
+        """Return the record for an opened graph."""
         graph, split = opened.graph, opened.split
         return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
 
 
 class TaskPlay(Record, frozen=True, tag="tasks"):
-    """Crafting tasks; other settings are the defaults of :class:`~wordcraft_kg.envs.config.WordCraftConfig`."""
+    """Crafting tasks; further settings are the defaults in :class:`~wordcraft_kg.envs.config.WordCraftConfig`."""
 
     part: TaskPart
     depth: Annotated[int, msgspec.Meta(ge=1)]
@@ -62,7 +62,7 @@ class OpenPlay(Record, frozen=True, tag="open-ended"):
 
 
 class Figure(Record, frozen=True, omit_defaults=True):
-    """A value, and the ends of its interval or None."""
+    """A value with its interval bounds, or None for both bounds."""
 
     value: float
     low: float | None = None
@@ -70,18 +70,18 @@ class Figure(Record, frozen=True, omit_defaults=True):
 
 
 class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """The figures of one player under one condition.
+    """One player's results under one condition.
 
     Attributes:
         figures: by distractor count (success) or attempt count (other measures).
-        source: command, publication, or folder or file of the user.
+        source: command, publication, or the user's folder or file.
         play: None in the literature.
         interval: interval kind; empty without intervals.
-        distractor_seeds: distractor draws per task.
+        distractor_seeds: distractor seeds per task.
         seeds: training count.
-        runs: run count of open-ended play.
+        runs: run count in open-ended play.
         settings: player settings by name.
-        environment: publication environment, and its differences to this package.
+        environment: publication environment, and how this package differs.
         year: publication year.
         notes: further remarks.
     """
@@ -105,12 +105,12 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     notes: str = ""
 
     def at(self, columns: Iterable[int]) -> "ReferenceRow":
-        """Return the row with the figures of these columns only; there may be none."""
+        """Return the row with the figures in these columns only, which may be none."""
         kept = {str(column): self.figures[str(column)] for column in columns if str(column) in self.figures}
         return msgspec.structs.replace(self, figures=kept)
 
     def shown(self, column: int) -> str:
-        """Format the figure of a column with its interval; empty without a figure."""
+        """Format a column's figure with its interval; empty without a figure."""
         figure = self.figures.get(str(column))
         if figure is None:
             return ""
@@ -124,19 +124,19 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def in_words(self) -> str:
-        """All figures with their conditions, for a table of other columns."""
+        """All figures with their conditions, for a table with other columns."""
         figures = {int(column): self.shown(int(column)) for column in self.figures}
         if self.measure == "success":
             return ", ".join(f"{shown} with {counted(column, 'distractor')}" for column, shown in figures.items())
         return ", ".join(f"{shown} {self.measure} after {counted(at, 'attempt')}" for at, shown in figures.items())
 
     def fits(self, measure: Measure) -> bool:
-        """Return whether a table of this measure has columns for the figures; success in the literature has none."""
+        """Return whether a table for this measure has columns for the figures; success in the literature has none."""
         return self.measure == measure and (self.origin != "literature" or measure != "success")
 
     @property
     def remark(self) -> str:
-        """Training of an agent, number of people, and notes, for rows of this package and the user."""
+        """Agent training, number of people, and notes, for rows from this package and the user."""
         settings = dict(self.settings)
         steps, trained_with = settings.pop("steps", ""), settings.pop(TRAINED_WITH, "")
         parts = [
@@ -151,13 +151,13 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def reference(self) -> str:
-        """Source, environment and notes of a publication."""
+        """A publication's source, environment and notes."""
         environment = f"{self.environment[:1].upper()}{self.environment[1:]}"
         return ". ".join(part for part in (self.source, environment, self.notes) if part)
 
 
 class ReferencePack(Record, frozen=True, omit_defaults=True):
-    """A file of the pack: rows of a graph and split, with package versions, or of the literature (no graph)."""
+    """A pack file: rows for a graph and split, with package versions, or rows from the literature (no graph)."""
 
     format: Literal["wordcraft-kg references 1"]
     title: str
@@ -166,7 +166,7 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
     versions: dict[str, str] = msgspec.field(default_factory=dict)
 
     def rows_of(self, play: TaskPlay | OpenPlay, columns: Iterable[int] | None = None) -> tuple[ReferenceRow, ...]:
-        """Return the rows of a condition, with the figures of ``columns`` only if given."""
+        """Return a condition's rows, with the figures in ``columns`` only if given."""
         rows = tuple(row for row in self.rows if row.play == play)
         if columns is None:
             return rows
@@ -175,7 +175,7 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
 
 
 def read_pack(path: Path) -> ReferencePack:
-    """Read a file of the pack; ArtefactError for a missing or damaged file or a contradictory row."""
+    """Read a pack file; ArtefactError for a missing or damaged file or a contradictory row."""
     pack = read_record(path, ReferencePack)
     for number, row in enumerate(pack.rows, 1):
         if wrong := _contradiction(pack, row):
@@ -184,18 +184,17 @@ def read_pack(path: Path) -> ReferencePack:
 
 
 def read_packs(folder: Path = PACK) -> tuple[ReferencePack, ...]:
-    """Read all files of a folder with :func:`read_pack`, in the order of names."""
+    """Read all files in a folder with :func:`read_pack`, in name order."""
     return tuple(read_pack(path) for path in sorted(folder.glob("*.json")))
 
 
 @cache
 def _packs() -> tuple[ReferencePack, ...]:
-    """Return the files of the package."""
     return read_packs()
 
 
 def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
-    """Return the pack of a graph and split (None: any split), or None."""
+    """Return the pack for a graph and split (None: any split), or None."""
     for pack in _packs():
         if pack.graph is not None and pack.graph.hash == graph and split in (None, pack.graph.split):
             return pack
@@ -203,12 +202,12 @@ def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
 
 
 def literature(measures: Sequence[Measure]) -> tuple[ReferenceRow, ...]:
-    """Return the rows of the literature with one of these measures."""
+    """Return the rows from the literature with one of these measures."""
     return tuple(row for pack in _packs() if pack.graph is None for row in pack.rows if row.measure in measures)
 
 
 def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
-    """Return the play of agents with these settings; None for rules other than those of the pack.
+    """Return the play for agents with these settings; None for rules that differ from the pack.
 
     Rewards and the distractor count may differ from the defaults.
     """
@@ -228,25 +227,25 @@ def figures_of(values: Mapping[int, Estimate]) -> dict[str, Figure]:
 
 
 def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
-    """Return the fault of a row, or an empty text."""
+    """Return a row's fault, or an empty text."""
     if pack.graph is None:
         if row.origin != "literature" or not row.environment or row.year is None:
-            return "is of no graph, so it has to be of the literature, with an 'environment' and a 'year'"
+            return "has no graph; expected a row from the literature with an 'environment' and a 'year'"
     elif row.origin != "ours" or row.play is None:
-        return "is of a graph, so it has to be ours, and to say what was played"
+        return "has a graph; expected origin 'ours' and the tasks in 'play'"
     elif (row.measure == "success") != isinstance(row.play, TaskPlay):
-        return f"has the measure '{row.measure}' of another kind of play"
-    return next(filter(None, (_fault(row, column, found) for column, found in row.figures.items())), "")
+        return f"has the measure '{row.measure}', which does not fit its play"
+    return next(filter(None, (_fault(row, column, figure) for column, figure in row.figures.items())), "")
 
 
-def _fault(row: ReferenceRow, column: str, found: Figure) -> str:
-    ends = [end for end in (found.low, found.high) if end is not None]
+def _fault(row: ReferenceRow, column: str, figure: Figure) -> str:
+    ends = [end for end in (figure.low, figure.high) if end is not None]
     if not (column.isascii() and column.isdigit()):
         return f"has the column '{column}', which is not a number"
     if len(ends) == 1 or ends != sorted(ends):
-        return f"has at {column} an interval without two ends in their order"
+        return f"has an interval without two ordered ends at {column}"
     if ends and not row.interval:
-        return f"does not say what the interval at {column} is"
-    if row.measure == "success" and not all(0 <= value <= 1 for value in (found.value, *ends)):
-        return f"has at {column} a success outside of 0 to 1"
+        return f"has no interval kind for the interval at {column}"
+    if row.measure == "success" and not all(0 <= value <= 1 for value in (figure.value, *ends)):
+        return f"has a success outside 0 to 1 at {column}"
     return ""

@@ -1,4 +1,4 @@
-"""Scores of triples, also of new words, and the best entities for an open slot."""
+"""Triple scores, also for new words, and the best entities for an open slot."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,15 +23,15 @@ from wordcraft_kg.models.scorers.queries import OPEN, Query, RecipeQuery
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 Known = Literal["train", "valid", "test", "new"]
-"""The part whose recipes give a triple (train before others), or ``new`` without such a recipe."""
+"""The part whose recipes give a triple (train first), or ``new`` without such a recipe."""
 
 
 class ScoredTriple(Record):
-    """The score of a triple, and its unfiltered ranks among all tails and all heads.
+    """A triple's score, and its unfiltered ranks among all tails and all heads.
 
     Attributes:
         known: see :data:`Known`; None without the graph.
-        probability: calibrated probability of a triple outside training, or None.
+        probability: calibrated probability for a triple outside training, or None.
         trained_on: ``full`` or ``partial`` recipes; None if not recorded.
         by_words: new entities, scored by their words alone.
     """
@@ -69,7 +69,7 @@ class OpenSlot(Record):
 
 
 class ScoredRow(Record):
-    """A score file row: query line, and rank in the list of an open slot (None for a triple)."""
+    """A row in a score file: query line, and rank in an open slot's list (None for a triple)."""
 
     line: int
     head: str
@@ -82,10 +82,10 @@ class ScoredRow(Record):
 
 
 class ScoredFile(Record, omit_defaults=True):
-    """The scores of a file of queries; ``rows`` is omitted if ``out`` is the file of the scores."""
+    """Scores for a query file; ``rows`` is omitted if ``out`` contains the scores."""
 
     queries: Count
-    found: Count
+    scored: Count
     trained_on: TrainedOn | None
     by_words: tuple[str, ...] = ()
     rows: tuple[Record, ...] = ()
@@ -94,12 +94,12 @@ class ScoredFile(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class ScoringModel:
-    """A scorer and, if its graph is available, the split of its recipes.
+    """A scorer and, if its graph is available, the recipe split.
 
     Attributes:
         kg: training recipes; None if not recorded.
-        missing: the reason of a missing graph.
-        by_words: new entities, the last entities of the scorer, see :func:`with_new_words`.
+        missing: why the graph is missing.
+        by_words: new entities, the scorer's last entities, see :func:`with_new_words`.
     """
 
     scorer: Scorer
@@ -124,7 +124,7 @@ class ScoringModel:
         return cls(model.scorer, model.opened.split, model.kg)
 
     def known(self, triples: Ids) -> list[Known | None]:
-        """Return :data:`Known` of each triple, shape (T, 3); None for each without the graph."""
+        """Return :data:`Known` for each triple, shape (T, 3), or None without the graph."""
         if self.split is None:
             return [None] * len(triples)
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
@@ -135,7 +135,7 @@ class ScoringModel:
         return [names[number] for number in part.tolist()]
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
-        """Return triple probabilities, shape (T, 3); None for triples of train recipes."""
+        """Return triple probabilities, shape (T, 3); None for train recipe triples."""
         folds = self.scorer.folds
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
@@ -185,7 +185,7 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
 
 
 def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: bool = False) -> OpenSlot:
-    """List the best entities for the open slot of a query."""
+    """List the best entities for a query's open slot."""
     best = tuple(model.answers(query, top, new_only=new_only))
     return OpenSlot(query.head, query.relation, query.tail, best, model.kg, model.by_words)
 
@@ -210,7 +210,7 @@ def score_queries(
 def _scores(
     model: ScoringModel, triples: Sequence[tuple[str, str, str]]
 ) -> list[tuple[float, Known | None, float | None]]:
-    """Return score, :data:`Known` and probability of each triple."""
+    """Return each triple's score, :data:`Known` and probability."""
     if not triples:
         return []
     head, relation, tail = zip(*triples, strict=True)
@@ -225,7 +225,7 @@ def _scores(
 def view_file(
     model: ScoringModel, queries: Sequence[Query | RecipeQuery], rows: Sequence[Record], out: Path | None = None
 ) -> ScoredFile:
-    """Return the scores of a file of queries, or the file ``out`` of the scores."""
+    """Return the scores for a query file, or the file ``out`` with the scores."""
     # Recipe scores always use words.
     by_words = model.by_words if any(isinstance(query, Query) for query in queries) else ()
     view = ScoredFile(len(queries), len(rows), model.kg, by_words, tuple(rows))
@@ -239,10 +239,10 @@ def _labels(query: Query) -> tuple[str, str, str]:
 
 
 class AnyLabel(Collection[str]):
-    """All labels except the symbols of an open slot: the entities of queries to a model that scores any words."""
+    """All labels except open slot symbols: the query entities for a model that scores any words."""
 
     def __init__(self, entities: Sequence[str]):
-        """Set the entities of the graph, which may include a symbol of an open slot."""
+        """Set the graph entities, which may include an open slot symbol."""
         self._entities = frozenset(entities)
 
     def __contains__(self, label: object) -> bool:
@@ -250,18 +250,18 @@ class AnyLabel(Collection[str]):
         return label in self._entities or label not in ("", *OPEN)
 
     def __iter__(self) -> Iterator[str]:
-        """Iterate over the entities of the graph."""
+        """Iterate over the graph entities."""
         return iter(self._entities)
 
     def __len__(self) -> int:
-        """Return the number of entities of the graph."""
+        """Return the number of graph entities."""
         return len(self._entities)
 
 
 def with_new_words(
     model: ScoringModel, folder: Path, queries: Sequence[Query | RecipeQuery], file: Path | None = None
 ) -> ScoringModel:
-    """Extend a model by the new entities of queries, described by their words.
+    """Extend a model by new entities in queries, described by their words.
 
     Args:
         model: the model.
@@ -271,7 +271,7 @@ def with_new_words(
 
     Raises:
         UnknownEntityError: if the model cannot score a new entity.
-        QueryFileError: the same with the line, for queries of a file.
+        QueryFileError: the same with the line, for queries from a file.
     """
     lines: dict[str, int | None] = {}
     known = frozenset(model.scorer.entities)
@@ -295,7 +295,7 @@ def _where(file: Path | None, line: int | None) -> str:
 
 
 _LISTED = 5
-"""Most entities of a note."""
+"""Most entities in a note."""
 
 
 def note_of_words(model: ScoringModel) -> list[str]:

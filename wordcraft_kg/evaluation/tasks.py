@@ -1,4 +1,4 @@
-"""Number and examples of a graph's tasks."""
+"""Task counts and example tasks for a graph."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ class ShownTask(Record):
 
 
 class TaskListing(Record):
-    """Tasks of a part.
+    """Tasks in a split part.
 
     Attributes:
         tasks: task count.
@@ -38,8 +38,8 @@ class TaskListing(Record):
 
 
 def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
-    """Count the tasks of an environment, with up to ``limit`` examples in random order."""
-    # Seeding only the first episode, as in training, keeps the distractors of tables different.
+    """Count an environment's tasks, with up to ``limit`` examples in random order."""
+    # Seeding only the first episode, as in training, gives different distractors to each table.
     env.reset(seed=seed)
     order = np.random.default_rng(seed).permutation(len(env.tasks))[:limit].tolist()
     return TaskListing(

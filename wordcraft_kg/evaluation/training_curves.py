@@ -1,4 +1,4 @@
-"""Training curves of one or several seeds: success, training figures and λ; also of unfinished runs."""
+"""Training curves for one or more seeds: success, training figures and λ; also from unfinished runs."""
 
 from collections.abc import Sequence
 from typing import Literal, get_args
@@ -11,7 +11,7 @@ from wordcraft_kg.base.statistics import stratified_bootstrap
 from wordcraft_kg.models.policies.sources import ALPHA, source_names
 
 _CURVE_POINTS = 100
-"""Approximate limit of points of a curve."""
+"""Approximate limit for points in a curve."""
 Figure = Literal["test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"]
 FIGURES: tuple[Figure, ...] = get_args(Figure)
 """Training figures shown for each seed."""
@@ -27,15 +27,15 @@ class CurvePoint(Record, array_like=True):
 
 
 class LambdaCurve(Record):
-    """Mean λ of a source in training as (step, λ), for the first or the second pick."""
+    """A source's mean λ in training as (step, λ), for the first or the second action."""
 
     source: str
-    pick: Literal["first", "second"]
+    action: Literal["first", "second"]
     points: tuple[tuple[int, float], ...]
 
 
 class SeedCurve(Record):
-    """A figure of a training as (step, value)."""
+    """A training figure as (step, value)."""
 
     seed: int
     points: tuple[tuple[int, float], ...]
@@ -60,16 +60,16 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
     curves = []
     actions: tuple[Literal["first", "second"], ...] = ("first", "second")
     for source in (ALPHA.name, *source_names()):
-        for pick in actions:
-            rows = _shared_rows(members, f"lambda_{source}_{pick}")
+        for action in actions:
+            rows = _shared_rows(members, f"lambda_{source}_{action}")
             points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // _CURVE_POINTS)]]
             if points:
-                curves.append(LambdaCurve(source, pick, tuple(points)))
+                curves.append(LambdaCurve(source, action, tuple(points)))
     return curves
 
 
 def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurve, ...]]:
-    """Return the logged figures of each training, in about :data:`_CURVE_POINTS` points.
+    """Return each training's logged figures, in about :data:`_CURVE_POINTS` points.
 
     Figures are means since the previous line; a line after a short interval is mostly noise and omitted.
     """

@@ -1,4 +1,4 @@
-"""Pictures of agents: curves of success, training figures and mixing weights, and bars of source contributions."""
+"""Agent pictures: success curves, training figures and mixing weights, and bars for source contributions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from markupsafe import Markup
 
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
-from wordcraft_kg.evaluation.recipe_scores import told
+from wordcraft_kg.evaluation.recipe_scores import main_support
 from wordcraft_kg.evaluation.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
 from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
 from wordcraft_kg.reports import charts
@@ -46,16 +46,16 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
     )
 
 
-def picture_of_lambdas(agent: str, found: Sequence[LambdaCurve]) -> Markup:
-    """Draw the mixing weights of an agent over training."""
+def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
+    """Draw an agent's mixing weights over training."""
     colours = source_colours()
-    curves = {f"{label_of(curve.source).coefficient} {curve.pick}": curve for curve in found}
+    curves = {f"{label_of(curve.source).coefficient} {curve.action}": curve for curve in lambdas}
     return charts.curves(
         {name: [(step, value, None, None) for step, value in curve.points] for name, curve in curves.items()},
         "environment steps",
         "mean mixing weight (λ) in the last batch",
         f"Mixing weights of {agent} over training",
-        dashed={name for name, curve in curves.items() if curve.pick == "second"},
+        dashed={name for name, curve in curves.items() if curve.action == "second"},
         colours={name: colours[curve.source] for name, curve in curves.items()},
     )
 
@@ -66,8 +66,8 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
     for figure, title in FIGURES.items():
         runs = {
             f"{agent}, seed {curve.seed}": (number, agent, curve)
-            for number, (agent, found) in enumerate(figures.items())
-            for curve in found.get(figure, ())
+            for number, (agent, by_figure) in enumerate(figures.items())
+            for curve in by_figure.get(figure, ())
         }
         if runs:
             picture = charts.curves(
@@ -77,7 +77,7 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
                 f"{title} over training, a curve for each seed".capitalize(),
                 percent=figure == "test_success",
                 colours={name: number for name, (number, _, _) in runs.items()},
-                # The curve of the first seed carries the name of the agent.
+                # The first seed's curve carries the agent's name.
                 labels={name: agent for agent, name in {run[1]: name for name, run in reversed(runs.items())}.items()},
             )
             pictures.append(picture)
@@ -85,12 +85,12 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
 
 
 def column_labels(step: ExplainedStep) -> list[Label]:
-    """Return the source labels of a step's score columns."""
+    """Return source labels for a step's score columns."""
     return [label_of(name) for name in step.slots[0].sources]
 
 
 def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
-    """Return the slots by descending logit, each with a bar of its contributions on a common scale."""
+    """Return the slots by descending logit, each with a bar for its contributions on a common scale."""
     scale = max(
         sum(abs(value) for value in slot.contributions.values() if (value > 0) is to_the_right)
         for slot in step.slots
@@ -100,11 +100,11 @@ def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
     return [(slot, charts.contribution_bar(slot.contributions, scale, source_colours())) for slot in by_logit]
 
 
-PICKS: dict[str, Any] = {
+ACTIONS: dict[str, Any] = {
     "colours": source_colours,
     "column_labels": column_labels,
     "label_of": label_of,
     "slot_rows": slot_rows,
-    "told": told,
+    "main_support": main_support,
 }
-"""Values of the template ``actions.html.j2``."""
+"""Values for the template ``actions.html.j2``."""

@@ -1,4 +1,4 @@
-"""The agent report: the view of one or several agents with its pictures."""
+"""The agent report: the view for one or more agents with its pictures."""
 
 import re
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from wordcraft_kg.evaluation.agents import AgentsView, Groups, view_agents
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_pictures import (
-    PICKS,
+    ACTIONS,
     picture_of_lambdas,
     picture_of_success,
     pictures_of_figures,
@@ -21,13 +21,13 @@ from wordcraft_kg.reports.agent_pictures import (
 from wordcraft_kg.reports.pages import Report
 
 _MIN_SEEDS = 5
-"""The page warns about seed noise below this number of seeds."""
+"""The page warns about seed noise below this seed count."""
 _SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
     "layer": ("By crafting layer", "crafting rounds to the goal"),
     "link_rank": ("By the rank of the recipe’s links", "rank of the worse part by the ingredient score (v)"),
 }
-"""Heading and x-axis of each picture."""
+"""Heading and x-axis for each picture."""
 
 
 def make_agent_report(
@@ -38,7 +38,7 @@ def make_agent_report(
     distractor_seeds: int = 5,
     episodes: int = 2,
 ) -> Report[AgentsView]:
-    """Evaluate agents on all tasks of a part, see :func:`~wordcraft_kg.evaluation.agents.view_agents`."""
+    """Evaluate agents on all tasks in a split part, see :func:`~wordcraft_kg.evaluation.agents.view_agents`."""
     view = view_agents(groups, part=part, distractors=distractors, distractor_seeds=distractor_seeds, episodes=episodes)
     return Report(
         view,
@@ -52,21 +52,21 @@ def make_agent_report(
             },
             "slices": _pictures_of_slices(view),
         },
-        shown={"min_seeds": _MIN_SEEDS, "colours": source_colours(), "picks": PICKS},
+        shown={"min_seeds": _MIN_SEEDS, "colours": source_colours(), "actions": ACTIONS},
     )
 
 
 def report_schema() -> dict[str, Any]:
-    """Return the JSON Schema of ``report.json``."""
+    """Return the JSON Schema for ``report.json``."""
     return schema_of(AgentsView, "urn:wordcraft-kg:agent-report:1", "wordcraft-kg agent report")
 
 
 def _success(view: AgentsView) -> Markup:
     headline = str(view.headline)
     rows: list[tuple[str, tuple[float, float | None, float | None]]] = [
-        (agent.name, (found.mean, *(found.seed_ci or found.task_ci)))
+        (agent.name, (success.mean, *(success.seed_ci or success.task_ci)))
         for agent in view.agents
-        if (found := agent.success.get(headline))
+        if (success := agent.success.get(headline))
     ]
     return charts.intervals(
         rows + [(player.name, (player.success[headline], None, None)) for player in view.baselines],

@@ -1,4 +1,4 @@
-"""The page of open-ended play: discovered entities of each player."""
+"""The page for open-ended play: entities that each player discovers."""
 
 from typing import TYPE_CHECKING
 

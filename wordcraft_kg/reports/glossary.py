@@ -1,4 +1,4 @@
-"""Definitions of the terms in reports and pages, for tooltips and ``docs/terms.md``."""
+"""Term definitions for reports and pages, shown in tooltips and ``docs/terms.md``."""
 
 from typing import Literal
 
@@ -288,7 +288,7 @@ GLOSSARY = {
 
 
 def find_term(key: str) -> Term:
-    """Return a term of the glossary or of a registered source.
+    """Return a term from the glossary or for a registered source.
 
     Raises:
         KeyError: if the key is unknown.

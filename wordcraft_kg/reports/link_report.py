@@ -1,4 +1,4 @@
-"""The link-prediction report: the view of a link predictor with its pictures."""
+"""The link-prediction report: a link predictor's view with its pictures."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,7 +29,7 @@ PLAYERS = {
     "random": "any slot at random",
     "recipe oracle": "recipe oracle",
 }
-"""Names of the players in words."""
+"""Player names in words."""
 
 
 def make_link_report(
@@ -44,35 +44,35 @@ def make_link_report(
     max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> Report[LinkView]:
-    """Evaluate a scorer on the links of a graph.
+    """Evaluate a scorer on a graph's links.
 
     Args:
-        scorer: a scorer of this graph.
+        scorer: a scorer for this graph.
         opened: graph and split.
         kg: training graph, see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
-        train_sample: training recipes of the scorer; None takes all recipes of ``kg``.
+        train_sample: the scorer's training recipes; None takes all ``kg`` recipes.
         name: scorer name in the report.
         provenance: facts for the last section.
         trace: a row for each epoch.
         max_queries: most queries to rank; 0 ranks all.
-        seed: seed of the query sample and the bootstrap.
+        seed: seed for the query sample and the bootstrap.
 
     Raises:
         SplitError: if fewer than 30 evaluation triples remain.
     """
-    judged = rank_links(scorer, opened, kg, train_sample=train_sample, max_queries=max_queries, seed=seed)
-    view = view_links(judged, name=name, provenance=provenance, trace=trace, seed=seed)
+    links = rank_links(scorer, opened, kg, train_sample=train_sample, max_queries=max_queries, seed=seed)
+    view = view_links(links, name=name, provenance=provenance, trace=trace, seed=seed)
     return Report(
         view,
         "link_report.html.j2",
         {**_pictures_of_ranks(view), **_pictures_of_probabilities(view), **_pictures_of_training(view)},
         shown={"relations": RELATIONS, "players": PLAYERS},
-        tables={"ranks.csv": judged.labelled_ranks},
+        tables={"ranks.csv": links.labelled_ranks},
     )
 
 
 def report_schema() -> dict[str, Any]:
-    """Return the JSON Schema of ``report.json``."""
+    """Return the JSON Schema for ``report.json``."""
     return schema_of(LinkView, "urn:wordcraft-kg:link-report:1", "wordcraft-kg link-prediction report")
 
 
@@ -81,7 +81,8 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
         return {}
     series = {
         f"{row.relation}{', itself' if row.pairs == 'itself' else ''}": [
-            (found.probability, found.observed, found.low, found.high, found.triples) for found in row.bins
+            (estimate.probability, estimate.observed, estimate.low, estimate.high, estimate.triples)
+            for estimate in row.bins
         ]
         for row in view.probabilities
         if not row.reason
@@ -94,7 +95,7 @@ def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
     compared += [(GLOSSARY[row.baseline].name, view.baselines[row.baseline]["all"]) for row in view.comparisons]
     return {
         "baselines": charts.intervals(
-            [(name, (found.mrr or 0.0, *(found.mrr_ci or (None, None)))) for name, found in compared],
+            [(name, (estimate.mrr or 0.0, *(estimate.mrr_ci or (None, None)))) for name, estimate in compared],
             "filtered MRR, with 95 % intervals",
             "Filtered MRR of the model and of each baseline",
             reference=view.metrics["all"].mrr,
@@ -118,7 +119,7 @@ def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
 
 
 def comparison_page(view: LinkComparison) -> str:
-    """Return the page of a comparison: a table of all models, their MRR, and differences to the first model."""
+    """Return a comparison page: a table with all models, their MRR, and differences to the first model."""
     mrr = charts.intervals(
         [(model.name, (model.mrr or 0.0, *(model.mrr_ci or (None, None)))) for model in view.models],
         "filtered MRR, 95 % over recipes",

@@ -1,4 +1,4 @@
-"""Pages from the package's templates, which need no network, and reports: a page with its numbers and tables."""
+"""Pages from the package's templates, readable offline, and reports: a page with its numbers and tables."""
 
 import base64
 import hashlib
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Outline:
-    """Headings (titles by anchor, in order) and glossary terms of a page, collected during rendering."""
+    """A page's headings (titles by anchor, in order) and glossary terms, collected during rendering."""
 
     def __init__(self) -> None:
         """Create an empty outline."""
@@ -33,7 +33,7 @@ class Outline:
         self.terms: dict[str, Term] = {}
 
     def heading(self, title: str, note: str = "") -> Markup:
-        """Return the heading of a section, with an anchor and an optional note."""
+        """Return a section heading, with an anchor and an optional note."""
         slug = anchor = re.sub(r"\W+", "-", title.lower()).strip("-") or "section"
         while anchor in self.headings:
             anchor += f"-{slug}"
@@ -56,10 +56,10 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
     """Render a page; labels are escaped, and a missing value is an error.
 
     Args:
-        template: file name of a template that extends ``page.html.j2``. In the template, ``heading(title)`` begins a
-            section and ``term(key)`` explains a term of :data:`~wordcraft_kg.reports.glossary.GLOSSARY`.
-        data: files of the same folder to link to.
-        values: values of the template.
+        template: template file that extends ``page.html.j2``. In the template, ``heading(title)`` begins a
+            section and ``term(key)`` explains a term in :data:`~wordcraft_kg.reports.glossary.GLOSSARY`.
+        data: files in the same folder to link to.
+        values: template values.
     """
     outline = Outline()
     shown = {"outline": outline, "heading": outline.heading, "term": outline.term, "data": data}
@@ -68,7 +68,7 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
 
 
 def chart_style() -> str:
-    """Return the CSS rules of charts, for figures in separate files."""
+    """Return the CSS rules for charts, for figures in separate files."""
     return resolved(_environment("").get_template("chart.css.j2").render())
 
 
@@ -92,7 +92,7 @@ def _environment(package: str) -> jinja2.Environment:
     script = (files("wordcraft_kg.reports") / "templates" / "page.js").read_text(encoding="utf-8")
     environment.globals |= {
         "script": Markup(script),
-        # The content security policy of the page admits this script only.
+        # The page's content security policy admits this script only.
         "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     }
     return environment
@@ -103,7 +103,7 @@ V = TypeVar("V", bound=Record)
 
 @dataclass(frozen=True)
 class Report(Generic[V]):
-    """A report: its numbers, and its pictures, other template values, tables and further files by name."""
+    """A report: numbers, pictures, further template values, tables and files by name."""
 
     view: V
     template: str
@@ -124,7 +124,7 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
     """Write ``index.html``, ``report.json``, the tables and further files into a folder.
 
     Raises:
-        ValueError: before anything is written, if a number of the view is not finite or out of bounds.
+        ValueError: before anything is written, if a number in the view is not finite or out of bounds.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     with staged_folder(out, force=force) as folder:

@@ -1,6 +1,6 @@
 """Claims about a study: a verdict by a rule, and its figures.
 
-With [l, h] the 95 % interval of the difference of the two sides, a claim of *more, by at least b* (default 0) is
+With [l, h] the 95 % interval for the difference between two sides, a claim of *more, by at least b* (default 0) is
 
 | verdict | if |
 |---|---|
@@ -10,14 +10,14 @@ With [l, h] the 95 % interval of the difference of the two sides, a claim of *mo
 | undecided | otherwise |
 
 For *less* all signs are reversed. *Comparable, closer than b* is reproduced if [l, h] lies within ±b, not reproduced if
-it lies beyond ±b, differs if it otherwise excludes 0, and else undecided. *Varies* is reproduced if one interval of the
-grid is above 0 and another below; with one sign everywhere, it differs if two intervals are disjoint and else is not
+it lies beyond ±b, differs if it otherwise excludes 0, and else undecided. *Varies* is reproduced if one grid interval
+is above 0 and another below; with one sign everywhere, it differs if two intervals are disjoint and else is not
 reproduced; it is not reproduced either if all intervals lie within ±.02, and else undecided. A claim without runs is
 *not run*.
 
-Intervals of success are over seeds and tasks (:func:`~wordcraft_kg.base.statistics.crossed_bootstrap`). Intervals of
+Intervals for success are over seeds and tasks (:func:`~wordcraft_kg.base.statistics.crossed_bootstrap`). Intervals for
 figures per run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Differences are paired by seed,
-task and table. There is no correction for the number of claims.
+task and table. Verdicts are not corrected for multiple claims.
 """
 
 from collections.abc import Iterable, Sequence
@@ -36,11 +36,11 @@ from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_
 
 Verdict = Literal["reproduced", "differs", "not reproduced", "undecided", "not run"]
 _SAME = 0.02
-"""Smallest relevant difference of success: half the width of a usual interval over tasks."""
+"""Smallest relevant success difference: half the width of a usual interval over tasks."""
 _EARLY = 0.1
-"""Share of the steps of an early success."""
+"""Share of the steps after which early success is measured."""
 _REACHED = 0.95
-"""Share of the last point of a curve that counts as reached; the last percents are noise."""
+"""Share of a curve's last point that counts as reached; the last percents are noise."""
 
 _MEASURES = {
     "success": "",
@@ -51,13 +51,13 @@ _MEASURES = {
 
 
 class Measured(Record, frozen=True):
-    """The two sides of a claim at a grid point.
+    """A claim's two sides at a grid point.
 
     Attributes:
-        left: mean of the left side over seeds.
-        right: mean of the right side, or the value of the claim.
-        low: lower end of the 95 % interval of the difference; None for a single seed.
-        seeds: number of seeds of both sides.
+        left: the left side's mean over seeds.
+        right: the right side's mean, or the claim's value.
+        low: lower end of the difference's 95 % interval; None for a single seed.
+        seeds: number of seeds on both sides.
         tasks: test task count; 0 for a figure per run.
     """
 
@@ -71,14 +71,14 @@ class Measured(Record, frozen=True):
     tasks: Count
 
 
-class Judged(Record, frozen=True):
+class ClaimVerdict(Record, frozen=True):
     """A claim with its verdict.
 
     Attributes:
-        sides: names of the two sides; the right side may be a value (``is_value``).
-        verdict: by the rule of this module, with its reason in ``why``.
+        sides: names on both sides; the right side may be a value (``is_value``).
+        verdict: by this module's rule, with its reason in ``why``.
         note: the known reason for a deviation from the claim.
-        measured: figures at the point of the claim; a claim about variation has several points.
+        measured: figures at the claim's point; a claim about variation has several points.
     """
 
     text: str
@@ -94,14 +94,14 @@ class Judged(Record, frozen=True):
     measured: tuple[Measured, ...]
 
 
-def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) -> tuple[Judged, ...]:
-    """Compare claims (default: the claims of the study) with results; a claim has an entry for each of its points."""
+def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) -> tuple[ClaimVerdict, ...]:
+    """Compare claims (default: the study's claims) with results; a claim has an entry for each grid point."""
     given = results.study.claims if claims is None else claims
-    return tuple(entry for claim in given for entry in judge(results, claim))
+    return tuple(entry for claim in given for entry in check_claim(results, claim))
 
 
-def judge(results: StudyResults, claim: Claim) -> list[Judged]:
-    """Compare a claim with results, at each grid point that it is about."""
+def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
+    """Compare a claim with results, at each of its grid points."""
     figures: list[Measured] = []
     lacking: list[str] = []
     for point in points_at(results.study, claim.at):
@@ -113,18 +113,18 @@ def judge(results: StudyResults, claim: Claim) -> list[Judged]:
         groups = [tuple(figures)] if len(figures) > 1 else []
     else:
         groups = [(measured,) for measured in figures]
-    entries = [_judged(claim, *_rule(claim, group), group) for group in groups]
+    entries = [_verdict(claim, *_rule(claim, group), group) for group in groups]
     if not groups and not lacking:
-        lacking = ["the study was run without such points"]
-    return entries + [_judged(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
+        lacking = ["the study has no results at such points"]
+    return entries + [_verdict(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
 
 
-def _judged(claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]) -> Judged:
+def _verdict(claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]) -> ClaimVerdict:
     note = claim.note if verdict in ("differs", "not reproduced") else ""
     right = claim.right if claim.than is None else f"{claim.than:g}"
     if claim.right_at:
         right += f" with {_point(claim.right_at)}"
-    return Judged(
+    return ClaimVerdict(
         text=claim.text,
         source=claim.source,
         sides=(claim.left, right),
@@ -162,9 +162,9 @@ def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
 def _check_runs(results: StudyResults, claim: Claim, point: Values, runs: Sequence[RunResult]) -> None:
     names = f"'{claim.left}' and '{claim.right}'"
     if not runs:
-        raise ConfigError(f"no seed of {names} together, {_point(point)}")
+        raise ConfigError(f"no common seed for {names}, {_point(point)}")
     if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
-        raise ConfigError(f"no learning curves of {names}")
+        raise ConfigError(f"no learning curves for {names}")
     if claim.measure == "success" and len({_tasks(results, run) for run in runs}) > 1:
         raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
 
@@ -175,16 +175,16 @@ def _tasks(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
-    """Return variant runs by seed, or raise with the first known reason of a missing run."""
+    """Return variant runs by seed, or raise with the first known reason for a missing run."""
     runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
     if not runs:
         reasons = [lost.why for lost in results.missing if lost.variant == variant and lost.values == point]
-        raise ConfigError(f"no runs of '{variant}', {_point(point)}: {reasons[0] if reasons else 'not in the study'}")
+        raise ConfigError(f"no runs for '{variant}', {_point(point)}: {reasons[0] if reasons else 'not in the study'}")
     return runs
 
 
 def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | NDArray[np.float64]:
-    """Return run success on each task, or its figure; ``other`` is the compared run."""
+    """Return a run's success on each task, or its figure; ``other`` is the compared run."""
     if measure == "success":
         return run.rates
     if measure == "same_twice":
@@ -211,10 +211,10 @@ def _student(differences: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _rule(claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
-    """Return the verdict and its reason by the rule of the module."""
+    """Return the verdict and its reason by the module's rule."""
     intervals = [(of.low, of.high) for of in measured if of.low is not None and of.high is not None]
     if len(intervals) < len(measured):
-        return "undecided", "one seed says nothing about others"
+        return "undecided", "one seed shows no variation between seeds"
     if claim.expected == "varies":
         return _varies(claim, measured, intervals)
     low, high = intervals[0]
@@ -260,14 +260,14 @@ def _varies(
         everywhere = f"{'more' if more else 'less'} at all {counted(len(measured), 'point')}"
         if max(lows) > min(highs):
             return "differs", f"{everywhere}, but by different amounts"
-        return "not reproduced", f"{everywhere}, by amounts that cannot be told apart"
+        return "not reproduced", f"{everywhere}, by amounts that do not differ"
     if min(lows) >= -_SAME and max(highs) <= _SAME:
         return "not reproduced", f"no difference of {_SAME:g} anywhere"
     return "undecided", "the intervals are too wide"
 
 
-def in_words(claim: Judged, measured: Measured, mark: str = "") -> str:
-    """Format the figures of a claim at a point; ``mark`` surrounds the names of the sides."""
+def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
+    """Format a claim's figures at a point; ``mark`` surrounds the names on both sides."""
     left, right = (f"{mark}{side}{mark}" for side in claim.sides)
     interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
     other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"
@@ -282,5 +282,5 @@ def share(value: float) -> str:
 
 
 def signed(value: float | None) -> str:
-    """Format a difference of shares."""
+    """Format a difference between shares."""
     return f"{value or 0:+.3f}".replace("0.", ".", 1)

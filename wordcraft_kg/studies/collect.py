@@ -1,4 +1,4 @@
-"""Collecting the figures of a study, or of all runs in a results folder."""
+"""Collecting the figures from a study, or from all runs in a results folder."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -23,26 +23,26 @@ from wordcraft_kg.studies.study import NO_SETTINGS, SCORER, Cell, Study, Value, 
 _KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_second")
 """Figures that a run and its result share."""
 _NONE = "none"
-"""Value of an absent setting, such as the scorer of an agent without a scorer."""
+"""Value for an absent setting, such as the scorer if an agent has none."""
 
 
 def collect_study(root: Path, name: str) -> StudyResults:
-    """Return the present figures of a study; ArtefactError for an unknown study."""
+    """Return a study's present figures; ArtefactError for an unknown study."""
     plan = read_plan(root, name)
     rows = list(zip(plan.cells, plan.runs, plan.scorers, strict=True))
     return _results(root, name, plan.command, plan.study, rows)
 
 
 def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
-    """Return the figures of all runs of a results folder, regardless of the study.
+    """Return the figures for all runs in a results folder, regardless of the study.
 
     Args:
         root: results folder.
-        by: settings that define the variants; other settings with several values define the grid.
+        by: settings that define the variants; further settings with several values define the grid.
 
     Raises:
         ArtefactError: if ``root`` is not a results folder.
-        ConfigError: for a setting of no run.
+        ConfigError: for a setting that no run has.
     """
     described: dict[str, tuple[Values, Cell, str | None]] = {}
     given: dict[str, None] = {}
@@ -53,7 +53,7 @@ def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
             described.setdefault(run, (_with_defaults(explicit, by), cell, scorer))
     every = [values for values, *_ in described.values()]
     _check_known(by, list(given), set().union(*every), root)
-    # Only explicit settings of some study can vary; all others have their default.
+    # Only explicit study settings can vary; further settings have their default.
     varied = [name for name in given if name not in by and _varies(name, by, every)]
     rows, variants = [], {}
     for run, (values, cell, scorer) in described.items():
@@ -83,14 +83,14 @@ def _of(values: Values, names: Sequence[str]) -> Values:
 
 
 def _varies(name: str, by: Sequence[str], runs: Sequence[Values]) -> bool:
-    """Return whether a setting has several values among runs of equal ``by``."""
+    """Return whether a setting has several values among runs with equal ``by``."""
     first: dict[tuple[Value, ...], Value] = {}
     pairs = [(tuple(_of(values, by).values()), values.get(name, _NONE)) for values in runs]
     return any(first.setdefault(agreed, value) != value for agreed, value in pairs)
 
 
 def _explicit(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
-    """Return the explicit settings of a run and its scorer."""
+    """Return the explicit settings for a run and its scorer."""
     values = dict(cell.settings)
     name = values.get(SCORER)
     if scorer is None or name is None:

@@ -1,4 +1,4 @@
-"""The engine: performs the missing tasks in a study in the order of their inputs, and estimates their duration."""
+"""The engine: performs a study's missing tasks in input order, and estimates their duration."""
 
 import logging
 import shutil
@@ -28,12 +28,12 @@ _TICK = 0.5
 
 @dataclass
 class State:
-    """The state of a running study.
+    """A running study's state.
 
     Attributes:
         kept: tasks finished before.
-        failed: outcomes of failed tasks and of tasks with failed inputs.
-        running: start time of running tasks, by :func:`time.monotonic`.
+        failed: outcomes for failed tasks and for tasks with failed inputs.
+        running: start time for running tasks, by :func:`time.monotonic`.
     """
 
     total: int
@@ -81,14 +81,14 @@ class _Engine:
     def __init__(self, plan: Plan, root: Path, watch: Watch | None):
         self.plan, self.root, self.watch = plan, root, watch
         self.state = State(len(plan.tasks))
-        self._there: set[str] = set()
+        self._present: set[str] = set()
         self._waiting: dict[str, Task] = {}
 
     def run(self, make_workers: Callable[[], Workers]) -> State:
         tasks = self.plan.tasks
         self._waiting = self._missing()
-        self._there = tasks.keys() - self._waiting.keys()
-        self.state.kept = len(self._there)
+        self._present = tasks.keys() - self._waiting.keys()
+        self.state.kept = len(self._present)
         for task in [task for task in self._waiting.values() if task.kind == "graphs"]:
             make_graph(task, self.root, self.plan.books[task.address])
             self._end(Outcome(self._waiting.pop(task.address).address, "done"))
@@ -99,10 +99,10 @@ class _Engine:
                     self._work(workers)
                 finally:
                     workers.stop()
-            except KeyboardInterrupt:  # a second one ends the waiting for checkpoints
+            except KeyboardInterrupt:  # a second Ctrl-C skips the checkpoints
                 done = self.state.kept + self.state.done
                 raise KeyboardInterrupt(
-                    f"interrupted; {done:,} of {len(tasks):,} tasks are done, the same command goes on with the others"
+                    f"interrupted; {done:,} of {len(tasks):,} tasks are done, repeat the command to perform the rest"
                 ) from None
         self._show()
         return self.state
@@ -110,26 +110,26 @@ class _Engine:
     def _missing(self) -> dict[str, Task]:
         """Return tasks without figures, and their inputs with damaged files."""
         tasks = self.plan.tasks
-        missing = {address: task for address, task in tasks.items() if not self._is_there(task, is_done)}
-        for kind in ("scorers", "graphs"):  # a damaged scorer needs its graph
+        missing = {address: task for address, task in tasks.items() if not self._is_present(task, is_done)}
+        for kind in ("scorers", "graphs"):  # a damaged scorer needs a graph
             needed = {tasks[address] for task in missing.values() for address in task.needs if address not in missing}
-            for task in (task for task in needed if task.kind == kind and not self._is_there(task, check_whole)):
+            for task in (task for task in needed if task.kind == kind and not self._is_present(task, check_whole)):
                 shutil.rmtree(task.folder(self.root))
                 missing[task.address] = task
         return missing
 
-    def _is_there(self, task: Task, check: Callable[[Task, Path], bool | None]) -> bool:
+    def _is_present(self, task: Task, check: Callable[[Task, Path], bool | None]) -> bool:
         try:
             return check(task, self.root) is not False
         except ArtefactError as error:
-            logging.getLogger(__name__).warning("%s It is made again now.", error)
+            logging.getLogger(__name__).warning("%s The task is repeated now.", error)
             return False
 
     def _work(self, workers: Workers) -> None:
         is_full = False
         while self.state.running or (self._waiting and not is_full):
             while not is_full and len(self.state.running) < workers.places and (task := self._next()):
-                forget_failure(self.root, task.address)  # of an earlier call
+                forget_failure(self.root, task.address)  # from an earlier call
                 self.state.running[task.address] = time.monotonic()
                 workers.start(task)
             self._show()
@@ -141,19 +141,19 @@ class _Engine:
                 self._end(outcome)
         if is_full:
             raise FullDiskError(
-                f"the disk of '{self.root}' is full. All that was done is safe, and trainings have kept their last "
-                "checkpoint; free some space, then the same command goes on."
+                f"the disk of '{self.root}' is full. All finished tasks are safe, and trainings have kept their last "
+                "checkpoint; free some space, then repeat the command."
             )
 
     def _next(self) -> Task | None:
-        ready = (task for task in self._waiting.values() if self._there.issuperset(task.needs))
+        ready = (task for task in self._waiting.values() if self._present.issuperset(task.needs))
         task = next(ready, None)
         return self._waiting.pop(task.address) if task else None
 
     def _end(self, outcome: Outcome) -> None:
         task = self.plan.tasks[outcome.address]
         if outcome.termination == "done":
-            self._there.add(task.address)
+            self._present.add(task.address)
             self.state.done += 1
             forget_failure(self.root, task.address)
             return
@@ -175,7 +175,7 @@ class _Engine:
 
 
 _STEPS_PER_SECOND = {"none": 55_000, "u,v": 42_000, "w": 26_000, "random": 20_000, "one-hot": 13_000}
-"""By scorer sources or, without a scorer, by vectors of more than 50 dimensions; on one core, with 8 distractors."""
+"""By scorer sources or, without a scorer, by vectors above 50 dimensions; on one core, with 8 distractors."""
 _SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
 """Duration with folds, for a book of 700 entities."""
 _START = 3.0
@@ -183,7 +183,7 @@ _START = 3.0
 
 
 def estimated_hours(plan: Plan, root: Path) -> float:
-    """Estimate the remaining core hours of a study, scaled by the durations of its finished tasks in ``root``."""
+    """Estimate a study's remaining core hours, scaled by the durations of its finished tasks in ``root``."""
     left: list[Task] = []
     measured = defaultdict(list)
     for task in plan.tasks.values():
@@ -211,7 +211,7 @@ def _sort(task: Task) -> str:
 
 
 def _usual(task: Task) -> float:
-    """Return the seconds of a task on an ordinary machine."""
+    """Return a task's seconds on an ordinary machine."""
     if task.kind == "runs":
         return _START + task.settings["settings"].get("steps", ImpalaConfig.steps) / _STEPS_PER_SECOND[_sort(task)]
     return _SECONDS_OF_SCORER.get(_sort(task), 1.0)
@@ -233,11 +233,11 @@ def run_study(
         out: results folder; studies in the same folder share equal tasks.
         name: study name.
         jobs: parallel trainings, each in a process. Default: as many as the cores allow.
-        keep_all: keep weights and episodes of runs, tens of megabytes each.
+        keep_all: keep run weights and episodes, tens of megabytes each.
         watch: called regularly with the plan and its state.
 
     Raises:
-        ConfigError: for a fault of the study, or ``jobs`` out of range.
+        ConfigError: for a study fault, or ``jobs`` out of range.
         ArtefactError: if another study runs in the folder.
         KeyboardInterrupt: after Ctrl-C; the same call resumes.
 

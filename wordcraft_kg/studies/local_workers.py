@@ -1,4 +1,4 @@
-"""Processes of this machine that perform tasks, each bound to separate cores if the system supports it."""
+"""Processes on this machine that perform tasks, each bound to separate cores if the system supports it."""
 
 import logging
 import multiprocessing
@@ -26,7 +26,7 @@ _PATIENCE = 60.0
 
 @dataclass
 class _Place:
-    """A process and its task."""
+    """A process with its task."""
 
     process: BaseProcess
     connection: Connection
@@ -38,7 +38,7 @@ class LocalWorkers:
     """Performs tasks in persistent processes, because starting a process and importing torch takes seconds."""
 
     def __init__(self, root: Path, jobs: int, perform: _Perform, threads: int = 1):
-        """Prepare ``jobs`` processes of ``threads`` CPU threads and cores each; they start with their first task."""
+        """Prepare ``jobs`` processes with ``threads`` CPU threads and cores each; they start with their first task."""
         self.root, self._perform = root, perform
         self._threads = threads
         self._places: list[_Place | None] = [None] * whole("jobs", jobs, 1, MAX_THREADS)
@@ -55,20 +55,20 @@ class LocalWorkers:
         self._begin(number, place if place and place.process.is_alive() else self._started(number), task, 1)
 
     def wait(self, seconds: float) -> list[Outcome]:
-        """Return outcomes of finished tasks; a task whose process has died starts again, once."""
+        """Return outcomes for finished tasks; a task with a dead process starts again, once."""
         busy = {place.connection: (number, place) for number, place in enumerate(self._places) if place and place.task}
-        found = []
+        outcomes = []
         for ready in wait(list(busy), timeout=seconds):
             number, place = busy[ready]  # type: ignore[index]
             try:
-                found.append(place.connection.recv())
+                outcomes.append(place.connection.recv())
                 place.task = None
             except (EOFError, OSError):
-                found += self._replaced(number, place)
-        return found
+                outcomes += self._replaced(number, place)
+        return outcomes
 
     def stop(self) -> None:
-        """Request checkpoints of running tasks, and end the processes."""
+        """Request checkpoints for running tasks, and end the processes."""
         deadline = time.monotonic() + _PATIENCE
         busy = [place for place in self._places if place and place.task]
         while busy and time.monotonic() < deadline:
@@ -78,7 +78,7 @@ class LocalWorkers:
             ended = wait([place.connection for place in busy], timeout=0.5)
             busy = [place for place in busy if place.connection not in ended]
         for place in filter(None, self._places):
-            place.connection.close()  # it ends by itself when nobody asks any more
+            place.connection.close()  # an idle process ends when its connection closes
             place.process.join(timeout=1)
             place.process.terminate()
             place.process.join()
@@ -90,16 +90,16 @@ class LocalWorkers:
         place.connection.send(task)
 
     def _replaced(self, number: int, place: _Place) -> list[Outcome]:
-        """Restart the task of a dead process, or give up after the last attempt."""
+        """Restart a dead process's task, or give up after the last attempt."""
         place.process.join()
         assert place.task is not None
         self._places[number] = None
         if place.attempts < ATTEMPTS:
             self._begin(number, self._started(number), place.task, place.attempts + 1)
             return []
-        why = f"its process was ended {ATTEMPTS} times, the last time with code {place.process.exitcode}"
+        why = f"the process died {ATTEMPTS} times, the last time with code {place.process.exitcode}"
         if place.process.exitcode == -signal.SIGKILL:
-            why += "; perhaps there is too little memory for as many at once: take fewer `jobs`"
+            why += "; perhaps memory is too small for this many processes: use fewer `jobs`"
         return [Outcome(place.task.address, "failed", f"{why}.")]
 
     def _started(self, number: int) -> _Place:
@@ -115,7 +115,7 @@ class LocalWorkers:
 
 
 def _cores_of(number: int, places: int, threads: int) -> list[int]:
-    """Return the cores of a process; none if there are too few for all processes."""
+    """Return the cores for a process; empty if there are too few for all processes."""
     if not hasattr(os, "sched_getaffinity") or places * threads > cores():
         return []
     return sorted(os.sched_getaffinity(0))[number * threads : (number + 1) * threads]
@@ -123,7 +123,7 @@ def _cores_of(number: int, places: int, threads: int) -> list[int]:
 
 @contextmanager
 def _threads_of(threads: int) -> Iterator[None]:
-    """Set the number of threads of processes started in this block; libraries read it once."""
+    """Set the number of threads for processes started in this block; libraries read the variables once."""
     before = {name: os.environ[name] for name in THREADS_VARIABLES if name in os.environ}
     os.environ.update(dict.fromkeys(THREADS_VARIABLES, str(threads)))
     try:
@@ -135,7 +135,7 @@ def _threads_of(threads: int) -> Iterator[None]:
 
 
 def _work(connection: Connection, root: Path, perform: _Perform, own: list[int], parent: int) -> None:
-    # A training takes Ctrl-C as a request to write a checkpoint; between trainings it is nobody's business here.
+    # A training takes Ctrl-C as a request to write a checkpoint; between trainings, ignore the signal.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 FIGURES: dict[Kind, type[Figures]] = {"graphs": Figures, "scorers": ScorerFigures, "runs": RunFigures}
 _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
-"""Files of a run without use for its figures: tens of megabytes each."""
+"""Run files that its figures do not need: tens of megabytes each."""
 
 
 def is_done(task: Task, root: Path) -> bool:
@@ -42,7 +42,7 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> None:
-    """Check the files of a graph or finished scorer; ArtefactError for a missing or damaged file."""
+    """Check the files in a graph or finished scorer folder; ArtefactError for a missing or damaged file."""
     folder = task.folder(root)
     if task.kind == "graphs":
         open_graph(str(folder))
@@ -53,7 +53,7 @@ def check_whole(task: Task, root: Path) -> None:
 
 
 def make_graph(task: Task, root: Path, book: str) -> None:
-    """Write the graph folder of a task.
+    """Write a task's graph folder.
 
     Raises:
         RecipeFileError: for a missing book.
@@ -63,19 +63,19 @@ def make_graph(task: Task, root: Path, book: str) -> None:
     recipes = open_book(book)
     graph = RecipeGraph.from_book(recipes)
     if graph.hash != task.settings["graph"]:
-        raise ArtefactError(f"the book '{book}' has changed since the study was planned; start it again.")
+        raise ArtefactError(f"the book '{book}' has changed since the study was planned; repeat the command.")
     split = make_split(graph, SplitConfig(**task.settings["split"]))
     write_graph_folder(folder, recipes, split, force=True)
     write_figures(folder, Figures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")}))
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
-    """Train the scorer or agent of a task, from a checkpoint if present; errors are part of the outcome.
+    """Train a task's scorer or agent, from a checkpoint if present; errors are part of the outcome.
 
     Args:
         task: the task.
-        root: results folder, with the inputs of the task.
-        keep_all: keep the large files of a run, such as the weights of the agent.
+        root: results folder, with the task's inputs.
+        keep_all: keep large run files, such as agent weights.
     """
     try:
         if is_done(task, root):
@@ -107,7 +107,7 @@ def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: 
 
     with suppress(ArtefactError):
         begun_with = read_run(folder).inputs
-        if any(begun_with.get(name) != found for name, found in trainer.input_hashes(config).items()):
+        if any(begun_with.get(name) != value for name, value in trainer.input_hashes(config).items()):
             _clear(folder)  # a damaged scorer was trained again on another machine
     try:
         return train(trainer, config, folder, keep=True)
@@ -119,7 +119,7 @@ def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: 
 
 
 def _clear(folder: Path) -> None:
-    """Remove a folder, unless another process trains there, such as a lost node of a cluster."""
+    """Remove a folder, unless another process trains there, such as a lost cluster node."""
     with locked(folder):
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -154,8 +154,8 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
         seconds=summary.seconds,
         versions=files.run.versions,
         graph=PlayedGraph.of(opened),
-        success={name: found.mean for name, found in summary.success.items()},
-        by_plan={name: found.by_plan for name, found in summary.success.items()},
+        success={name: rate.mean for name, rate in summary.success.items()},
+        by_plan={name: rate.by_plan for name, rate in summary.success.items()},
         terminations={str(name): share for name, share in summary.outcomes[part].items()},
         won="".join(f"{round(task.success * distractor_seeds)}" for task in read_episodes(folder) if task.part == part),
         distractor_seeds=distractor_seeds,

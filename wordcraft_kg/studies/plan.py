@@ -1,4 +1,4 @@
-"""A study plan: its trainings, and their graphs and scorers, each of them once."""
+"""A study plan: its trainings, with their graphs and scorers, each planned once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -33,18 +33,18 @@ from wordcraft_kg.studies.study import (
 from wordcraft_kg.studies.tasks import Task
 
 DEFAULTS = 1
-"""Version of the defaults of all settings; a changed default changes results and therefore addresses."""
+"""Version number for all default settings; a changed default changes results and therefore addresses."""
 BOOK = "everyday"
-"""Default book of a study."""
+"""A study's default book."""
 _CURVE_POINTS = 20
-"""Points of a learning curve; each takes about as long as 10,000 steps."""
+"""Points in a learning curve; each takes about as long as 10,000 steps."""
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 """Settings of trained scorers by command."""
 _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
-    """Return the default settings of a dataclass."""
+    """Return a dataclass's default settings."""
     return {field.name: field.default for field in fields(kind)}
 
 
@@ -71,7 +71,7 @@ class Plan:
 
     @property
     def threads(self) -> int:
-        """Most CPU threads of a task."""
+        """Most CPU threads per task."""
         return max(task.threads for task in self.tasks.values())
 
     def jobs(self, wanted: int | None) -> int:
@@ -80,17 +80,19 @@ class Plan:
 
 
 def make_plan(study: Study, name: str) -> Plan:
-    """Plan a study; ``name`` becomes a file name of the results folder.
+    """Plan a study; ``name`` becomes a file name in the results folder.
 
     Raises:
         ConfigError: for an invalid name, a setting out of range or in conflict with another, or two equal variants.
         RecipeFileError: for a missing book.
     """
     if name in ("", "..") or Path(name).name != name:
-        raise ConfigError(f"a study cannot be called '{name}': its files have this name. Choose one without folders.")
+        raise ConfigError(
+            f"a study cannot be called '{name}', because its name is a file name. Choose a name without folders."
+        )
     planner = _Planner(study)
     cells = tuple(cells_of(study))
-    # First seeds of all variants first: an interrupted study has figures of each variant.
+    # First seeds for all variants first: an interrupted study has figures for each variant.
     runs = {number: planner.run(cells[number]) for number in sorted(range(len(cells)), key=lambda i: cells[i].seed)}
     _refuse_equal(cells, runs)
     return Plan(name, study, cells, tuple(runs[number] for number in range(len(cells))), planner.tasks, planner.books)
@@ -104,11 +106,11 @@ def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
     names: dict[tuple[str, ...], str] = {}
     for name, addresses in by_variant.items():
         if (other := names.setdefault(tuple(addresses), name)) != name:
-            raise ConfigError(f"variants '{other}' and '{name}' are the same trainings; give each once.")
+            raise ConfigError(f"variants '{other}' and '{name}' are the same trainings; remove the duplicate.")
 
 
 class _Planner:
-    """Makes the tasks of cells; cells share equal tasks."""
+    """Makes the tasks for cells; cells share equal tasks."""
 
     def __init__(self, study: Study):
         self.study = study
@@ -141,8 +143,8 @@ class _Planner:
             split = make_split(graph, config) if given.keys() - {"book"} else default_split(graph)
             if split.config.kind == "none":
                 raise ConfigError(
-                    f"the split of '{source}' holds nothing out, so there are no test tasks to compare agents on; give "
-                    "a `split` such as by-recipe, and a book that is large enough for it."
+                    f"the split of '{source}' has no test tasks to compare agents on. Use a `split` such as by-recipe, "
+                    "and a large enough book."
                 )
             described = {"defaults": DEFAULTS, "graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
             task = Task("graphs", described, f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}")
@@ -151,7 +153,7 @@ class _Planner:
         return self._made[key]
 
     def _scorer(self, cell: Cell, graph: str) -> str | None:
-        """Return the address of a cell's scorer; None without a scorer, or without any training recipe."""
+        """Return the address for a cell's scorer; None without a scorer, or without any training recipe."""
         name = cell.settings.get(SCORER)
         if name is None:
             return None
@@ -198,7 +200,7 @@ class _Planner:
         return self._add(Task("runs", described, title, needs, config.trainer.threads, config.trainer.device))
 
     def _content(self, features: Value | None) -> dict[str, str]:
-        """Return the hash of a file of vectors as a part of the address."""
+        """Return the hash of a vector file as a part of the address."""
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
         if not spec.is_path:
             return {}
@@ -215,7 +217,7 @@ class _Planner:
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
-    """Return the settings of an agent; ConfigError for a value out of range."""
+    """Return agent settings; ConfigError for a value out of range."""
     parts = {
         name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
         for name, kind in _PART_OF_AGENT.items()
@@ -224,7 +226,7 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
 
 
 def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
-    """Refuse values of another type than their defaults."""
+    """Refuse values with a type unlike their defaults."""
     for name, value in settings.items():
         default = defaults.get(name)
         if isinstance(default, str) and not isinstance(value, str):
@@ -236,7 +238,7 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
-    """Return the settings of a dataclass that differ from the defaults."""
+    """Return the settings in a dataclass that differ from the defaults."""
     defaults = defaults_of(kind)
     return {name: settings[name] for name in defaults if name in settings and settings[name] != defaults[name]}
 

@@ -1,4 +1,4 @@
-"""Figures for comparison: the reference pack, scripted players measured now, and results of the user."""
+"""Figures for comparison: the reference pack, scripted players measured now, and the user's results."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -24,29 +24,29 @@ from wordcraft_kg.evaluation.reference import (
 )
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.studies.result_readers import DRAWS, SEEN, rows_beside
+from wordcraft_kg.studies.result_readers import DRAWS, SEEN, external_rows
 
 DISTRACTORS = (1, 2, 8)
-"""Numbers of distractors of the pack, as in the paper."""
+"""Distractor counts in the pack, as in the paper."""
 _SEED, RUNS = 0, 100
-"""Seed and number of runs of scripted players, the defaults of ``evaluate-agent`` and ``discover``."""
+"""Seed and run count for scripted players, the defaults in ``evaluate-agent`` and ``discover``."""
 _CHANCE = ("random", "random, distinct", "random-no-repeat")
 _ORACLES = ("recipe oracle", "greedy", "empowerment")
 _OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
 _KINDS: tuple[Kind, ...] = ("chance", "knowledge graph", "oracle", "agent", "people", "language model", "other")
-"""Kinds in the order of a table."""
+"""Kinds in table order."""
 
 
 class ReferenceTable(Record, frozen=True):
-    """Figures of players under one condition, and those of the literature.
+    """Players' figures under one condition, and figures from the literature.
 
     Attributes:
-        measure: kind of figures in ``rows``.
+        measure: the measure in ``rows``.
         columns: distractor counts, or attempt counts in open-ended play.
-        pack: title of the pack of this graph and split, or None.
+        pack: title of the pack for this graph and split, or None.
         measured: columns without figures in the pack, measured now with scripted players.
-        rows: figures of this package on this graph and split, by kind of player.
-        literature: figures of other environments, not directly comparable.
+        rows: this package's figures on this graph and split, by player kind.
+        literature: figures from other environments, not directly comparable.
         out: written page.
     """
 
@@ -62,19 +62,19 @@ class ReferenceTable(Record, frozen=True):
 
 
 def view_references(
-    opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int] = DISTRACTORS, beside: Sequence[Path] = ()
+    opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int] = DISTRACTORS, external: Sequence[Path] = ()
 ) -> ReferenceTable:
-    """Return the figures of the pack, of scripted players for missing columns, and of the user's results.
+    """Return figures from the pack, from scripted players for missing columns, and from the user's results.
 
     Args:
         opened: graph and split; open-ended play ignores the split.
         play: crafting tasks, or open-ended play.
-        columns: distractor counts; open-ended play has the attempts of ``discover``.
-        beside: folders and files of the user, see :func:`~wordcraft_kg.studies.result_readers.rows_beside`.
+        columns: distractor counts; open-ended play uses the attempt counts in ``discover``.
+        external: the user's folders and files, see :func:`~wordcraft_kg.studies.result_readers.external_rows`.
 
     Raises:
-        ConfigError: as ``rows_beside``, or for a number out of range.
-        GraphMismatchError: as ``rows_beside``.
+        ConfigError: as ``external_rows``, or for a number out of range.
+        GraphMismatchError: as ``external_rows``.
         TaskError: without such tasks.
     """
     measures: list[Measure] = ["success"]
@@ -83,7 +83,7 @@ def view_references(
         columns, measures, split = MARKS, ["entities known", "new combinations"], None
     pack = pack_of(opened.graph.hash, split)
     known = pack.rows_of(play, columns) if pack else ()
-    own = rows_beside(opened, play, columns, beside)
+    own = external_rows(opened, play, columns, external)
     missing = [column for column in columns if not any(str(column) in row.figures for row in known)]
     now = scripted_rows(opened, play, missing) if missing else ()
     return ReferenceTable(
@@ -99,7 +99,7 @@ def view_references(
 
 
 def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPlay:
-    """Return open-ended play from a base; None takes the base of the graph.
+    """Return open-ended play from a base; None takes the graph's base.
 
     Raises:
         ConfigError: for an unknown entity, or a base that makes nothing.
@@ -108,7 +108,7 @@ def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPla
 
 
 def scripted_rows(opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Evaluate the scripted players of ``evaluate-agent`` or ``discover``; return a row for each player."""
+    """Evaluate the scripted players in ``evaluate-agent`` or ``discover``; return a row for each player."""
     return tuple(_task_rows(opened, play, columns) if isinstance(play, TaskPlay) else _open_rows(opened, play))
 
 
@@ -153,12 +153,12 @@ def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
 
 
 def in_order(rows: Sequence[ReferenceRow]) -> tuple[ReferenceRow, ...]:
-    """Sort rows by kind of player, results of the user last; the order within a kind stays."""
-    return tuple(sorted(rows, key=lambda row: (_KINDS.index(row.kind), row.origin == "beside")))
+    """Sort rows by player kind, the user's results last; the order within a kind stays."""
+    return tuple(sorted(rows, key=lambda row: (_KINDS.index(row.kind), row.origin == "external")))
 
 
 def _merged(known: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns: Sequence[int]) -> list[ReferenceRow]:
-    """Return the rows of the pack with the figures measured now, in the column order."""
+    """Return the pack's rows with the figures measured now, in column order."""
     more = {row.player: row for row in now}
     rows = []
     for row in known:
@@ -172,5 +172,5 @@ def _kind(player: str) -> Kind:
 
 
 def reference_page(view: ReferenceTable) -> str:
-    """Render the page of a table."""
+    """Render a table as a page."""
     return render_page("wordcraft_kg.studies/reference_page.html.j2", report=view)

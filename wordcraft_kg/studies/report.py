@@ -1,4 +1,4 @@
-"""The report of a study: tables, figures and a page from its view."""
+"""A study report: tables, figures and a page from its view."""
 
 from collections.abc import Iterator
 from itertools import groupby
@@ -13,8 +13,8 @@ from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.scatter import Correlation, ScorerScatter
 from wordcraft_kg.studies.tables import as_csv, notes, tables_of, with_bounds
-from wordcraft_kg.studies.train_samples import Correlation, TrainSample
 from wordcraft_kg.studies.variants import PointFigures
 from wordcraft_kg.studies.view import StudyView, title_of
 
@@ -33,7 +33,7 @@ def write_study_report(view: StudyView, folder: Path, *, force: bool = False) ->
 
 
 def make_study_report(view: StudyView) -> Report[StudyView]:
-    """Return the content of a study's report."""
+    """Return a study report's content."""
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
@@ -54,7 +54,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
 
 
 def study_figure(view: StudyView) -> str:
-    """Return the figure of a study as an SVG file with a panel for each grid point."""
+    """Return a study's figure as an SVG file with a panel for each grid point."""
     return charts.figure(view.title, list(panels_of(view)), chart_style())
 
 
@@ -66,14 +66,14 @@ def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
 
 
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
-    """Yield caption and picture of each grid point; the drawing "dose" has a picture for all scorer settings."""
-    if view.drawing == "scatter" and view.train_samples:
-        for title in dict.fromkeys(title_of(train_sample.values) for train_sample in view.train_samples):
+    """Yield each grid point's caption and picture; the drawing "scatter" has a picture for all scorer settings."""
+    if view.drawing == "scatter" and view.scatters:
+        for title in dict.fromkeys(title_of(scatter.values) for scatter in view.scatters):
             yield (
                 title,
-                _train_sample(
+                _scatter(
                     view,
-                    [train_sample for train_sample in view.train_samples if title_of(train_sample.values) == title],
+                    [scatter for scatter in view.scatters if title_of(scatter.values) == title],
                 ),
             )
         return
@@ -110,14 +110,14 @@ def _bars(view: StudyView, point: PointFigures) -> Markup:
     )
 
 
-def _train_sample(view: StudyView, train_samples: list[TrainSample]) -> Markup:
-    several = any(len({at.variant for at in train_sample.points}) > 1 for train_sample in train_samples)
+def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
+    several = any(len({at.variant for at in scatter.points}) > 1 for scatter in scatters)
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
-    for train_sample in train_samples:
-        for at in train_sample.points:
-            name = at.variant if several else "in-sample" if train_sample.in_sample else "cross-fitted"
+    for scatter in scatters:
+        for at in scatter.points:
+            name = at.variant if several else "in-sample" if scatter.in_sample else "cross-fitted"
             series.setdefault(name, []).append((at.label, (at.mrr, *at.mrr_range), (at.success, *at.interval)))
-    without = next((train_sample.without for train_sample in train_samples if train_sample.without is not None), None)
+    without = next((scatter.without for scatter in scatters if scatter.without is not None), None)
     return charts.scatter(
         series,
         "leak-free MRR of the scorer on test triples",
@@ -127,5 +127,5 @@ def _train_sample(view: StudyView, train_samples: list[TrainSample]) -> Markup:
     )
 
 
-def _correlation_in_words(found: Correlation | None) -> str:
-    return with_bounds(found.value, (found.low, found.high), ".2f") if found else "–"
+def _correlation_in_words(estimate: Correlation | None) -> str:
+    return with_bounds(estimate.value, (estimate.low, estimate.high), ".2f") if estimate else "–"

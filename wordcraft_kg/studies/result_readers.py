@@ -1,6 +1,6 @@
-"""Readers of user results for reference tables, and the reader of agent runs.
+"""Readers for external results in reference tables, and the reader for agent runs.
 
-An app registers a :class:`ResultReader` by an entry point of the group ``wordcraft_kg.result_readers``.
+An app registers a :class:`ResultReader` by an entry point in the group ``wordcraft_kg.result_readers``.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,25 +31,25 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
 DRAWS = 5
-"""Draws of distractors for each task."""
+"""Distractor seeds for each task."""
 SEEN = "knows the recipes of the test tasks"
 OVER_SEEDS = "95 %, bootstrap over seeds and tasks"
 OVER_TASKS = "95 %, bootstrap over tasks"
 _NO_RESULT = ("seed", "graph", "scorer", "threads", "device", "log_every", "eval_every", "checkpoint_every")
-_SAID = ("steps", "distractors")
-"""Training settings without effect on the figures, and settings with a column or remark of their own."""
+_SHOWN = ("steps", "distractors")
+"""Training settings that do not change the figures, and settings with a separate column or remark."""
 
 
 @dataclass(frozen=True)
 class ResultReader:
-    """A kind of user results.
+    """A kind of external results.
 
     The functions raise ConfigError for other tasks, GraphMismatchError for another graph or split, and ArtefactError
     for a damaged file.
 
     Attributes:
-        expected: names of the folders and files, for the error about an unknown path.
-        knows: return whether a path, which need not exist, is of this kind.
+        expected: folder and file names, for the error about an unknown path.
+        knows: return whether a path, which need not exist, has this kind.
         task_rows: return success on crafting tasks from paths, graph and split, tasks, and distractor counts.
         open_rows: return known entities in open-ended play from paths, graph and play; None if not supported.
     """
@@ -60,14 +60,14 @@ class ResultReader:
     open_rows: Callable[[Sequence[Path], OpenedGraph, OpenPlay], Sequence[ReferenceRow]] | None = None
 
 
-def rows_beside(
+def external_rows(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int], paths: Sequence[Path]
 ) -> tuple[ReferenceRow, ...]:
-    """Return the rows of user results.
+    """Return the rows for external results.
 
     Args:
-        opened: graph and split of the table.
-        play: tasks of the table, or open-ended play.
+        opened: the table's graph and split.
+        play: the table's tasks, or open-ended play.
         columns: distractor counts; ignored for open-ended play.
         paths: folders and files.
 
@@ -84,7 +84,7 @@ def rows_beside(
         known = next((reader for reader in readers if reader.knows(path)), None)
         if known is None:
             expected = ", ".join(reader.expected for reader in readers)
-            raise ConfigError(f"--beside: '{path}' {what_is(path)}; expected {expected}.")
+            raise ConfigError(f"--external-results: '{path}' {what_is(path)}; expected {expected}.")
         of[known].append(path)
     return tuple(row for reader, own in of.items() if own for row in _rows(reader, own, opened, play, columns))
 
@@ -109,18 +109,18 @@ def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
     """Raise GraphMismatchError for a result on another graph or split."""
     if has != wanted:
         raise GraphMismatchError(
-            f"--beside: '{path}' is of {name} {has[:12]}, and the table of {wanted[:12]}. Give as GRAPH what was "
-            "played on."
+            f"--external-results: '{path}' was played on {name} {has[:12]}, but the table shows {wanted[:12]}. Use the "
+            "graph of the result as GRAPH."
         )
 
 
 def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
-    """Raise ConfigError for a result on other tasks, with the options of a table of these tasks."""
+    """Raise ConfigError for a result on other tasks, with the options for a table with these tasks."""
     if its != play:
         attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(
-            f"--beside: '{name}' is of {_in_words(its)}, and the table of {_in_words(play)}; give --part {its.part} "
-            f"--depth {its.depth}{attempts}, or leave it out."
+            f"--external-results: '{name}' has {_in_words(its)}, but the table has {_in_words(play)}; add "
+            f"--part {its.part} --depth {its.depth}{attempts}, or remove '{name}'."
         )
 
 
@@ -133,42 +133,49 @@ def agent_rows(
         groups: runs by agent, on this graph and split.
         opened: the graph and split.
         play: the tasks.
-        columns: distractor counts; a policy may skip some of them.
+        columns: distractor counts; a policy may skip some counts.
         origin: row origin.
 
     Raises:
-        ConfigError: for an agent of other tasks, or without any of these distractor counts.
+        ConfigError: for an agent with other tasks, or without any of these distractor counts.
     """
     for agent in (agent for members in groups.values() for agent in members):
         its = play_of(agent.config.tasks, play.part)
         if its is None:
-            raise ConfigError(f"--beside: '{agent.name}' plays by other rules than the table: {agent.config.tasks}.")
+            raise ConfigError(
+                f"--external-results: '{agent.name}' has different task settings than the table: {agent.config.tasks}."
+            )
         check_tasks(agent.name, its, play)
     world = World(opened, next(iter(groups.values()))[0].config.tasks.environment(play.part, columns[0]))
-    found: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
+    estimates: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
     for column in columns:
         evaluator = Evaluator(world.variant(num_distractors=column), distractor_seeds=DRAWS)
         for name, members in steps("evaluating agents", groups.items()):
             if can_play(members[0], column):
                 rates = [evaluator(PolicyPlayer(agent.policy)).success.mean(axis=1) for agent in members]
                 mean = sum(float(rate.mean()) for rate in rates) / len(rates)
-                found[name][column] = (mean, *crossed_bootstrap(rates))
+                estimates[name][column] = (mean, *crossed_bootstrap(rates))
     rows = []
     for name, members in groups.items():
-        if not found[name]:
+        if not estimates[name]:
             raise ConfigError(
-                f"--beside: '{name}' plays with {members[0].config.tasks.distractors} distractors only; "
-                f"add them to --distractors {','.join(map(str, columns))}."
+                f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} distractors only; "
+                f"add this number to --distractors {','.join(map(str, columns))}."
             )
-        rows.append(_agent_row(name, members, found[name], play, origin, len(evaluator.tasks)))
+        rows.append(_agent_row(name, members, estimates[name], play, origin, len(evaluator.tasks)))
     return tuple(rows)
 
 
 def _agent_row(
-    name: str, members: Sequence[OpenedAgent], found: dict[int, Estimate], play: TaskPlay, origin: Origin, tasks: int
+    name: str,
+    members: Sequence[OpenedAgent],
+    estimates: dict[int, Estimate],
+    play: TaskPlay,
+    origin: Origin,
+    tasks: int,
 ) -> ReferenceRow:
     config = members[0].config
-    settings = {key: str(value) for key, value in config.differing().items() if key not in _NO_RESULT + _SAID}
+    settings = {key: str(value) for key, value in config.differing().items() if key not in _NO_RESULT + _SHOWN}
     steps_done = sorted({agent.metrics[-1].step if agent.metrics else 0 for agent in members})
     trained = {
         "steps": ", ".join(f"{number:,}" for number in steps_done),
@@ -178,7 +185,7 @@ def _agent_row(
         player=name,
         kind="agent",
         measure="success",
-        figures=figures_of(found),
+        figures=figures_of(estimates),
         origin=origin,
         source=" ".join(("wordcraft-kg", *members[0].run.argv[1:])),
         play=play,
@@ -203,7 +210,7 @@ def _own_agents(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
     agents = [open_agent(folder, opened) for path in paths for folder in run_folders(path)]
-    return agent_rows(group_agents(agents), opened, play, columns, "beside")
+    return agent_rows(group_agents(agents), opened, play, columns, "external")
 
 
 AGENTS = ResultReader("a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents)

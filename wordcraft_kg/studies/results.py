@@ -1,4 +1,4 @@
-"""Figures of finished tasks and studies. ``figures.json`` is written last and marks a task as done."""
+"""Figures for finished tasks and studies. ``figures.json`` is written last and marks a task as done."""
 
 import hashlib
 import json
@@ -25,16 +25,16 @@ class RunResult(Record, frozen=True):
     Attributes:
         values: grid values by setting.
         run: run folder address, a settings hash.
-        graph: index of the graph in :attr:`StudyResults.graphs`.
+        graph: graph index in :attr:`StudyResults.graphs`.
         success: greedy success rate, by part (train, test).
-        by_plan: success rate by the last pair of a plan, by part.
-        terminations: share of test episodes by ending, see :data:`~wordcraft_kg.agents.evaluation.TERMINATION_REASONS`.
-        won: successes of each test task among ``distractor_seeds`` draws of distractors, a digit for each task.
+        by_plan: success rate by the last pair in a plan, by part.
+        terminations: share by termination reason, see :data:`~wordcraft_kg.agents.outcomes.TERMINATION_REASONS`.
+        won: each test task's successes among ``distractor_seeds`` episodes, a digit for each task.
         curve: success on test tasks during training.
-        mrr: leak-free MRR of the scorer on test triples; None without a scorer, or if the scorer has seen them.
+        mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has seen these triples.
         steps: environment steps.
         seconds: training time.
-        steps_per_second: speed of acting and learning alone.
+        steps_per_second: speed for acting and learning alone.
     """
 
     variant: str
@@ -55,7 +55,7 @@ class RunResult(Record, frozen=True):
 
     @property
     def rates(self) -> NDArray[np.float64]:
-        """Success rate of each test task, shape (K,)."""
+        """Success rate on each test task, shape (K,)."""
         return np.array([int(digit) for digit in self.won]) / self.distractor_seeds
 
 
@@ -73,7 +73,7 @@ class StudyResults(Record, frozen=True):
 
     Attributes:
         command: the command that runs the study again.
-        study: the study with all changes of the command line.
+        study: the study with all command line changes.
         versions: run package versions.
         runs: in the order of the study's cells.
         hours: total training time.
@@ -102,21 +102,21 @@ F = TypeVar("F", bound="Figures")
 
 
 class Figures(Record, frozen=True, kw_only=True):
-    """Figures of any task: duration (0 for a graph) and package versions."""
+    """Figures for any task: duration (0 for a graph) and package versions."""
 
     seconds: float
     versions: dict[str, str]
 
 
 class ScorerFigures(Figures, frozen=True, kw_only=True):
-    """Training graph of a scorer, and leak-free MRR on unseen test triples; None if there are none."""
+    """A scorer's training graph, and leak-free MRR on unseen test triples, or None."""
 
     mrr: Share | None
     kg: str
 
 
 class RunFigures(Figures, frozen=True, kw_only=True):
-    """Figures of an agent's run, see :class:`RunResult`."""
+    """Figures for an agent's run, see :class:`RunResult`."""
 
     graph: PlayedGraph
     success: dict[str, Share]
@@ -130,7 +130,7 @@ class RunFigures(Figures, frozen=True, kw_only=True):
 
 
 def write_figures(folder: Path, figures: Figures) -> None:
-    """Write ``figures.json`` with a hash of the figures; the file marks the task as done."""
+    """Write ``figures.json`` with a hash over the figures; the file marks the task as done."""
     values = as_values(figures)
     write_atomically(folder / FIGURES_FILE, dump_json({"sha256": _hash(values), "figures": values}), durable=True)
 
@@ -144,10 +144,12 @@ def read_figures(folder: Path, kind: type[F]) -> F:
     path = folder / FIGURES_FILE
     values = read_json(path)
     if not isinstance(values, dict) or values.keys() != {"sha256", "figures"}:
-        raise ArtefactError(f"{path} is damaged: expected 'sha256' and 'figures'. The same command makes it again.")
+        raise ArtefactError(
+            f"{path} is damaged: expected 'sha256' and 'figures'. Repeat the command to repair the file."
+        )
     if _hash(values["figures"]) != values["sha256"]:
         raise ArtefactError(
-            f"{path} is damaged or was changed: its hash does not fit. The same command makes it again."
+            f"{path} is damaged or was changed: the hash does not fit. Repeat the command to repair the file."
         )
     return as_record(values["figures"], kind, path)
 

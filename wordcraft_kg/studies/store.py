@@ -1,10 +1,10 @@
-"""A results folder: graphs, scorers and runs, addressed by a hash of their settings, and the studies that use them.
+"""A results folder: graphs, scorers and runs, addressed by a settings hash, and the studies that use these tasks.
 
 | file or folder | content |
 |---|---|
 | ``graphs/``, ``scorers/``, ``runs/`` | a folder for each task, named by its address |
-| ``studies/<name>.json`` | a study, its cells, and the address of each cell's run |
-| ``failed/<address>.txt`` | the last failure of a task |
+| ``studies/<name>.json`` | a study, its cells, and each cell's run address |
+| ``failed/<address>.txt`` | a task's last failure |
 """
 
 import logging
@@ -55,14 +55,14 @@ def own_results(root: Path) -> Iterator[None]:
     except ImportError:  # Windows
         yield
         return
-    # Open for writing: network file systems lock no other files.
+    # Open for writing: network file systems lock writable files only.
     handle = os.open(root / _STUDIES / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ArtefactError(
-                f"another study is being run in '{root}'; wait for it, stop it, or choose another `out`."
+                f"another study runs in '{root}'; wait, stop that study, or choose another `out`."
             ) from None
         yield
     finally:
@@ -70,7 +70,7 @@ def own_results(root: Path) -> Iterator[None]:
 
 
 def write_plan(root: Path, plan: Plan, command: str) -> None:
-    """Record the cells and tasks of a study before any training."""
+    """Record a study's cells and tasks before any training."""
     needs = [plan.tasks[run].needs for run in plan.runs]
     record = PlannedStudy(
         format="wordcraft-kg study 1",
@@ -94,20 +94,20 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
 
 
 def studies_of(root: Path) -> list[str]:
-    """Return the names of the studies of a results folder; ArtefactError for another folder."""
+    """Return the study names in a results folder; ArtefactError for another folder."""
     if not (root / _STUDIES).is_dir():
         raise ArtefactError(
-            f"'{root}' is no results folder: it has no folder '{_STUDIES}'. Make one: wordcraft-kg reproduce."
+            f"'{root}' is not a results folder: it lacks the folder '{_STUDIES}'. Create one: wordcraft-kg reproduce."
         )
     return sorted(path.stem for path in (root / _STUDIES).glob("*.json"))
 
 
 def read_plan(root: Path, name: str) -> PlannedStudy:
-    """Read a study record; ArtefactError if it is missing or damaged."""
+    """Read a study record; ArtefactError for a missing or damaged record."""
     known = studies_of(root)
     if name not in known:
         raise ArtefactError(
-            f"'{root}' has no study '{name}'; it has {', '.join(known) or 'none'}.{nearest(name, known)}"
+            f"'{root}' has no study '{name}'; expected {', '.join(known) or 'none'}.{nearest(name, known)}"
         )
     return read_record(root / _STUDIES / f"{name}.json", PlannedStudy)
 
@@ -117,21 +117,21 @@ def _failure_file(root: Path, address: str) -> Path:
 
 
 def note_failure(root: Path, task: Task, outcome: Outcome) -> None:
-    """Record the failure of a task."""
+    """Record a task's failure."""
     path = _failure_file(root, task.address)
     path.parent.mkdir(exist_ok=True)
     write_atomically(path, f"{task.title}\n{outcome.error}\n{outcome.detail}")
 
 
 def forget_failure(root: Path, address: str) -> None:
-    """Remove the recorded failure of a task."""
+    """Remove a task's recorded failure."""
     _failure_file(root, address).unlink(missing_ok=True)
 
 
 def failure_of(root: Path, address: str) -> str | None:
-    """Return the recorded error of a task, or None."""
+    """Return a task's recorded error, or None."""
     path = _failure_file(root, address)
     if not path.exists():
         return None
     lines = path.read_text(encoding="utf-8").splitlines()
-    return lines[1] if len(lines) > 1 else "no reason is known"
+    return lines[1] if len(lines) > 1 else "the reason is unknown"

@@ -1,8 +1,8 @@
-"""A study: an experiment as data, with variants of an agent, a grid of settings, and seeds.
+"""A study: an experiment as data, with agent variants, a settings grid, and seeds.
 
-A study is a TOML file; ``builtin/`` has the studies of the package, with those of the paper's figures. Every setting is
-an option of ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``, ``valid_ratio``), of ``train-agent``
-or of a training command of scorers.
+A study is a TOML file; ``builtin/`` has the package's studies, including the paper's figures. Every setting is
+an option in ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``, ``valid_ratio``), ``train-agent``
+or a training command for scorers.
 """
 
 import tomllib
@@ -27,10 +27,10 @@ from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 Value = str | int | float | bool
 Values = dict[str, Value]
 Drawing = Literal["curves", "bars", "scatter"]
-"""Success by step of training; final success of each variant; final success by the MRR of the scorer."""
+"""Success by training step; each variant's final success; final success by the scorer's MRR."""
 
 Metric = Literal["success", "iqm", "by-plan", "train", "mrr", "steps"]
-"""Figures of the text output."""
+"""Figures in the text output."""
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]
 
@@ -43,11 +43,11 @@ OF_GRAPH = {
     "train_ratio": "train_ratio",
     "valid_ratio": "valid_ratio",
 }
-"""Settings of the graph by option: ``book``, and fields of :class:`SplitConfig`."""
+"""Graph settings by option: ``book``, and :class:`SplitConfig` fields."""
 OF_AGENT = {field.name: kind for kind in (TaskConfig, PolicyConfig, ImpalaConfig) for field in fields(kind)}
-"""Settings of an agent by the class of the setting."""
+"""Agent settings by their class."""
 SCORER = "scorer"
-"""The setting that names a scorer of the study; ``scorer.epochs`` is a setting of that scorer."""
+"""The setting that names a scorer in the study; ``scorer.epochs`` is a setting for that scorer."""
 _PLAIN_SCORERS = ("facts", "neighbours", "kernel")
 """Untrained scorers, with the setting ``kg`` only."""
 SCORER_SETTINGS: dict[str, frozenset[str]] = {
@@ -57,7 +57,7 @@ SCORER_SETTINGS: dict[str, frozenset[str]] = {
         for command, kind in {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}.items()
     },
 }
-"""Settings of each kind of scorer."""
+"""Settings for each kind of scorer."""
 NO_SETTINGS = ("seed", "checkpoint_every")
 """Options that are set by the study or change no figure."""
 
@@ -69,15 +69,15 @@ class Claim(Record, frozen=True, omit_defaults=True):
         text: the claim, in a sentence.
         left: a variant.
         right: another variant, or empty.
-        than: a value instead of ``right``.
+        than: a value in place of ``right``.
         expected: more or less than the right side; comparable (closer than ``by``); or varies (left is better at some
-            grid points, right at others).
-        by: least difference of more and less, greatest difference of comparable, in the unit of the measure.
+            grid points, right at different points).
+        by: least difference for more and less, greatest difference for comparable, in the measure's unit.
         measure: success: final success on test tasks; early: success after a tenth of the steps; steps: environment
-            steps until the curve reaches 95 % of the end of the right curve, as a share of all steps; same_twice: share
-            of test episodes that end with a pair of an entity with itself without making the goal.
-        at: grid values of the claim; empty for all points.
-        right_at: grid values in which the point of ``right`` differs.
+            steps until the curve reaches 95 % of the right curve's end, as a share of all steps; same_twice: share
+            of test episodes that end with an entity paired with itself without making the goal.
+        at: the claim's grid values; empty for all points.
+        right_at: grid values in which the point for ``right`` differs.
         source: claim author and place.
         note: known reason for a deviation.
     """
@@ -96,19 +96,19 @@ class Claim(Record, frozen=True, omit_defaults=True):
 
 
 class Study(Record, omit_defaults=True):
-    """The content of a study file.
+    """A study file's content.
 
     Attributes:
-        title: subject of the comparison, in a line.
-        variants: settings by name of the variant.
-        about: study question, and how to read its figures.
-        source: origin of the comparison, such as a figure of the paper.
-        seeds: trainings per cell, with seeds from 0; scorers without a seed use the seed of the agent.
+        title: the comparison's subject, in a line.
+        variants: settings by variant name.
+        about: study question, and how to read the figures.
+        source: where the comparison comes from, such as a figure in the paper.
+        seeds: trainings per cell, with seeds from 0; scorers without a seed use the agent's seed.
         drawing: figure kind.
-        reference: the variant of all comparisons. Default: the first.
+        reference: the variant for all comparisons. Default: the first.
         settings: settings common to all trainings.
-        grid: values of crossed settings by name.
-        points: further conditions, tables of the same settings, crossed with the grid.
+        grid: values for crossed settings by name.
+        points: further conditions, tables with the same settings, crossed with the grid.
         scorers: scorers by name: ``command`` (train-complex, train-links, train-recipes, facts, neighbours or kernel),
             and settings.
         claims: claims to compare with the results.
@@ -134,7 +134,7 @@ class Study(Record, omit_defaults=True):
 
 
 class Cell(Record, frozen=True):
-    """A training of a study: variant, grid values, seed, and all given settings of study, grid and variant."""
+    """A training in a study: variant, grid values, seed, and all given settings from study, grid and variant."""
 
     variant: str
     values: Values
@@ -143,12 +143,12 @@ class Cell(Record, frozen=True):
 
 
 def built_in() -> list[str]:
-    """Return the names of the built-in studies."""
+    """Return the built-in studies' names."""
     return sorted(path.name.removesuffix(".toml") for path in BUILT_IN.iterdir() if path.name.endswith(".toml"))
 
 
 def read_study(source: str | Path) -> Study:
-    """Read a study from a TOML file or a built-in study by name, and check everything but its books.
+    """Read a study from a TOML file or a built-in study by name, and check everything except its books.
 
     Raises:
         ConfigError: for a missing study, or an unknown, wrong or contradictory setting.
@@ -162,7 +162,7 @@ def read_study(source: str | Path) -> Study:
     path = Path(source)
     if not path.is_file():
         raise ConfigError(
-            f"'{source}': no such file, and no study of that name; there are {', '.join(built_in())}."
+            f"'{source}': no such file or built-in study; expected {', '.join(built_in())}."
             f"{nearest(str(source), built_in())}"
         )
     try:
@@ -172,7 +172,7 @@ def read_study(source: str | Path) -> Study:
 
 
 def parse_study(text: str, source: str) -> Study:
-    """Parse and check the text of a TOML file, called ``source`` in a ConfigError."""
+    """Parse and check TOML text, called ``source`` in a ConfigError."""
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -190,13 +190,13 @@ def adapted(study: Study, *, book: str | None = None, steps: int | None = None, 
     """Return a study with another book, step count or seed count.
 
     Raises:
-        ConfigError: if the study varies the setting itself, or for a number out of range.
+        ConfigError: if the study varies the setting, or for a number out of range.
     """
     given: Values = {name: value for name, value in (("book", book), ("steps", steps)) if value is not None}
     for name in given:
         tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]
         if any(name in table for table in tables):
-            raise ConfigError(f"`{name}`: the study itself says which; change it there.")
+            raise ConfigError(f"`{name}`: the study varies this setting; change the study file.")
     settings, number = {**study.settings, **given}, study.seeds if seeds is None else seeds
     changed = msgspec.structs.replace(study, settings=settings, seeds=number)
     check_study(changed)
@@ -204,13 +204,13 @@ def adapted(study: Study, *, book: str | None = None, steps: int | None = None, 
 
 
 def check_study(study: Study, source: str = "study") -> None:
-    """Raise ConfigError for the first unknown, wrong or contradictory name or setting of a study."""
+    """Raise ConfigError for the first unknown, wrong or contradictory name or setting in a study."""
     whole("seeds", study.seeds, 1, 1_000)
     if not study.variants:
         raise ConfigError(f'{source}: no variants; expected at least one table [variants."a name"].')
     if study.reference and study.reference not in study.variants:
         raise ConfigError(
-            f"{source}: reference '{study.reference}' is no variant; there are {', '.join(study.variants)}."
+            f"{source}: reference '{study.reference}' is not a variant; expected {', '.join(study.variants)}."
             f"{nearest(study.reference, study.variants)}"
         )
     _check_scorers(study, source)
@@ -221,7 +221,7 @@ def check_study(study: Study, source: str = "study") -> None:
         name = cell.settings.get(SCORER)
         if name is not None and name not in study.scorers:
             raise ConfigError(
-                f"{source}: variant '{cell.variant}' names the scorer {name!r}; there are "
+                f"{source}: variant '{cell.variant}' names the unknown scorer {name!r}; expected "
                 f"{', '.join(study.scorers) or 'none'}.{nearest(str(name), study.scorers)}"
             )
     for claim in study.claims:
@@ -250,13 +250,13 @@ def _check_settings(study: Study, source: str) -> None:
         _known(source, where, table, known)
         twice = [name for name in table if where.startswith("variants.") and name in varied]
         if twice:
-            raise ConfigError(f"{source}: {where}{twice[0]} is also in the grid; a variant cannot fix what is varied.")
+            raise ConfigError(f"{source}: {where}{twice[0]} is also in the grid; remove the setting from the variant.")
 
 
 def _check_grid(study: Study, source: str) -> None:
     for name, values in study.grid.items():
         if not values:
-            raise ConfigError(f"{source}: grid.{name} is empty; expected at least one value.")
+            raise ConfigError(f"{source}: grid.{name} is empty; expected a value.")
         for value in values:
             if values.count(value) > 1:
                 raise ConfigError(f"{source}: grid.{name} has {value!r} twice.")
@@ -270,10 +270,10 @@ def _check_points(study: Study, source: str) -> None:
                 f"{', '.join(study.points[0]) or 'nothing'}; expected the same settings in all."
             )
         if point in study.points[:number]:
-            raise ConfigError(f"{source}: points[{number}] is there twice.")
+            raise ConfigError(f"{source}: points[{number}] is a duplicate.")
         for name in point:
             if name in study.grid:
-                raise ConfigError(f"{source}: points[{number}].{name} is also in the grid; give it in one of them.")
+                raise ConfigError(f"{source}: points[{number}].{name} is also in the grid; keep one.")
 
 
 def _check_claim(study: Study, claim: Claim, source: str) -> None:
@@ -283,18 +283,20 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
     for variant in (claim.left, claim.right):
         if variant and variant not in study.variants:
             hint = nearest(variant, study.variants)
-            raise ConfigError(f"{where} names no variant: {variant!r}; there are {', '.join(study.variants)}.{hint}")
+            raise ConfigError(
+                f"{where} names an unknown variant {variant!r}; expected {', '.join(study.variants)}.{hint}"
+            )
     if claim.expected == "comparable" and not claim.by:
         raise ConfigError(f"{where} needs 'by': how close is comparable?")
     if claim.measure == "steps" and not claim.right:
         raise ConfigError(f"{where}: steps are counted until the curve of a variant is reached; give 'right'.")
     for values in (claim.at, {**claim.at, **claim.right_at}):
         if not points_at(study, values):
-            raise ConfigError(f"{where} is about {values}; there is no such point in the grid.")
+            raise ConfigError(f"{where} is about {values}, which is not a grid point.")
 
 
 def points_of(study: Study) -> list[Values]:
-    """Return the grid points of a study: its conditions, each crossed with the grid."""
+    """Return a study's grid points: its conditions, each crossed with the grid."""
     crossed = [dict(zip(study.grid, point, strict=True)) for point in product(*study.grid.values())]
     return [{**point, **values} for point in study.points or [{}] for values in crossed]
 
@@ -311,7 +313,7 @@ def _known(source: str, where: str, table: Any, known: Any) -> None:
 
 
 def cells_of(study: Study) -> list[Cell]:
-    """Return the trainings of a study by point, variant and seed.
+    """Return a study's trainings by point, variant and seed.
 
     A cell without a scorer omits the settings ``scorer.NAME``, because they do not change the training.
     """
@@ -326,5 +328,5 @@ def cells_of(study: Study) -> list[Cell]:
 
 
 def split_of(settings: Values) -> SplitConfig:
-    """Return the split settings of a cell."""
+    """Return a cell's split settings."""
     return SplitConfig(**{OF_GRAPH[name]: settings[name] for name in OF_GRAPH if name != "book" and name in settings})  # type: ignore[arg-type]

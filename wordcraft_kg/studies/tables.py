@@ -15,12 +15,12 @@ from wordcraft_kg.studies.view import StudyView, title_of
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts.
+    """A text table.
 
     Attributes:
         title: the grid point.
         headings: column headings, the first for the variants.
-        rows: cells of each variant.
+        rows: each variant's cells.
     """
 
     title: str
@@ -42,7 +42,7 @@ def tables_of(view: StudyView) -> list[Table]:
 
 
 def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> str:
-    """Format a value with the bounds of its interval.
+    """Format a value with its interval bounds.
 
     Example:
         >>> with_bounds(0.5, (0.4, 0.61))
@@ -52,7 +52,7 @@ def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> s
 
 
 def bounds(interval: Interval | None, form: str = ".3f") -> str:
-    """Format the bounds of an interval; empty for None."""
+    """Format interval bounds; empty for None."""
     return f"[{signed(interval[0], form)}, {signed(interval[1], form)}]" if interval else ""
 
 
@@ -137,7 +137,7 @@ def _cell(value: object) -> object:
 
 
 def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dict[str, object]:
-    found = at.comparison
+    comparison = at.comparison
 
     def ends(name: str, interval: Sequence[float | int | None] | None) -> dict[str, object]:
         low, high = interval or ("", "")
@@ -161,12 +161,12 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
         "train": at.train,
         "mrr": at.mrr,
         **ends("mrr", at.mrr_range),
-        "difference": found and found.difference,
-        **ends("difference", found.interval if found else None),
-        "p_better": found and found.p_better,
-        **ends("p_better", found.p_better_interval if found else None),
-        "p_value": found and found.p_value,
-        "p_holm": found and found.p_corrected,
+        "difference": comparison and comparison.difference,
+        **ends("difference", comparison.interval if comparison else None),
+        "p_better": comparison and comparison.p_better,
+        **ends("p_better", comparison.p_better_interval if comparison else None),
+        "p_value": comparison and comparison.p_value,
+        "p_holm": comparison and comparison.p_corrected,
         "steps_to_reference": steps(at.reached),
         "steps_to_reference_low": reached[0] if reached else "",
         "steps_to_reference_high": reached[1] if reached else "",
@@ -175,7 +175,7 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
 
 
 def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
-    """Yield the text output of a study: its title, and for each grid point a line for each variant."""
+    """Yield a study's text output: its title, and for each grid point a line per variant."""
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
         yield f"{point.title} ({_where(point)})"
@@ -213,12 +213,12 @@ def _where(point: PointFigures) -> str:
 
 
 def _comparison(entry: VariantFigures) -> str:
-    found = entry.comparison
-    if found is None:
+    comparison = entry.comparison
+    if comparison is None:
         return ""
-    low, high = found.interval
-    difference = f"{found.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    return f"  {difference}  P(better) {found.p_better:.2f}  p {_p_value(found.p_corrected)}"
+    low, high = comparison.interval
+    difference = f"{comparison.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
+    return f"  {difference}  P(better) {comparison.p_better:.2f}  p {_p_value(comparison.p_corrected)}"
 
 
 _TITLES: dict[Metric, str] = {

@@ -1,4 +1,4 @@
-"""Study tasks, addressed by inputs and settings, and the interface of workers."""
+"""Study tasks, addressed by inputs and settings, and the worker interface."""
 
 import hashlib
 import json
@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 Kind = Literal["graphs", "scorers", "runs"]
-"""Kind of a task, and subfolder of the results folder."""
+"""Task kind, and subfolder in the results folder."""
 TerminationReason = Literal["done", "failed", "interrupted"]
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A task: a graph folder, a model folder or the run folder of an agent.
+    """A task: a graph folder, a model folder or an agent's run folder.
 
     Attributes:
         settings: all settings that determine the outcome, and input addresses.
-        title: a line for people; not part of the address.
+        title: a line for people; not in the address.
         needs: input addresses.
         threads: CPU threads.
         device: torch device.
@@ -33,22 +33,22 @@ class Task:
 
     @cached_property
     def address(self) -> str:
-        """Folder relative to the results folder: kind and hash of the settings."""
+        """Folder relative to the results folder: kind and settings hash."""
         text = json.dumps(self.settings, sort_keys=True, ensure_ascii=False, allow_nan=False)
         return f"{self.kind}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def folder(self, root: Path) -> Path:
-        """Return the folder of the task in a results folder."""
+        """Return the task's folder in a results folder."""
         return root / self.address
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a task; an interrupted task can be resumed.
+    """A task's outcome; an interrupted task can be resumed.
 
     Attributes:
         error: the error in a line.
-        detail: traceback of an unexpected error.
+        detail: traceback for an unexpected error.
         disk_full: whether the disk was full, which ends the study.
     """
 
@@ -60,11 +60,11 @@ class Outcome:
 
 
 class Workers(Protocol):
-    """Performs tasks with finished inputs; files of a task are in the results folder before its outcome."""
+    """Performs tasks with finished inputs; a task's files are in the results folder before its outcome."""
 
     @property
     def places(self) -> int:
-        """Number of parallel tasks; may change with the size of a cluster."""
+        """Number of parallel tasks; may change with the cluster size."""
 
     def start(self, task: Task) -> None:
         """Start a task and return at once."""

@@ -1,4 +1,4 @@
-"""Figures of a variant at a grid point: means, intervals, and differences to the reference."""
+"""A variant's figures at a grid point: means, intervals, and differences to the reference."""
 
 import math
 from collections.abc import Sequence
@@ -36,16 +36,16 @@ class StudyCurvePoint(Record, array_like=True):
 
 
 class Comparison(Record):
-    """A variant against the reference at a grid point; intervals are of 95 %.
+    """A variant against the reference at a grid point; all intervals are 95 % intervals.
 
     Attributes:
-        difference: of mean success on test tasks.
-        interval: over pairs of seed and task.
+        difference: in mean success on test tasks.
+        interval: over pairs (seed, task).
         pairs: shared seed count.
-        p_better: probability that a run of the variant beats a run of the reference.
+        p_better: probability that a variant run beats a reference run.
         p_better_interval: over seeds; None for a single seed.
-        p_value: p-value of no difference, from the interval.
-        p_corrected: corrected by Holm over all comparisons of the study.
+        p_value: for zero difference, from the interval.
+        p_corrected: corrected by Holm over all comparisons in the study.
     """
 
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -58,20 +58,20 @@ class Comparison(Record):
 
 
 class VariantFigures(Record):
-    """The figures of a variant at a grid point; intervals are of 95 %.
+    """A variant's figures at a grid point; all intervals are 95 % intervals.
 
     Attributes:
-        success: success of each run on test tasks, in the order of ``seeds``.
+        success: each run's success on test tasks, in the order of ``seeds``.
         iqm: interquartile mean.
-        seed_interval: of the mean over seeds; None for a single seed.
-        interval: of the mean over seeds and tasks; over tasks alone for a single seed.
-        iqm_interval: of the IQM over seeds; None for a single seed.
-        by_plan: success rate by the last pair of a plan.
+        seed_interval: for the mean over seeds; None for a single seed.
+        interval: for the mean over seeds and tasks; over tasks alone for a single seed.
+        iqm_interval: for the IQM over seeds; None for a single seed.
+        by_plan: success rate by the last pair in a plan.
         train: mean success on train tasks; None if not measured.
-        mrr: mean leak-free MRR of the scorers on test triples, or None.
+        mrr: the scorers' mean leak-free MRR on test triples, or None.
         mrr_range: least and greatest MRR.
-        comparison: against the reference; None for the reference itself and without pairs.
-        reached: steps until the mean curve reaches the final success of the reference; None for never.
+        comparison: against the reference; None for the reference and without pairs.
+        reached: steps until the mean curve reaches the reference's final success; None for never.
         reached_interval: over seeds, with None for never; None for a single seed.
         curve: success during training.
         runs: run folder addresses.
@@ -104,9 +104,9 @@ class PointFigures(Record):
 
     Attributes:
         values: grid values by setting, with ``title`` in words.
-        graphs: graphs of the runs, usually one.
+        graphs: the runs' graphs, usually one.
         tasks: test task count.
-        distractor_seeds: distractor draws per task.
+        distractor_seeds: distractor seeds per task.
     """
 
     values: Values
@@ -118,7 +118,7 @@ class PointFigures(Record):
 
 
 def figures_of(results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]) -> VariantFigures:
-    """Return the figures of a variant's runs, and of the comparison with the runs ``base`` of the reference."""
+    """Return figures for a variant's runs, compared with the reference's runs ``base``."""
     success = [run.success["test"] for run in members]
     table = _table(members)
     train = [run.success["train"] for run in members if "train" in run.success]
@@ -154,12 +154,12 @@ def mean_of(values: Sequence[float]) -> float:
 
 
 def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
-    """Return the success rate of each run on each test task, shape (S, K)."""
+    """Return each run's success rate on each test task, shape (S, K)."""
     return np.array([run.rates for run in members])
 
 
 def _comparison(results: StudyResults, members: list[RunResult], base: list[RunResult]) -> Comparison | None:
-    """Compare runs of equal tables and seeds; None without such pairs and for the reference itself."""
+    """Compare runs with equal tables and seeds; None without such pairs and for the reference."""
     by_seed = {run.seed: run for run in base}
     pairs = [(run, by_seed[run.seed]) for run in members if run.seed in by_seed]
     if members is base or not pairs or _played(results, members[0]) != _played(results, base[0]):
@@ -205,7 +205,7 @@ def _curve(members: Sequence[RunResult]) -> tuple[StudyCurvePoint, ...]:
 def _reached(
     members: list[RunResult], base: list[RunResult]
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
-    """Return the steps until the mean curve reaches the end of the reference curve, and the interval over seeds."""
+    """Return the steps until the mean curve reaches the reference curve's end, and the interval over seeds."""
     if not base:
         return None, None
     steps, table = _curves(members)
@@ -221,7 +221,7 @@ def _reached(
     seen = first(table.mean(axis=0)[None], goal.mean(axis=0)[-1:])[0]
     if len(members) == 1 or len(base) == 1:
         return _steps(seen), None
-    # For the reference itself, goal and curve use the same resamples.
+    # The reference's goal and curve use the same resamples.
     goals = resampled_means(goal[:, -1:], seed=0)[:, 0]
     drawn = np.sort(first(resampled_means(table, seed=0 if members is base else 1), goals))
     low, high = np.quantile(drawn, [0.025, 0.975], method="nearest")

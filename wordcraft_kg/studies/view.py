@@ -9,21 +9,21 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.statistics import holm
 from wordcraft_kg.evaluation.reference import PlayedGraph
-from wordcraft_kg.studies.claims import Judged, view_claims
+from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, RunResult, StudyResults
+from wordcraft_kg.studies.scatter import ScorerScatter, scatters_of
 from wordcraft_kg.studies.study import Drawing, Value, Values
-from wordcraft_kg.studies.train_samples import TrainSample, train_samples_of
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures, figures_of
 
 
 class StudyView(Record):
-    """The report of a study (``report.json``).
+    """The study report (``report.json``).
 
     Attributes:
-        reference: the variant of all comparisons.
+        reference: the variant for all comparisons.
         points: grid points that have runs.
-        train_samples: for the drawing "scatter": entries by scoring of train tasks and point of other settings.
-        comparisons: number of comparisons in the correction of p-values.
+        scatters: for the drawing "scatter": entries by how train tasks are scored and by remaining settings.
+        comparisons: number of comparisons that the p-values are corrected for.
     """
 
     format: Literal["wordcraft-kg study report 1"]
@@ -35,9 +35,9 @@ class StudyView(Record):
     drawing: Drawing
     reference: str
     points: Annotated[tuple[PointFigures, ...], msgspec.Meta(min_length=1)]
-    train_samples: tuple[TrainSample, ...]
+    scatters: tuple[ScorerScatter, ...]
     comparisons: Count
-    claims: tuple[Judged, ...]
+    claims: tuple[ClaimVerdict, ...]
     missing: tuple[Missing, ...]
     versions: dict[str, str]
     hours: float
@@ -48,10 +48,10 @@ Runs = dict[str, list[RunResult]]
 
 
 def view_study(results: StudyResults) -> StudyView:
-    """Compute all figures of a study.
+    """Compute all study figures.
 
     Raises:
-        ConfigError: without runs, or if runs of a cell have different graphs, splits or tasks.
+        ConfigError: without runs, or if runs in a cell have different graphs, splits or tasks.
     """
     study = results.study
     reference = study.reference or next(iter(study.variants))
@@ -69,7 +69,7 @@ def view_study(results: StudyResults) -> StudyView:
         drawing=study.drawing,
         reference=reference,
         points=tuple(points),
-        train_samples=tuple(train_samples_of(results, points, reference)) if study.drawing == "scatter" else (),
+        scatters=tuple(scatters_of(results, points, reference)) if study.drawing == "scatter" else (),
         comparisons=len(compared),
         claims=view_claims(results),
         missing=results.missing,
@@ -101,7 +101,7 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     if not results.runs:
         why = f" The first: {results.missing[0].why.rstrip('.')}." if results.missing else ""
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{why} Run it first: "
+            f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{why} Run the study first: "
             f"{results.command}"
         )
     points: dict[bytes, tuple[Values, Runs]] = {}
@@ -120,33 +120,33 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
 
 
 def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
-    """Refuse to average runs of different tasks, or the same seed twice."""
+    """Refuse to average runs on different tasks, or the same seed twice."""
     first = members[0]
     for run in members[1:]:
         one, other = results.graphs[first.graph], results.graphs[run.graph]
         if (one.hash, one.split) != (other.hash, other.split):
-            what = "graphs" if one.hash != other.hash else "splits"
+            differing = "graphs" if one.hash != other.hash else "splits"
             raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were played on different {what} ({_named(one)}; "
-                f"{_named(other)}), so their figures cannot be averaged. Make what differs a part of the grid, such as "
-                "`book`, `split` or `split_seed`, or run them again on one graph."
+                f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} ({_named(one)}; "
+                f"{_named(other)}), so their figures cannot be averaged. Add the differing setting to the grid, "
+                "such as `book`, `split` or `split_seed`, or repeat the runs on the same graph."
             )
         if (len(run.won), run.distractor_seeds) != (len(first.won), first.distractor_seeds):
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were evaluated on {len(first.won):,} tasks with "
                 f"{first.distractor_seeds} distractor seeds and on {len(run.won):,} with {run.distractor_seeds}, so "
-                "the mean is undefined. Run one again."
+                "the mean is undefined. Repeat the older run."
             )
     seeds = [run.seed for run in members]
     if len(set(seeds)) < len(seeds):
         twice = next(seed for seed in seeds if seeds.count(seed) > 1)
         raise ConfigError(
-            f"{cell}: seed {twice} is there twice (runs {', '.join(run.run for run in members if run.seed == twice)}); "
-            "something else than the seed differs between them. Make it a part of the variants."
+            f"{cell}: seed {twice} occurs twice (runs {', '.join(run.run for run in members if run.seed == twice)}); "
+            "another setting than the seed differs. Add that setting to the variants."
         )
     for run in members:
         if "test" not in run.success or "test" not in run.by_plan or not run.won:
-            raise ConfigError(f"{cell}, seed {run.seed}: no test tasks were played, so there is nothing to compare.")
+            raise ConfigError(f"{cell}, seed {run.seed}: no test tasks were played, so nothing can be compared.")
 
 
 def _named(graph: PlayedGraph) -> str:

@@ -168,7 +168,7 @@ def test_links_of_elicited_recipes_are_compared_with_baselines_of_the_train_reci
     assert not report["has_seen_the_test_recipes"]
     assert 0 < report["baselines"]["frequency"]["all"] < 1
     page = Path("models/elicited/report/index.html").read_text()
-    assert "taught no recipe" in page
+    assert "trained on no recipe" in page
     assert "none knowledge graph" not in page
     succeed("compare", "models/elicited", "models/elicited")
 

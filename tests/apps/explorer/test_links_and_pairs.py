@@ -106,7 +106,7 @@ def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers
     shares = scorer.result_probabilities(a, b)
     assert [row.probability for row in found.results] == pytest.approx(sorted(shares.tolist(), reverse=True)[:10])
     assert any(row.because for row in found.results)
-    assert not any(row.memory for row in found.results if row.known != "train")
+    assert not any(row.in_sample for row in found.results if row.known != "train")
     assert [row.part for row in found.makes if row.result == result] == ["test"]
 
 
@@ -114,7 +114,7 @@ def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers: LinkPredictor):
     a, b, result = rankers.graph.labels(rankers.split.recipes("train")[0])
     found = pair_of(rankers, a, b)
     assert found.results is not None
-    assert {row.result for row in found.results if row.memory} >= {result}
+    assert {row.result for row in found.results if row.in_sample} >= {result}
     assert found.link is not None
     assert (found.link.status, found.link.probability) == ("learned", None)
 

@@ -36,7 +36,7 @@ from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
-from wordcraft_kg.studies.result_readers import rows_beside
+from wordcraft_kg.studies.result_readers import external_rows
 
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
@@ -220,11 +220,11 @@ def test_a_log_of_repeated_games_is_refused(play: Play):
 def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play: Play, kitchen: OpenedGraph):
     log = play(crafting("kitchen", tasks=3, distractors=2), lambda messages: "1 + 2")
     success = read_inspect_log(log.location).success
-    (row,) = rows_beside(kitchen, TaskPlay("test", 1, 1), [1, 2], [Path(log.location)])
+    (row,) = external_rows(kitchen, TaskPlay("test", 1, 1), [1, 2], [Path(log.location)])
     assert (row.player, row.kind, row.tasks) == ("mockllm/model", "language model", 3)
     assert (row.figures["2"].value, row.figures["2"].low) == (success.mean, success.ci_low)
     with pytest.raises(ConfigError, match="was recorded on tasks"):
-        rows_beside(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
+        external_rows(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
 
 
 def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: Path):

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, State
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
-from wordcraft_kg.reports.agent_pictures import PICKS
+from wordcraft_kg.reports.agent_pictures import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 
 
@@ -73,5 +73,5 @@ def _environment(package: str) -> jinja2.Environment:
     # Charts look as in reports, and templates share their macros.
     packages = dict.fromkeys((package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports"))
     environment = make_environment(*packages)
-    environment.globals["picks"] = PICKS
+    environment.globals["actions"] = ACTIONS
     return environment

@@ -46,7 +46,7 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
         kind="people",
         measure="success",
         figures=figures_of(estimates),
-        origin="beside",
+        origin="external",
         source=str(path),
         play=play,
         interval=f"95 %, over {' or '.join(sorted(over))}",

@@ -108,7 +108,7 @@ def _row(
         player=result.player,
         kind="language model" if _is_log(path) else "other",
         figures=figures,
-        origin="beside",
+        origin="external",
         source=str(path),
         play=play,
         settings={} if settings.knowledge == "none" else look_ups,

@@ -9,13 +9,13 @@ from markupsafe import Markup
 from wordcraft_kg.reports.charts.scales import shortened, spread
 
 LETTER, SMALL_LETTER = 5.9, 5.2
-"""Mean widths of a letter in a box and under a box."""
+"""Mean letter widths in a box and under a box."""
 _LONGEST = 16
-"""Most letters of a label in a box; the tooltip of a shortened label is complete."""
+"""Most letters for a label in a box; a shortened label's tooltip is complete."""
 _LONGEST_PART = 11
-"""Most letters of a label under a box."""
+"""Most letters for a label under a box."""
 _BOX, _GAP, _BETWEEN = 22, 46, 20
-"""Height of a box, distance of two boxes of a layer, and distance of two layers."""
+"""Box height, distance between boxes in a layer, and distance between layers."""
 _NARROWEST = 50
 MARGIN = 8
 _SWEEPS = 24
@@ -24,7 +24,7 @@ _SWEEPS = 24
 
 @dataclass(frozen=True)
 class Made:
-    """An entity of a layer (from 1), made of entities of earlier layers; ``href`` may be empty, ``style`` is CSS."""
+    """An entity in a layer (from 1), made from entities in earlier layers; ``href`` may be empty, ``style`` is CSS."""
 
     label: str
     href: str
@@ -36,7 +36,7 @@ class Made:
 
 @dataclass
 class _Place:
-    """A node of the drawing: an entity, or a layer crossing of an arrow, with its neighbours in adjacent layers."""
+    """A node in the drawing: an entity, or an arrow's layer crossing, with its neighbours in adjacent layers."""
 
     column: int
     before: "list[_Place]"
@@ -45,10 +45,10 @@ class _Place:
 
 
 def layered(things: Sequence[Made], given: Collection[str], description: str) -> Markup:
-    """Draw entities as boxes, with their ingredients below and arrows to the entities made of them.
+    """Draw entities as boxes, with their ingredients below and arrows to their results.
 
     Args:
-        things: entities in an order of crafting; further ingredients have no box and no arrow.
+        things: entities in crafting order; further ingredients have no box and no arrow.
         given: base entity labels, in bold.
         description: text alternative.
     """
@@ -93,7 +93,7 @@ def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
 def _arrows(
     things: Sequence[Made], place_of: dict[str, _Place], columns: list[list[_Place]]
 ) -> list[tuple[str, list[_Place]]]:
-    """Return title and route of each arrow; arrows from the same box cross a layer at the same place."""
+    """Return each arrow's title and route; arrows from the same box cross a layer at the same place."""
     passing: dict[tuple[str, int], _Place] = {}
     arrows = []
     for thing in things:
@@ -113,7 +113,7 @@ def _arrows(
 
 
 def _settle(layers: list[list[_Place]]) -> None:
-    """Move nodes towards the mean of their neighbours, with a gap between nodes of a layer."""
+    """Move nodes towards the mean position of their neighbours, with a gap between nodes in a layer."""
     for layer in layers:
         for number, place in enumerate(layer):
             place.y = _GAP * (number - (len(layer) - 1) / 2)
@@ -133,7 +133,7 @@ def _mean(place: _Place, from_left: bool, both: bool) -> float:
 
 
 def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
-    """Return the SVG path of an arrow: horizontal inside layers, curved between layers."""
+    """Return an arrow's SVG path: horizontal inside layers, curved between layers."""
     y = int(route[0].y)
     path = [f"M{lefts[route[0].column] + widths[route[0].column]} {y}"]
     for place in route[1:]:

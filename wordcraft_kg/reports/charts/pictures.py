@@ -1,4 +1,4 @@
-"""Pictures without axes: a map of entities and their links, and a bar of contributions."""
+"""Pictures without axes: a map with entities and their links, and a contribution bar."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -12,11 +12,11 @@ from wordcraft_kg.reports.charts.scales import Labels, shortened
 
 
 def contribution_bar(contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]) -> Markup:
-    """Draw the terms of a sum: positive terms stacked to the right of the middle, negative terms to the left.
+    """Draw the terms in a sum: positive terms stacked to the right of the middle, negative terms to the left.
 
     Args:
         contributions: terms by name.
-        scale: value of half the width.
+        scale: value that half the width stands for.
         colours: colour number by name.
     """
     half, height = 70.0, 12
@@ -36,9 +36,9 @@ def contribution_bar(contributions: Mapping[str, float], scale: float, colours: 
 
 
 _LONGEST = 24
-"""Most letters of a label; the tooltip of a shortened label is complete."""
+"""Most letters in a label; a shortened label's tooltip is complete."""
 LETTER, LINE = 11.0, 22
-"""Width of a letter and height of a line, in units of the map at page width."""
+"""Letter width and line height, in map units at page width."""
 _SIDE, _EDGE, _RIGHT = 50, 40, 190
 """Margins: left, above and below, right."""
 
@@ -58,7 +58,7 @@ class Dot:
 
 @dataclass(frozen=True)
 class Region:
-    """The name of a region of the map and its centre."""
+    """A map region's name and centre."""
 
     name: str
     x: int
@@ -75,15 +75,15 @@ def world(
     chosen: int | None = None,
     partners: Mapping[str, Collection[int]] | None = None,
 ) -> Markup:
-    """Draw a map; a script shows the links of the entity under the pointer.
+    """Draw a map; a script shows the links for the entity under the pointer.
 
     Args:
         dots: entities by descending label priority.
         regions: names behind the dots.
         size: map width and height.
         description: text alternative.
-        links: pairs of dot numbers by kind.
-        chosen: number of a dot with visible links.
+        links: dot number pairs by kind.
+        chosen: dot number with visible links.
         partners: dots linked to ``chosen`` by kind, a CSS class.
     """
     partners = partners or {}
@@ -132,5 +132,5 @@ def _place_of_label(dot: Dot) -> tuple[float, float, int]:
 
 
 def colour_of(number: int) -> str:
-    """Return the colour class of a group; negative numbers and groups beyond the palette are grey."""
+    """Return a group's colour class; negative numbers and groups beyond the palette are grey."""
     return f"series-{number}" if 0 <= number < COLOURS else "series-other"

@@ -1,4 +1,4 @@
-"""Axes with linear scales, the marks drawn between them as SVG elements, and the colours of series.
+"""Axes with linear scales, the marks drawn between them as SVG elements, and series colours.
 
 The first six colours are from Okabe and Ito 2008, "Color universal design", by contrast with a white page. The seventh
 is the text colour; the eighth is brown on a white page and yellow on a dark page. A test simulates deuteranopia and
@@ -23,42 +23,42 @@ WIDTH, HEIGHT = 460, 250
 LEFT, _RIGHT, TOP, BOTTOM = 46, 12, 12, 42
 _LINE_HEIGHT = 13
 LETTER, SMALL_LETTER = 6.3, 5.5
-"""Widths of a letter in the charts' usual (11 px) and small text."""
+"""Letter widths in the charts' usual (11 px) and small text."""
 _LONGEST_NAME = 28
-"""Most letters of a name; the tooltip of a shortened name is complete."""
+"""Most letters in a name; a shortened name's tooltip is complete."""
 ABOVE = 28
 """Margin above the axes, for a title or a legend."""
 _HOVER_POINTS = 60
-"""Most points of a curve that have a tooltip."""
+"""Most points with a tooltip per curve."""
 _CORNERS = (
     (),
     ((-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)),
     ((0, -4.2), (4, 3), (-4, 3)),
     ((0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)),
 )
-"""Shapes of markers: circle, square, triangle and diamond."""
+"""Marker shapes: circle, square, triangle and diamond."""
 
 CurvePoint = tuple[float, float, float | None, float | None]
-"""x, y, and the bounds of an interval of y, or None for both bounds."""
+"""x, y, and interval bounds for y, or None for both bounds."""
 
 
 def style_of(number: int) -> str:
-    """Return the colour class of a series; colours repeat after the last."""
+    """Return a series' colour class; colours repeat after the last."""
     return f"series-{number % COLOURS}"
 
 
 def short(name: str) -> str:
-    """Return a name, shortened to fit the margin of a chart."""
+    """Return a name, shortened to fit a chart margin."""
     return shortened(name, _LONGEST_NAME)
 
 
-def room_for(names: Iterable[str], beside: int = 20) -> int:
-    """Return the margin in pixels for series names and ``beside`` further pixels."""
-    return round(beside + LETTER * max((len(short(name)) for name in names), default=0))
+def room_for(names: Iterable[str], extra: int = 20) -> int:
+    """Return the margin in pixels for series names and ``extra`` further pixels."""
+    return round(extra + LETTER * max((len(short(name)) for name in names), default=0))
 
 
 class Plot:
-    """Linear axes and a list of SVG elements; ``top``, ``right`` and ``left`` are margins in pixels."""
+    """Linear axes and a list with SVG elements; ``top``, ``right`` and ``left`` are margins in pixels."""
 
     def __init__(
         self,
@@ -71,18 +71,18 @@ class Plot:
         left: int = LEFT,
         height: int = HEIGHT,
     ):
-        """Set the ranges of both axes, the text alternative and the margins."""
+        """Set both axis ranges, the text alternative and the margins."""
         self.x_range, self.y_range, self.description = x_range, y_range, description
         self.top, self.right, self.left, self.height = top, right, left, height
         self.parts: list[str] = []
 
     def x(self, value: float) -> float:
-        """Return the x-coordinate of a value in pixels."""
+        """Return a value's x-coordinate in pixels."""
         low, high = self.x_range
         return round(self.left + (value - low) / (high - low) * (WIDTH - self.left - self.right), 1)
 
     def y(self, value: float) -> float:
-        """Return the y-coordinate of a value in pixels."""
+        """Return a value's y-coordinate in pixels."""
         low, high = self.y_range
         return round(self.height - BOTTOM - (value - low) / (high - low) * (self.height - self.top - BOTTOM), 1)
 
@@ -121,7 +121,7 @@ class Plot:
         self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
 
     def bands(self, points: Sequence[CurvePoint], number: int) -> None:
-        """Fill the area between the bounds of consecutive points; an isolated point has a whisker."""
+        """Fill the area between the bounds at consecutive points; an isolated point has a whisker."""
         runs: list[list[tuple[float, float, float]]] = [[]]
         for x, _, low, high in points:
             if low is not None and high is not None:
@@ -138,7 +138,7 @@ class Plot:
             self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
 
     def hover_points(self, name: str, points: Sequence[CurvePoint], number: int, percent: bool) -> None:
-        """Add tooltips to points of a curve; a curve of a single point is a dot."""
+        """Add tooltips to points in a curve; a single-point curve is a dot."""
         style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot {style_of(number)}", 3.6)
         every = math.ceil(len(points) / _HOVER_POINTS)
         # Every n-th point counted from the end, because the last point matters most.
@@ -153,7 +153,7 @@ class Plot:
         )
 
     def whiskers(self, x: Estimate, y: Estimate, number: int) -> None:
-        """Draw the intervals of a point in x and y, if present."""
+        """Draw a point's intervals in x and y, if present."""
         style = f"whisker {style_of(number)}"
         if x[1] is not None and x[2] is not None:
             self.polyline([(x[1], y[0]), (x[2], y[0])], style)
@@ -162,7 +162,7 @@ class Plot:
             self.parts.append(f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}" class="{style}"/>')
 
     def marker(self, x: float, y: float, number: int, title: str) -> None:
-        """Draw a marker at pixel coordinates, in the shape and colour of a series."""
+        """Draw a marker at pixel coordinates, in the series' shape and colour."""
         style, inside = f"dot {style_of(number)}", f"<title>{escape(title)}</title>"
         corners = _CORNERS[number % len(_CORNERS)]
         path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
@@ -183,7 +183,7 @@ class Plot:
             self.text(edge + 13, place + 4, short(name), style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:
-        """Return the chart, with a legend of names in the order of colours."""
+        """Return the chart, with a legend that names the series in colour order."""
         x = float(self.left)
         for i, name in enumerate(legend):
             self.parts.append(f'<rect x="{x:g}" y="6" width="11" height="11" class="series-{i}"/>')

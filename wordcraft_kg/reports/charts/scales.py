@@ -1,10 +1,10 @@
-"""Numbers on axes and in tooltips, and the placing of texts."""
+"""Numbers on axes and in tooltips, and text placement."""
 
 import math
 from collections.abc import Sequence
 
 Estimate = tuple[float, float | None, float | None]
-"""A value and the bounds of its interval, or None for both bounds."""
+"""A value with its interval bounds, or None for both bounds."""
 
 
 def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
@@ -18,7 +18,7 @@ def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
 
 
 def amounts(values: Sequence[float]) -> list[str]:
-    """Format numbers in the unit of the largest: 0, 0.5M, 1M."""
+    """Format numbers in the largest number's unit: 0, 0.5M, 1M."""
     highest = max(map(abs, values), default=0)
     size, unit = next(((size, unit) for size, unit in ((1e9, "B"), (1e6, "M"), (1e3, "k")) if highest >= size), (1, ""))
     return [f"{value / size:.10g}{unit}" if value else "0" for value in values]
@@ -64,15 +64,15 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
 
 
 class Labels:
-    """Positions of texts without overlap, first come, first served."""
+    """Text positions without overlap, first come, first served."""
 
     def __init__(self, line: float):
-        """Set the least distance of two lines of text."""
+        """Set the least distance between text lines."""
         self._line = line
         self._taken: dict[int, list[tuple[float, float, float]]] = {}
 
     def take(self, left: float, right: float, y: float) -> bool:
-        """Reserve the position of a text; return False if it overlaps another text."""
+        """Reserve a text position; return False if it overlaps another text."""
         row = int(y // self._line)
         others = [one for near in (row - 1, row, row + 1) for one in self._taken.get(near, ())]
         fits = all(left > end or right < start or abs(y - at) >= self._line for start, end, at in others)

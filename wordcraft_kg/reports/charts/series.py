@@ -1,4 +1,4 @@
-"""Charts of series: curves and estimates with intervals. ``description`` is the text alternative of a chart."""
+"""Series charts: curves and estimates with intervals. ``description`` is a chart's text alternative."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -24,9 +24,9 @@ from wordcraft_kg.reports.charts.scales import Estimate, Labels, amounts, estima
 
 _DASHES = 4
 _ROW = 26
-"""Height of a row of :func:`intervals`."""
+"""Row height in :func:`intervals`."""
 _FIFTHS = [i / 5 for i in range(6)]
-"""Ticks of an axis of shares from 0 to 1."""
+"""Axis ticks for shares from 0 to 1."""
 
 
 def curves(
@@ -42,7 +42,7 @@ def curves(
 ) -> Markup:
     """Draw curves with uncertainty bands and a label at the right end; the x-axis includes 0.
 
-    An isolated point with bounds has a whisker, and a curve of a single point is a dot.
+    An isolated point with bounds has a whisker, and a single-point curve is a dot.
 
     Args:
         series: points by name, x ascending; an empty curve keeps its colour.
@@ -50,9 +50,9 @@ def curves(
         y_title: y-axis title.
         description: text alternative.
         percent: y is a share, on an axis from 0 to 100 %; otherwise the axis fits the data.
-        dashed: names of the dashed curves. Default: a pattern for each colour.
+        dashed: names for dashed curves. Default: a pattern for each colour.
         colours: colour number by name. Default: the position in ``series``.
-        labels: end label by name, for thin curves of several seeds. Default: the name of each curve.
+        labels: end label by name, for thin curves from several seeds. Default: each curve's name.
     """
     texts = labels if labels is not None else {name: name for name in series}
     drawn = {name: points for name, points in series.items() if points}
@@ -125,14 +125,14 @@ def scatter(
     *,
     level: tuple[str, float] | None = None,
 ) -> Markup:
-    """Draw points with whiskers in x and y, and the name of each series to the right of its last point.
+    """Draw points with whiskers in x and y, and each series' name to the right of its last point.
 
     Args:
-        series: by name, points of label, x and y (a share). Labels are shown once, where they fit.
+        series: by name, points (label, x, y); y is a share. Labels are shown once, where they fit.
         x_title: x-axis title.
         y_title: y-axis title.
         description: text alternative.
-        level: name and share of a dashed horizontal line.
+        level: a dashed horizontal line's name and share.
     """
     drawn = {name: sorted(points, key=lambda point: point[1][0]) for name, points in series.items() if points}
     everything = list(chain.from_iterable(drawn.values()))
@@ -167,7 +167,7 @@ def _values(estimates: Iterable[Estimate]) -> list[float]:
 
 
 def _label_point(plot: Plot, taken: Labels, named: set[str], label: str, x: float, y: Estimate, *, below: bool) -> None:
-    """Write a label outside the whiskers of a point if the label fits and is new."""
+    """Write a label outside a point's whiskers if the label fits and is new."""
     ends = [plot.y(value) for value in _values([y])]
     left, half, line = plot.x(x), SMALL_LETTER * len(label) / 2, max(ends) + 12 if below else min(ends) - 5
     if label not in named and taken.take(left - half, left + half, line):
@@ -211,7 +211,7 @@ def intervals(
 
 
 def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
-    """Draw accuracy against confidence, with the diagonal of perfect calibration."""
+    """Draw accuracy against confidence, with a diagonal for perfect calibration."""
     ticks = round_ticks(0, max((max(x, y) for x, y, _ in points), default=1.0))
     plot = Plot((0, ticks[-1]), (0, ticks[-1]), description)
     texts = [f"{value:.3g}" for value in ticks]
@@ -226,11 +226,11 @@ def reliability(points: Sequence[tuple[float, float, int]], description: str) ->
 
 
 def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str) -> Markup:
-    """Draw observed shares against probabilities on logarithmic axes, with the diagonal of perfect calibration.
+    """Draw observed shares against probabilities on logarithmic axes, with a diagonal for perfect calibration.
 
     Args:
-        series: by name, points of probability, observed share, interval bounds and number of triples. A share of 0 is
-            drawn at the lower end of the axis.
+        series: by name, points: probability, observed share, interval bounds and triple count. A share of 0 is
+            drawn at the axis' lower end.
         description: text alternative.
     """
     points = [point for values in series.values() for point in values]
@@ -262,5 +262,5 @@ def _shares(ticks: Sequence[float]) -> list[str]:
 
 
 def _pattern(place: int) -> str:
-    """Return the dash pattern of a curve; curves of equal colour differ in their pattern."""
+    """Return a curve's dash pattern; curves with equal colours differ in their pattern."""
     return f"dash-{(place + place // COLOURS) % _DASHES}"

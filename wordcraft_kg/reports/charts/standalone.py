@@ -10,13 +10,13 @@ from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 
 _INK = {"ink": "#1b1f24", "soft": "#59636e", "line": "#d1d9e0", "other": "#8c959f", "page": "#ffffff"}
-"""Colours of the page's style sheet on a white page."""
+"""Style sheet colours on a white page."""
 _FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 _PANEL, MARGIN, HEAD, _CAPTION = 460, 16, 40, 22
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
 """Invisible points that carry a tooltip."""
 _PIXELS = 200
-"""Pixels per inch of a PNG; a panel is 460 points wide."""
+"""Pixels per inch in a PNG; a panel is 460 points wide."""
 
 
 def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
@@ -49,12 +49,12 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
 
 
 def _height(chart: str) -> int:
-    found = re.search(r'viewBox="0 0 [\d.]+ (\d+)', chart)
-    return int(found[1]) if found else 0
+    match = re.search(r'viewBox="0 0 [\d.]+ (\d+)', chart)
+    return int(match[1]) if match else 0
 
 
 def resolved(style: str) -> str:
-    """Replace ``var()`` and ``color-mix()``, unknown to renderers of SVG files, by the colours of a white page."""
+    """Replace ``var()`` and ``color-mix()``, unknown to SVG file renderers, by colours for a white page."""
     values = _INK | {f"s{number}": colour for number, colour in enumerate(LIGHT)}
     plain = re.sub(r"var\(--(\w+)\)", lambda match: values[match[1]], style)
     return re.sub(r"color-mix\(in srgb, (#\w{6}) (\d+)%, (#\w{6})\)", _mixed, plain)
@@ -72,7 +72,7 @@ def as_png(svg: str) -> bytes:
 
 
 def as_pdf(svg: str) -> bytes:
-    """Render a figure as a vector PDF of the same size; MissingExtraError without the extra ``figures``."""
+    """Render a figure as a vector PDF with the same size; MissingExtraError without the extra ``figures``."""
     return _rendered(svg, "pdf")
 
 

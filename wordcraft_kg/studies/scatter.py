@@ -1,4 +1,4 @@
-"""Dose-response: success of agents against the MRR of their scorers, all else equal."""
+"""Success of agents against the MRR of their scorers, all else equal."""
 
 from collections.abc import Iterator, Sequence
 from typing import Literal
@@ -12,7 +12,7 @@ from wordcraft_kg.studies.study import SCORER, Values
 from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures, mean_of
 
 _EVERYTHING: Values = {"train_fraction": 1, "label_noise": 0}
-"""Settings of a scorer trained on all recipes without noise."""
+"""Settings for a scorer trained on all recipes without noise."""
 
 
 class Correlation(Record, array_like=True):
@@ -23,8 +23,8 @@ class Correlation(Record, array_like=True):
     high: float
 
 
-class TrainSamplePoint(Record):
-    """Success and MRR of a variant at a grid point, see :class:`VariantFigures`."""
+class ScatterPoint(Record):
+    """A variant's success and MRR at a grid point, see :class:`VariantFigures`."""
 
     label: str
     variant: str
@@ -35,29 +35,29 @@ class TrainSamplePoint(Record):
     reached: Count | None
 
 
-class TrainSample(Record):
-    """Success against the MRR of the scorer, all else equal.
+class ScorerScatter(Record):
+    """Success against the scorer's MRR, all else equal.
 
     Attributes:
-        values: grid values of settings other than the scorer's.
-        in_sample: whether scores of train tasks are in-sample.
+        values: grid values for all settings except scorer settings.
+        in_sample: whether train tasks have in-sample scores.
         points: by ascending MRR.
-        pearson: correlation of MRR and success; None for fewer than three points.
-        steps_spearman: rank correlation of MRR and :attr:`TrainSamplePoint.reached`; never counts as the latest step.
-        without: success of a reference without a scorer.
+        pearson: correlation between MRR and success; None for fewer than three points.
+        steps_spearman: rank correlation between MRR and :attr:`ScatterPoint.reached`; never counts as the latest step.
+        without: success by a reference without a scorer.
     """
 
     values: Values
     in_sample: bool
-    points: tuple[TrainSamplePoint, ...]
+    points: tuple[ScatterPoint, ...]
     pearson: Correlation | None
     spearman: Correlation | None
     steps_spearman: Correlation | None
     without: Share | None
 
 
-def train_samples_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[TrainSample]:
-    """Yield the dose-response of each way of scoring train tasks, at each point of the other settings."""
+def scatters_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[ScorerScatter]:
+    """Yield success by MRR for each way to score train tasks, at each point in the remaining settings."""
     groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
     for point in points:
         for entry in point.variants:
@@ -65,10 +65,10 @@ def train_samples_of(results: StudyResults, points: Sequence[PointFigures], refe
                 key = msgspec.json.encode((_others(point), _is_in_sample(results, point, entry)), order="sorted")
                 groups.setdefault(key, []).append((point, entry))
     for members in groups.values():
-        rows = [_train_sample_point(point, entry) for point, entry in members]
+        rows = [_scatter_point(point, entry) for point, entry in members]
         bare = [at.mean for point, _ in members for at in point.variants if at.variant == reference and at.mrr is None]
         mrr, success = [at.mrr for at in rows], [at.success for at in rows]
-        yield TrainSample(
+        yield ScorerScatter(
             values=_others(members[0][0]),
             in_sample=_is_in_sample(results, *members[0]),
             points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
@@ -79,7 +79,7 @@ def train_samples_of(results: StudyResults, points: Sequence[PointFigures], refe
         )
 
 
-def _latest_if_never(rows: Sequence[TrainSamplePoint]) -> list[int]:
+def _latest_if_never(rows: Sequence[ScatterPoint]) -> list[int]:
     latest = 1 + max(at.reached or 0 for at in rows)
     return [latest if at.reached is None else at.reached for at in rows]
 
@@ -93,10 +93,10 @@ def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigu
     return settings.get("in_sample") is True
 
 
-def _train_sample_point(point: PointFigures, entry: VariantFigures) -> TrainSamplePoint:
+def _scatter_point(point: PointFigures, entry: VariantFigures) -> ScatterPoint:
     assert entry.mrr is not None
     assert entry.mrr_range is not None
-    return TrainSamplePoint(
+    return ScatterPoint(
         label=_label(point, entry.variant),
         variant=entry.variant,
         mrr=entry.mrr,
@@ -113,7 +113,7 @@ def _correlation(x: Sequence[float], y: Sequence[float], kind: Literal["pearson"
 
 
 def _label(point: PointFigures, variant: str) -> str:
-    """Return the scorer settings of a point that differ from :data:`_EVERYTHING`."""
+    """Return a point's scorer settings that differ from :data:`_EVERYTHING`."""
     prefix = f"{SCORER}."
     values = {name.removeprefix(prefix): value for name, value in point.values.items() if name.startswith(prefix)}
     differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}

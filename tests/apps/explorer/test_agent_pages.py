@@ -129,7 +129,7 @@ def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents: Explored
     state = Episode(goal=state.goal, table=state.table, other=("plain",))
     view = view_of(agents, state)
     assert len(view.episode.first.episode.steps[0].slots) == MOST_ON_TABLE
-    shown = f"The {view.most_slots} of highest logit, of {MOST_ON_TABLE} on the table."
+    shown = f"The {view.most_slots} slots with the highest logits; the table has {MOST_ON_TABLE}."
     assert shown in look(agents, state).text
 
 

@@ -128,33 +128,29 @@ def test_a_curve_goes_up_with_its_values_and_its_band_lies_around_it():
 
 
 def test_the_axis_of_shares_goes_from_0_to_100_percent_and_the_other_one_with_the_data():
-    texts = [texts_of(drawn({"one": straight(0.6)}, percent)) for percent in (True, False)]
-    assert texts[0][:6] == ["0%", "20%", "40%", "60%", "80%", "100%"]
-    assert texts[1][:6] == ["0.2", "0.3", "0.4", "0.5", "0.6", "0.7"]
+    for percent, expected in ((True, "0% 20% 40% 60% 80% 100%"), (False, "0.2 0.3 0.4 0.5 0.6 0.7")):
+        assert texts_of(drawn({"one": straight(0.6)}, percent))[:6] == expected.split()
 
 
 @pytest.mark.parametrize(
     ("last", "expected"),
     [
-        (3e6, ["0", "1M", "2M", "3M"]),
-        (2e6, ["0", "0.5M", "1M", "1.5M", "2M"]),
-        (1.2e6, ["0", "0.5M", "1M"]),
-        (4.9e4, ["0", "10k", "20k", "30k", "40k"]),
-        (900, ["0", "200", "400", "600", "800"]),
-        (7, ["0", "2", "4", "6"]),
-        (2e9, ["0", "0.5B", "1B", "1.5B", "2B"]),
+        (2e6, "0 0.5M 1M 1.5M 2M"),
+        (4.9e4, "0 10k 20k 30k 40k"),
+        (900, "0 200 400 600 800"),
+        (7, "0 2 4 6"),
+        (2e9, "0 0.5B 1B 1.5B 2B"),
     ],
 )
 def test_steps_are_written_in_readable_units(last, expected):
-    root = drawn({"one": straight(0.6, last)})
-    assert [text.text for text in root.iter("text") if text.get("text-anchor") == "middle"][:-1] == expected
+    middles = [text for text in drawn({"one": straight(0.6, last)}).iter("text") if text.get("text-anchor") == "middle"]
+    assert [text.text for text in middles][:-1] == expected.split()
 
 
 def test_the_axis_of_steps_holds_0():
     root = drawn({"one": [(500, 1, None, None), (1000, 2, None, None)]}, percent=False)
-    zero = next(float(text.get("x")) for text in root.iter("text") if text.text == "0")
     first, last = points_of(of_class(root, "line")[0])[:, 0]
-    assert first - zero == pytest.approx(last - first, abs=0.2)
+    assert first - numbers_of(root.find(".//text[.='0']"), "x")[0] == pytest.approx(last - first, abs=0.2)
 
 
 def test_a_band_is_only_where_there_are_bounds_and_a_lone_interval_is_a_whisker():
@@ -233,23 +229,42 @@ def test_a_curve_without_points_is_left_out_and_keeps_its_colour():
     assert list(end_labels(root)) == ["one"]
 
 
-@pytest.mark.parametrize("percent", [True, False])
+FEW = [
+    {},
+    {"one": []},
+    {"one": [(0, 0.0, None, None)]},
+    {"one": [(5, -3.0, -3.0, -3.0)]},
+    {"one": [(1, 0.5, 0.5, 0.5), (2, 0.5, 0.5, 0.5)]},
+    {"one": [(-4, 0.1, None, None), (-2, 0.3, None, None)]},
+]
+NO_ESTIMATE = (0.0, None, None)
+
+
 @pytest.mark.parametrize(
-    "series",
+    ("root", "style", "expected"),
     [
-        {},
-        {"one": []},
-        {"one": [(0, 0.0, None, None)]},
-        {"one": [(5, -3.0, -3.0, -3.0)]},
-        {"one": [(1, 0.5, 0.5, 0.5), (2, 0.5, 0.5, 0.5)]},
-        {"one": [(-4, 0.1, None, None), (-2, 0.3, None, None)]},
+        *((drawn(series, percent), "grid", 2) for series in FEW for percent in (True, False)),
+        *(
+            (parse(charts.dots(labels, series, "", "", "d")), "dot", len(series) + len(labels) * len(series))
+            for labels, series in (([], {}), ([], {"a": []}), (["x"], {}), (["x"], {"a": [NO_ESTIMATE]}))
+        ),
+        *(
+            (parse(charts.intervals(rows, "x", "d", reference=0.0)), "dot", len(rows))
+            for rows in ([], [("a", (0.0, 0.0, 0.0))], [("a", (-0.1, -0.3, 0.2)), ("a", NO_ESTIMATE)])
+        ),
     ],
 )
-def test_curves_of_few_or_equal_points_are_drawn(series, percent):
-    assert len(of_class(drawn(series, percent), "grid")) >= 2
+def test_charts_of_few_equal_or_negative_values_are_drawn(root, style, expected):
+    found = len(of_class(root, style))
+    assert found >= expected if style == "grid" else found == expected
 
 
-def test_dashes_can_mean_something_and_colours_can_be_shared():
+def test_dashes_can_mean_something_and_colours_and_labels_can_be_shared():
+    seeds = {f"agent, seed {seed}": straight(0.5 + seed / 10) for seed in range(3)}
+    root = drawn(seeds, colours=dict.fromkeys(seeds, 1), labels={"agent, seed 0": "agent"})
+    assert list(end_labels(root)) == ["agent"]
+    assert titles_of(of_class(root, "line")) == list(seeds)
+    assert set(dashes(of_class(root, "line"))) == {"dash-1"}
     curves = {name: straight(0.5) for name in ("a train", "a", "b train", "b")}
     root = drawn(curves, dashed={"a train", "b train"}, colours={"a train": 0, "a": 0, "b train": 9, "b": 1})
     lines = of_class(root, "line")
@@ -260,11 +275,11 @@ def test_dashes_can_mean_something_and_colours_can_be_shared():
     assert colours(of_text(root, "series-")) == colours(of_class(root, "band")) == colours(lines)
 
 
-def test_more_curves_than_colours_are_drawn_in_colours_that_there_are():
-    root = drawn({str(i): straight(0.5) for i in range(10)})
-    found = colours(of_class(root, "line"))
-    assert len(set(found)) == 8
-    assert found[8:] == found[:2]
+def test_more_curves_than_colours_share_colours_and_differ_in_dashes():
+    lines = of_class(drawn({f"curve {i}": straight(i / 16) for i in range(16)}), "line")
+    assert len(set(colours(lines))) == 8
+    assert colours(lines)[8:] == colours(lines)[:8]
+    assert len({line.get("class") for line in lines}) == 16
 
 
 def test_a_long_curve_has_all_its_points_but_not_all_to_hover_over():
@@ -314,16 +329,13 @@ def test_dots_of_different_series_differ_in_shape_too():
     assert len(set(diamond[:, 0])) == 3
 
 
-def test_a_share_may_be_missing_or_have_no_interval():
+def test_a_share_may_be_missing_or_have_no_interval_and_a_series_without_any_keeps_its_colour():
     root = parse(charts.dots(["x", "y"], {"a": [None, (0.5, None, None)]}, "", "", ""))
     assert titles_of(of_class(root, "dot")) == ["a, y: 50.0%", "a"]
     assert not of_class(root, "whisker")
-
-
-@pytest.mark.parametrize(("labels", "series"), [([], {}), ([], {"a": []}), (["x"], {}), (["x"], {"a": estimates(0.0)})])
-def test_dots_of_few_or_no_categories_are_drawn(labels, series):
-    root = parse(charts.dots(labels, series, "", "", "d"))
-    assert len(of_class(root, "dot")) == len(series) + len(labels) * len(series)
+    root = parse(charts.dots(["x"], {"a": [None], "b": estimates(0.5)}, "", "", ""))
+    assert "a" not in texts_of(root)
+    assert colours(of_class(root, "whisker")) == ["series-1"]
 
 
 def test_dots_stay_apart_and_inside_the_picture_when_there_are_many():
@@ -452,31 +464,13 @@ def test_intervals_are_drawn_in_rows_on_one_axis_with_the_reference():
     assert not of_class(of_shares, "diagonal")
 
 
-@pytest.mark.parametrize("rows", [[], [("a", (0.0, 0.0, 0.0))], [("a", (-0.1, -0.3, 0.2)), ("a", (0.0, None, None))]])
-def test_intervals_of_few_equal_or_negative_values_are_drawn(rows):
-    root = parse(charts.intervals(rows, "x", "d", reference=0.0))
-    assert len(of_class(root, "dot")) == len(rows)
-
-
-def test_curves_that_share_a_label_have_it_once():
-    curves = {f"agent, seed {seed}": straight(0.5 + seed / 10) for seed in range(3)}
-    root = drawn(curves, colours=dict.fromkeys(curves, 1), labels={"agent, seed 0": "agent"})
-    assert list(end_labels(root)) == ["agent"]
-    assert titles_of(of_class(root, "line")) == list(curves)
-    assert set(dashes(of_class(root, "line"))) == {"dash-1"}
-
-
-def test_a_series_without_any_share_keeps_its_colour_and_is_not_in_the_legend():
-    root = parse(charts.dots(["x"], {"a": [None], "b": estimates(0.5)}, "", "", ""))
-    assert "a" not in texts_of(root)
-    assert colours(of_class(root, "whisker")) == ["series-1"]
-
-
 CHART = charts.reliability([(0.1, 0.2, 5)], "")
 
 
-def test_a_figure_has_its_panels_side_by_side():
-    root = parse(charts.figure("Title", [(name, CHART) for name in "abc"], "svg text { fill: red; }"))
+def test_a_figure_has_its_panels_side_by_side_and_escapes_its_texts():
+    root = parse(charts.figure(LABEL, [(LABEL, CHART)] * 3, "svg text { fill: red; }"))
+    assert root.get("aria-label") == LABEL
+    assert [child.text for child in root if child.tag.endswith("text")] == [LABEL] * 4
     panels = [child for child in root if child.tag.endswith("svg")]
     places = [(float(panel.get("x", "")), float(panel.get("y", ""))) for panel in panels]
     assert places[0][1] == places[1][1] < places[2][1]
@@ -485,12 +479,6 @@ def test_a_figure_has_its_panels_side_by_side():
     for panel, (x, y) in zip(panels, places, strict=True):
         assert x + float(panel.get("width", "")) <= width
         assert y + float(panel.get("height", "")) <= height
-
-
-def test_a_figure_is_well_formed_and_escapes_its_texts():
-    root = parse(charts.figure(LABEL, [(LABEL, CHART)], ""))
-    assert root.get("aria-label") == LABEL
-    assert [child.text for child in root if child.tag.endswith("text")] == [LABEL, LABEL]
 
 
 def test_a_figure_holds_its_own_style_without_what_only_browsers_know():
@@ -505,12 +493,6 @@ def test_mixed_colours_are_those_of_a_browser_and_there_are_no_points_to_hover_o
     assert ['class="hit"' in svg for svg in (chart, charts.figure("", [("", chart)], ""))] == [True, False]
 
 
-def test_curves_beyond_the_colours_have_other_dashes():
-    root = drawn({f"curve {i}": straight(i / 16) for i in range(16)})
-    lines = [line.get("class") for line in root.iter("polyline")]
-    assert len(lines) == len(set(lines)) == 16
-
-
 def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overlap():
     points = [(f"share {i}", (i / 10, i / 10 - 0.01, i / 10 + 0.01), (0.5, 0.4, 0.6)) for i in range(1, 6)]
     root = parse(charts.scatter({"a": points, "b": [("x", (0.3, None, None), (0.5, None, None))]}, "", "", ""))
@@ -521,19 +503,13 @@ def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overla
     assert all(left + width / 2 <= right - other / 2 for (left, width), (right, other) in itertools.pairwise(ends))
 
 
-@pytest.mark.parametrize("kind", ["png", "pdf"])
-def test_figures_are_rendered_as_pictures_and_pages(kind):
-    pytest.importorskip("typst", reason="needs the extra figures")
-    svg = charts.figure("A title", [("", CHART)], chart_style())
-    content = {"png": as_png, "pdf": as_pdf}[kind](svg)
-    assert content.startswith({"png": b"\x89PNG", "pdf": b"%PDF"}[kind])
-
-
-def test_a_picture_has_the_colours_of_the_style():
+def test_figures_are_rendered_as_pictures_in_the_colours_of_the_style_and_as_pages():
     pytest.importorskip("typst", reason="needs the extra figures")
     image = pytest.importorskip("PIL.Image")
     chart = charts.curves({"a": [(0, 0.2, 0.1, 0.3), (1, 0.6, 0.5, 0.7)]}, "", "", "", percent=True)
-    pixels = image.open(io.BytesIO(as_png(charts.figure("", [("", chart)], chart_style())))).convert("RGB")
+    svg = charts.figure("A title", [("", chart)], chart_style())
+    assert as_pdf(svg).startswith(b"%PDF")
+    pixels = image.open(io.BytesIO(as_png(svg))).convert("RGB")
     assert {(0x00, 0x72, 0xB2), (255, 255, 255)} <= {colour for _, colour in pixels.getcolors(2**24)}
 
 

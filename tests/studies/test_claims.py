@@ -6,70 +6,39 @@ from itertools import product
 import msgspec
 import numpy as np
 import pytest
+from fabricated import fabricate
 
-from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.claims import check_claim, view_claims
-from wordcraft_kg.studies.results import Missing, RunResult, StudyResults
+from wordcraft_kg.studies.results import Missing
 from wordcraft_kg.studies.study import Claim, Study
 
-TASKS, DRAWS = 400, 5
-GRAPH = PlayedGraph("kitchen", "a" * 64, "by-recipe", 0, "b" * 64)
 CLAIM = Claim(text="Left is better.", left="left", right="right")
 
 
-def a_run(variant, success, *, distractors=8, seed=0, curve=(), same_twice=0.0, tasks=TASKS):
+def a_run(variant, success, *, distractors=8, seed=0, curve=(), same_twice=0.0, tasks=400):
     """Return a run whose success on each task is drawn with a mean of its own."""
-    distractor_seeds = np.random.default_rng([seed, distractors, len(variant)]).random((tasks, DRAWS))
-    won = (distractor_seeds < success).sum(1)
-    return RunResult(
-        variant=variant,
-        values={"distractors": distractors},
-        seed=seed,
-        run=f"runs/{variant}-{distractors}-{seed}",
-        graph=0,
-        success={"train": success, "test": float(won.mean() / DRAWS)},
-        by_plan={"train": success, "test": success},
-        terminations={"goal": success, "same_twice": same_twice},
-        won="".join(map(str, won)),
-        distractor_seeds=DRAWS,
-        curve=curve or ((0, 0.0), (100, success / 2), (1000, success)),
-        mrr=None,
-        steps=1000,
-        seconds=1.0,
-        steps_per_second=1000,
-    )
+    rates = np.random.default_rng([seed, distractors, len(variant)]).random((tasks, 5))
+    won = "".join(map(str, (rates < success).sum(1)))
+    curve = curve or ((0, 0.0), (100, success / 2), (1000, success))
+    (run,) = fabricate([({"distractors": distractors}, {variant: [won]})], curves={variant: [curve]}).runs
+    return msgspec.structs.replace(run, seed=seed, terminations={"same_twice": same_twice}, steps=1000)
 
 
 def results_of(*runs, points=(8,), claims=(), missing=()):
-    study = Study(
-        title="Fabricated",
-        variants={"left": {}, "right": {"features": "random"}},
-        grid={"distractors": list(points)},
-        claims=list(claims),
-    )
-    return StudyResults(
-        format="wordcraft-kg results 1",
-        name="fabricated",
-        command="none",
-        study=study,
-        graphs=(GRAPH, msgspec.structs.replace(GRAPH, kind="by-goal", split="c" * 64)),
-        versions={"torch": "2"},
-        runs=runs,
-        missing=missing,
-        hours=0.0,
-    )
+    variants = {"left": {}, "right": {"features": "random"}}
+    study = Study("Fabricated", variants, grid={"distractors": list(points)}, claims=list(claims))
+    results = fabricate({})
+    graphs = (*results.graphs, msgspec.structs.replace(results.graphs[0], kind="by-goal", split="c" * 64))
+    return msgspec.structs.replace(results, study=study, graphs=graphs, runs=runs, missing=missing)
 
 
 def both(left, right, *, seeds=3, points=(8,), **of_left):
     """Return results with success of the left and of the right variant at each point."""
     ours, theirs = (dict.fromkeys(points, value) if isinstance(value, float) else value for value in (left, right))
     runs = [
-        run
+        a_run(variant, success[point], distractors=point, seed=seed, **more)
         for point, seed in product(points, range(seeds))
-        for run in (
-            a_run("left", ours[point], distractors=point, seed=seed, **of_left),
-            a_run("right", theirs[point], distractors=point, seed=seed),
-        )
+        for variant, success, more in (("left", ours, of_left), ("right", theirs, {}))
     ]
     return results_of(*runs, points=points)
 
@@ -156,18 +125,16 @@ def test_steps_are_counted_until_the_curve_of_the_other_is_reached_or_else_are_a
 
 
 def test_the_interval_over_seeds_is_students():
-    runs = []
-    for seed, height in enumerate((0.1, 0.2, 0.6)):
-        runs += [
-            a_run("left", 0.3, seed=seed, curve=((100, height), (1000, 0.3))),
-            a_run("right", 0.3, seed=seed, curve=((100, 0.0), (1000, 0.3))),
-        ]
+    runs = [
+        a_run(variant, 0.3, seed=seed, curve=((100, height * (variant == "left")), (1000, 0.3)))
+        for seed, height in enumerate((0.1, 0.2, 0.6))
+        for variant in ("left", "right")
+    ]
     (entry,) = check_claim(results_of(*runs), msgspec.structs.replace(CLAIM, measure="early"))
     # t of 2 degrees of freedom at .975 is 4.302653; the deviation of .1, .2, .6 is sqrt(.07).
     half = 4.302653 * math.sqrt(0.07 / 3)
-    assert entry.measured[0].low == pytest.approx(0.3 - half, abs=1e-6)
-    assert entry.measured[0].high == pytest.approx(0.3 + half, abs=1e-6)
-    assert entry.verdict == "undecided"
+    (at,) = entry.measured
+    assert (at.low, at.high, entry.verdict) == (pytest.approx(0.3 - half), pytest.approx(0.3 + half), "undecided")
 
 
 LOST = Missing("right", {"distractors": 8}, 0, "the disk was full")

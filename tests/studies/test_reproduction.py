@@ -66,12 +66,9 @@ def now(was, tmp_path_factory):
     return remade(was.study, tmp_path_factory.mktemp("results"))
 
 
-def test_a_cell_that_is_made_again_has_the_same_inputs(was, now):
+def test_a_cell_that_is_made_again_has_the_same_inputs_and_figures(was, now):
     assert [run.run for run in now.runs] == [run.run for run in was.runs]
     assert now.graphs == was.graphs
-
-
-def test_a_cell_that_is_made_again_has_the_same_figures(was, now):
     if not is_alike(was):
         pytest.skip(f"the figures are of torch {was.versions['torch']} on {PROCESSOR}; compared roughly below")
     for old, new in zip(was.runs, now.runs, strict=True):

@@ -231,7 +231,7 @@ def test_a_player_that_uses_words_stands_in_open_ended_play(printed, refused, pa
     (row,) = own(printed(*OPEN, "--external-results", folder))
     assert (figures(row), row["runs"]) == ({"1": 5.5, "10": 7.25, "20": 9.0}, 10)
     other = ",".join(pack.rows[-1].play.base[1:])
-    refused(*OPEN, "--base", other, "--external-results", folder, says="and the table is about play from")
+    refused(*OPEN, "--base", other, "--external-results", folder, says="expected open-ended mode from")
     refused("reference", "kitchen", "--external-results", folder, says="add --open-ended")
 
 

@@ -57,12 +57,9 @@ def test_features_follow_the_order_of_the_labels_and_cannot_be_changed():
             array[0] = 0
 
 
-def test_nearly_all_words_of_everyday_have_a_vector():
+def test_meaning_is_in_the_vectors_of_all_words_of_everyday():
     features = glove_features(open_book("everyday").entities)
     assert (len(features.missing_words), len(features.words)) == (0, 737)
-
-
-def test_meaning_is_in_the_vectors():
     lake, river, bread = glove_features(["lake", "river", "bread"]).vectors.tolist()
     assert cosine(lake, river) > NEAR_SYNONYM > cosine(lake, bread)
 
@@ -261,24 +258,6 @@ def test_a_label_is_looked_up_whole_before_its_words(lines, expected, vectors_fi
     assert made.vectors.tolist() == [[expected, expected]]
 
 
-def test_words_of_a_label_that_is_there_whole_are_not_missing(vectors_file):
-    made = make_features(vectors_file("acid_rain 1 2\nfall 3 4\n"), ["acid rain", "rain fall"])
-    assert made.words == ("acid", "fall", "rain")
-    assert made.missing_words == ("rain",)
-    assert made.vectors.tolist() == [[1, 2], [3, 4]]
-
-
-def test_a_word_may_hold_spaces_and_end_in_a_whole_number(vectors_file):
-    lines = ["the 0.1 0.2", "route 66 1.5 2.5", "route 0.5 0.25", "at name@domain.com 3.0 1.0", ". . . 0.5 0.5"]
-    made = make_features(vectors_file("\n".join(lines)), ["route 66", "Route", "at name@domain.com", ". . ."])
-    assert made.vectors.tolist() == [[1.5, 2.5], [0.5, 0.25], [3, 1], [0.5, 0.5]]
-
-
-def test_words_are_not_split_at_the_white_space_of_other_scripts(vectors_file):
-    made = make_features(vectors_file("the 1 2\nsea\u3000side 3 4\nsea\x85 5 6\n7 8 9\n"), ["sea\u3000side", "7"])
-    assert made.vectors.tolist() == [[3, 4], [8, 9]]
-
-
 def test_pooling_and_shuffling_a_file_work_as_with_any_features(vectors_file):
     labels = ["sea", "acid rain", "rain", "the", "iron"]
     path = vectors_file(GLOVE_TEXT)
@@ -287,6 +266,29 @@ def test_pooling_and_shuffling_a_file_work_as_with_any_features(vectors_file):
     assert plain.vectors[1].tolist() == [4, 2, 0]
     assert sorted(made.vectors.tolist()) == sorted(plain.vectors.tolist())
     assert made.vectors.tolist() != plain.vectors.tolist()
+
+
+SPACED = "the 0.1 0.2\nroute 66 1.5 2.5\nroute 0.5 0.25\nat name@domain.com 3.0 1.0\n. . . 0.5 0.5"
+READ = {
+    "words may hold spaces and end in a whole number": (
+        SPACED,
+        {"route 66": [1.5, 2.5], "Route": [0.5, 0.25], "at name@domain.com": [3, 1], ". . .": [0.5, 0.5]},
+    ),
+    "white space of other scripts": (
+        "the 1 2\nsea\u3000side 3 4\nsea\x85 5 6\n7 8 9\n",
+        {"sea\u3000side": [3, 4], "7": [8, 9]},
+    ),
+    "other words are not read": ("the 1 2\nother x nan\nsea 3 4\nsea y 5\n", {"sea": [3, 4]}),
+    "whole labels before words": ("acid_rain 1 2\nfall 3 4\n", {"acid rain": [1, 2], "rain fall": [3, 4]}),
+}
+
+
+@pytest.mark.parametrize("case", READ)
+def test_labels_get_their_vectors_from_unusual_files(case, vectors_file):
+    content, expected = READ[case]
+    made = make_features(vectors_file(content), list(expected))
+    assert made.vectors.tolist() == list(expected.values())
+    assert made.missing_words == (("rain",) if case.startswith("whole") else ())
 
 
 @pytest.mark.parametrize(
@@ -323,11 +325,6 @@ def test_pooling_and_shuffling_a_file_work_as_with_any_features(vectors_file):
 def test_a_damaged_text_file_is_refused_with_its_line(content, expected, vectors_file):
     path = vectors_file(content)
     assert refused(path).startswith(path + expected)
-
-
-def test_numbers_of_words_that_nobody_asked_for_are_not_read(vectors_file):
-    made = make_features(vectors_file("the 1 2\nother x nan\nsea 3 4\nsea y 5\n"), ["sea"])
-    assert made.vectors.tolist() == [[3, 4]]
 
 
 @pytest.mark.parametrize("cut", [5, 15, 30, -1, None])

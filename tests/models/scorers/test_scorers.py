@@ -164,17 +164,17 @@ def test_top_lists_the_best_entities_of_an_open_slot(scorer: Scorer):
         assert best == pytest.approx([float(scores[GRAPH.id_of(name)]) for name, _ in found], abs=1e-5)
 
 
-def test_top_lists_ties_in_the_order_of_ids_and_everything_without_a_limit():
-    scorer = SymbolicScorer(GRAPH, GRAPH.triples[:0])
+def test_top_of_a_scorer_without_triples_lists_ties_in_the_order_of_ids_and_needs_one_open_slot():
+    for kind in (FrequencyScorer, NeighbourScorer, SymbolicScorer):
+        scorer = kind(GRAPH, GRAPH.triples[:0])
+        assert not scorer.table(COMBINES_WITH).any()
+        assert not scorer.table(COMPONENT_OF).any()
+    for head, tail in ((None, None), (0, 1)):
+        with pytest.raises(ValueError, match="either head or tail"):
+            scorer.top(head, COMPONENT_OF, tail)
     assert scorer.top(None, COMPONENT_OF, 0, limit=None) == [(name, 0.0) for name in GRAPH.entities]
     assert len(scorer.top(None, COMPONENT_OF, 0)) == 10
     assert len(scorer.top(None, COMPONENT_OF, 0, limit=100)) == SIZE
-
-
-@pytest.mark.parametrize(("head", "tail"), [(None, None), (0, 1)])
-def test_top_wants_exactly_one_open_slot(head, tail):
-    with pytest.raises(ValueError, match="either head or tail"):
-        COMPLEX.top(head, COMPONENT_OF, tail)
 
 
 def test_complex_scores_are_those_of_equation_1():
@@ -184,12 +184,6 @@ def test_complex_scores_are_those_of_equation_1():
     for r in range(len(RELATIONS)):
         expected = [[equation_1(entity[h], relation[r], entity[t]) for t in range(SIZE)] for h in range(SIZE)]
         np.testing.assert_allclose(COMPLEX.table(r).numpy(), expected, atol=1e-5)
-
-
-def test_the_table_of_embeddings_scores_like_the_embeddings():
-    table = TableScorer.of(COMPLEX)
-    assert (table.entities, table.graph_hash, table.name) == (COMPLEX.entities, COMPLEX.graph_hash, COMPLEX.name)
-    same_tables(table, COMPLEX)
 
 
 @pytest.mark.parametrize(("limit", "kind"), [(PAIRS_BYTES, TableScorer), (PAIRS_BYTES - 1, ComplExScorer)])
@@ -253,13 +247,6 @@ def test_the_neighbour_scorer_follows_its_formula(power):
     assert expected[COMPONENT_OF].any()
 
 
-@pytest.mark.parametrize("kind", [SymbolicScorer, FrequencyScorer, NeighbourScorer])
-def test_a_scorer_of_no_triples_scores_nothing(kind):
-    scorer = kind(GRAPH, GRAPH.triples[:0])
-    assert not scorer.table(COMBINES_WITH).any()
-    assert not scorer.table(COMPONENT_OF).any()
-
-
 @pytest.fixture(params=["complex_folder", "distmult_folder"])
 def folder(request: pytest.FixtureRequest) -> Path:
     return request.getfixturevalue(request.param)
@@ -270,6 +257,8 @@ def test_a_loaded_scorer_follows_the_protocol_and_knows_its_graph(folder: Path, 
     assert isinstance(scorer, TripleScorer)
     assert (scorer.entities, scorer.graph_hash) == (opened_kitchen.graph.entities, opened_kitchen.graph.hash)
     assert scorer.name == folder.name
+    with pytest.raises(GraphMismatchError):
+        load_scorer(folder, graph=GRAPH)
 
 
 def test_a_loaded_scorer_has_the_scores_of_the_weights_in_the_folder(complex_folder: Path):
@@ -300,11 +289,6 @@ def test_loading_and_using_a_scorer_does_not_import_pykeen(folder: Path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert done.stdout.startswith("torch.Size([])")
     assert done.stdout.splitlines()[-1] == "[]"
-
-
-def test_loading_with_another_graph_is_refused(folder: Path):
-    with pytest.raises(GraphMismatchError):
-        load_scorer(folder, graph=GRAPH)
 
 
 @pytest.mark.parametrize(

@@ -87,9 +87,10 @@ def test_players_that_know_the_graph_never_fail(curves):
     assert (rows.groupby(["player", "run"])["known"].diff().dropna() >= 1).all()
 
 
-def test_when_everything_is_known_the_curve_stays_there():
-    graph = RecipeGraph.from_recipes([("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"])
-    curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2)
+def test_when_everything_is_known_the_curve_stays_there_and_progress_counts_all_runs():
+    graph, calls = RecipeGraph.from_recipes([("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"]), []
+    curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2, progress=lambda *call: calls.append(call))
+    assert calls == [(number, 10, {"known": 3}) for number in range(1, 11)]
     at_end = curves[curves["attempt"] == 40]
     assert (at_end["known"] == 3).all()
     assert not at_end["repeated"].any()
@@ -203,13 +204,6 @@ def test_tables_of_all_pairs_beyond_the_memory_limit_are_refused(kitchen, monkey
     monkeypatch.setattr(scorer, "table", None)  # nothing is computed before the refusal
     with refuses("scorer"):
         ScorerDiscoverer(kitchen, scorer)
-
-
-def test_progress_counts_the_runs_of_all_players(kitchen):
-    calls = []
-    players = make_discoverers(["random", "greedy"], kitchen)
-    discovery_curves(kitchen, players, 5, runs=2, progress=lambda *call: calls.append(call))
-    assert [(done, total) for done, total, _ in calls] == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
 
 @pytest.mark.parametrize("fill", [0.0, 5.0])

@@ -207,16 +207,6 @@ def test_every_player_meets_the_same_tables_every_time(opened):
     assert_equal(results[1], results[4])
 
 
-def test_success_does_not_depend_on_the_shaping_of_rewards(opened):
-    """The released code counts a positive return as success; here the goal alone counts."""
-    world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=3))
-    sparse, official = (
-        Evaluator(world.variant(reward=reward), distractor_seeds=1, limit=60) for reward in ("sparse", "official")
-    )
-    assert_equal(sparse(scripted), official(scripted))
-    assert 0 < sparse(scripted).success.mean() < 1
-
-
 def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opened):
     np.random.seed(3)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(3)
@@ -339,7 +329,6 @@ def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeyp
     amount = len(world.tasks)
     evaluator = Evaluator(world, distractor_seeds=1, limit=20)
     assert 10 <= len(evaluator.tasks) <= 20 < amount
-    assert len(set(np.diff(evaluator.tasks).tolist())) == 1
     assert f"{amount:,} train tasks are too many: evaluating a sample of {len(evaluator.tasks)} tasks" in caplog.text
     assert evaluator(random_entity).figures().tasks == len(evaluator.tasks)
     assert len(Evaluator(world, limit=None).tasks) == amount

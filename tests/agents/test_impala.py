@@ -237,28 +237,6 @@ def test_the_actor_has_the_weights_of_exactly_so_many_updates_before(trainer, mo
         assert matches == [max(0, number - lag)]
 
 
-def test_actions_follow_the_policy_and_no_empty_slot_is_ever_picked(trainer):
-    impala = trainer(depth=2, unroll=3, batch_size=16, learning_rate=1e-30, policy={"embedding_size": 40})
-    nothing = impala.envs.nothing
-    action, expected, variance = np.zeros((3, impala.envs.engine.num_slots))
-    for _ in range(60):
-        impala.update()
-        seen = impala._unroll
-        goal, selection, table = (ids[:-1].flatten(0, 1) for ids in (seen.goal, seen.selection, seen.table))
-        with torch.no_grad():
-            shares = torch.softmax(impala.policy(goal, selection, table).logits, dim=1)
-        actions = seen.actions.flatten()
-        assert (table.gather(1, actions[:, None]) != nothing).all()
-        chosen = shares.gather(1, actions[:, None])[:, 0]
-        torch.testing.assert_close(seen.log_probs.flatten(), chosen.log(), atol=1e-5, rtol=1e-5)
-        action += np.bincount(actions, minlength=len(action))
-        expected += shares.sum(0).numpy()
-        variance += (shares * (1 - shares)).sum(0).numpy()
-    assert expected.sum() == pytest.approx(60 * 48)
-    assert expected.min() < 10 < 300 < expected.max()
-    assert (np.abs(action - expected) < 4 * np.sqrt(variance) + 1e-9).all()
-
-
 def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
     impala = trainer(policy={"embedding_size": 40})
     count = 10_000
@@ -274,17 +252,6 @@ def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
     assert shares.max() - shares[shares > 0].min() > 0.05
     torch.testing.assert_close(log_probs.exp(), shares[actions])
     assert (actions.diff() >= 0).all()
-
-
-@pytest.mark.parametrize("number", [0.0, 1 - 2.0**-24])
-def test_the_least_and_the_greatest_uniform_number_pick_an_entity_too(trainer, monkeypatch, number):
-    impala = trainer(depth=2, unroll=3)
-    monkeypatch.setattr(torch, "rand", lambda *shape, **_: torch.full(shape, number))
-    for _ in range(10):
-        impala.update()
-        seen = impala._unroll
-        there = (seen.table[:-1] != impala.envs.nothing).sum(2)
-        assert torch.equal(seen.actions, torch.zeros_like(there) if number == 0 else there - 1)
 
 
 def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer, monkeypatch):

@@ -114,7 +114,7 @@ def test_votes_make_more_goals_than_chance_and_no_more_where_no_slot_of_the_goal
 
 
 def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
-    seen = []
+    seen, calls = [], []
 
     def look(state, rng):
         seen.append(state.table)
@@ -122,7 +122,9 @@ def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
 
     config = WordCraftConfig(part="test")
     for seed in (0, 0, 1):
-        play_all(World(opened, config), {"one": look, "other": look}, (3,), distractor_seeds=1, seed=seed)
+        players, options = {"one": look, "other": look}, {"seed": seed, "progress": lambda *call: calls.append(call)}
+        play_all(World(opened, config), players, (3,), distractor_seeds=1, **options)
+    assert calls[:2] == [(done, 2, {"success": calls[0][2]["success"]}) for done in (1, 2)]
     one, other, again, _, third, _ = seen[::2]
     np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(one, again)
@@ -175,15 +177,6 @@ def test_intervals_are_those_over_tasks_because_the_draws_of_a_task_resemble_eac
     assert (row.low, row.high) == pytest.approx(task_bootstrap(evaluation.success))
     of_episodes = wilson_interval(evaluation.success.sum(), row.episodes)
     assert row.high - row.low > 1.5 * (of_episodes[1] - of_episodes[0])
-
-
-def test_progress_counts_the_rows(opened):
-    calls = []
-    world = World(opened, WordCraftConfig(part="test"))
-    players = {"random": random_entity, "recipe oracle": recipe_oracle}
-    play_all(world, players, (1, 2), distractor_seeds=1, progress=lambda *call: calls.append(call))
-    assert [(done, total) for done, total, _ in calls] == [(1, 4), (2, 4), (3, 4), (4, 4)]
-    assert calls[-1][2] == {"success": 1.0}
 
 
 def test_a_foreign_scorer_is_refused(opened):

@@ -71,20 +71,6 @@ def test_two_steps_worked_out_by_hand():
     torch.testing.assert_close(got.pg_advantages, torch.tensor([[1 + 0.5 * 2.5 - 0.5], [1.5]]))
 
 
-@pytest.mark.parametrize("end", [0, 2, 5])
-def test_what_comes_after_the_end_of_an_episode_does_not_matter(end):
-    unroll = random_unroll(0)
-    unroll[1][end, 2] = 0
-    before = v_trace(*tensors(unroll))
-    for array in unroll[:4]:
-        array[end + 1 :, 2] += 1
-    unroll[4][2] += 1
-    after = v_trace(*tensors(unroll))
-    for one, other in zip(before, after, strict=True):
-        assert torch.equal(one[: end + 1], other[: end + 1])
-        assert end == 5 or not torch.equal(one[end + 1 :, 2], other[end + 1 :, 2])
-
-
 def test_no_gradient_passes_and_nothing_given_changes():
     given_tensors = [tensor.float().requires_grad_() for tensor in tensors(random_unroll(3))]
     copies = [tensor.detach().clone() for tensor in given_tensors]

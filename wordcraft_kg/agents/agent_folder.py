@@ -46,14 +46,13 @@ class AgentRun:
     def provenance(self) -> dict[str, str]:
         """Provenance for reports."""
         run = self.run
-        facts = {
+        names = ("graph", "split", "scorer", "scorer_folds")
+        return {
             "trained by": " ".join(run.argv),
             "finished": run.ended or "",
             "weights": f"{self.checkpoint} {run.outputs.get('policy.safetensors', '')}".rstrip(),
             "versions": ", ".join(f"{name} {number}" for name, number in run.versions.items()),
-        }
-        return facts | {
-            name: run.inputs[name] for name in ("graph", "split", "scorer", "scorer_folds") if name in run.inputs
+            **{name: run.inputs[name] for name in names if name in run.inputs},
         }
 
 

@@ -119,13 +119,10 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
         scores[known] = facts.score(table[known], relation, keys[known])
         return scores
 
-    def u(goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
-        return linked(COMBINES_WITH, selection, table)
-
-    def v(goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
-        return linked(COMPONENT_OF, goal, table)
-
-    return {"u": u, "v": v}
+    return {
+        "u": lambda goal, selection, table, task: linked(COMBINES_WITH, selection, table),
+        "v": lambda goal, selection, table, task: linked(COMPONENT_OF, goal, table),
+    }
 
 
 def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:

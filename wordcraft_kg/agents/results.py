@@ -48,9 +48,14 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
             yield json.dumps(msgspec.to_builtins(row), ensure_ascii=False) + "\n"
 
 
-def _of_train_tasks(run: RunRecord) -> str:
+def _note_on_scores(run: RunRecord) -> str:
     if run.kg is None:
         return ""
+    if run.kg == "full":
+        return (
+            "\nThe scorer was trained on all triples, including test triples: success on test tasks measures the use "
+            "of a perfect source, not generalisation.\n"
+        )
     if run.kg == "none":
         return (
             "\nThe scorer was not trained on any recipe in the graph, so it treats train and test tasks alike, unless "
@@ -73,12 +78,6 @@ def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary
         trained_on = f"trained on the {run.kg} knowledge graph" if run.kg != "none" else "not trained on recipes"
         use = "as the only logits" if policy.kg_only else "mixed into the logits"
         guide = f"with {' and '.join(policy.sources)} from a scorer {trained_on}, {use}"
-    warning = (
-        "\nThe scorer was trained on all triples, including test triples: success on test tasks measures the use of a "
-        "perfect source, not generalisation.\n"
-        if run.kg == "full"
-        else _of_train_tasks(run)
-    )
     rows = "\n".join(
         f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
         f"{result.tasks:,} tasks with {result.distractor_seeds} distractor seeds each"
@@ -88,7 +87,7 @@ def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary
 # {kind} for {opened.graph.name}, {guide}
 
 Plays crafting tasks of depth {tasks.depth} with {tasks.distractors} distractors on graph `{opened.graph.hash[:12]}`.
-{warning}
+{_note_on_scores(run)}
 Success of the greedy policy by split (95 % interval over tasks, for this seed):
 
 {rows}

@@ -112,7 +112,14 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     @cached_property
     def envs(self) -> State:
         """Environments at the start of the first episodes; creating tasks takes time for a large graph."""
-        return _environments(self.opened, self.config)
+        config, trainer = self.config, self.config.trainer
+        # Tables, and activations for the gradients.
+        slots = config.tasks.distractors + config.tasks.depth + 1
+        needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
+        name, size = max(("batch_size", trainer.batch_size), ("unroll", trainer.unroll), key=lambda setting: setting[1])
+        check_memory(name, size, f"an update of {trainer.steps_per_update:,} steps", needed)
+        world = World(self.opened, config.tasks.environment("train"))
+        return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
 
     @property
     def step(self) -> int:
@@ -244,9 +251,8 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     def _save(self) -> None:
         eval_seconds, size = self.metrics.eval_seconds, self.metrics.size()
-        progress = AgentProgress(
-            seconds=self.seconds, eval_seconds=eval_seconds, elapsed=self.elapsed, metrics_bytes=size
-        )
+        times = {"seconds": self.seconds, "eval_seconds": eval_seconds, "elapsed": self.elapsed}
+        progress = AgentProgress(**times, metrics_bytes=size)
         self.run.checkpoints.save(self.step, self.impala.state(), progress)
 
     def _finish(self) -> TrainedAgent:
@@ -267,17 +273,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         write_results(run.path, self.policy, self.impala.envs.world, summary, results)
         run.finish(OUTPUTS, model_card(self.opened, config, run.record, summary))
         return TrainedAgent(run.path, self.step, summary)
-
-
-def _environments(opened: OpenedGraph, config: AgentConfig) -> State:
-    trainer = config.trainer
-    # Tables, and activations for the gradients.
-    slots = config.tasks.distractors + config.tasks.depth + 1
-    needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
-    name, size = max(("batch_size", trainer.batch_size), ("unroll", trainer.unroll), key=lambda setting: setting[1])
-    check_memory(name, size, f"an update of {trainer.steps_per_update:,} steps", needed)
-    world = World(opened, config.tasks.environment("train"))
-    return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
 
 
 def _warn_of_in_sample_scores(config: AgentConfig) -> None:

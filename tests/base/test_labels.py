@@ -146,7 +146,7 @@ def test_a_long_message_is_read_at_once_among_thousands_of_labels():
 
 
 def test_an_empty_table_has_no_pair():
-    with pytest.raises(ActionError, match="there are no items to combine"):
+    with pytest.raises(ActionError, match="nothing to combine"):
         read_pair("a + b", ())
 
 

@@ -126,7 +126,7 @@ REFUSED = [
     ("reference kitchen --open-ended --attempts 7", "--open-ended has no tasks"),
     (
         "reference kitchen --open-ended --external-results {world}/plain",
-        "expected a result of 'evaluate-text', a file of 'mcp",
+        "expected an 'evaluate-text' result, an 'mcp",
     ),
     ("reference kitchen --external-results {world}/graph", "is a graph folder; expected a run folder of 'train-agent'"),
     ("reference kitchen --external-results nowhere", "does not exist; expected a run folder of 'train-agent'"),

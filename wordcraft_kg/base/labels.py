@@ -1,4 +1,4 @@
-"""Reading labels written by people and models: forgiving where one label fits, strict where several do."""
+"""Label parsing for answers from people and models: lenient for a unique match, strict for several matches."""
 
 import re
 import unicodedata
@@ -29,16 +29,16 @@ def folded(text: str) -> str:
 
 
 def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, by_beginning: bool = True) -> int:
-    """Return the index of the label that a text names.
+    """Return the index of the named label.
 
-    The first of these rules that fits any label decides: number from 1; exact label; label in another case; label
-    without article, quotes and punctuation; singular or plural; beginning of the label.
+    The first matching rule decides: number from 1; exact label; case-insensitive label; label without article, quotes
+    and punctuation; singular or plural; label prefix.
 
     Args:
         written: the text.
         labels: distinct labels.
         by_number: accept a number.
-        by_beginning: accept the beginning of a label.
+        by_beginning: accept a label prefix.
 
     Raises:
         ActionError: if no label or several labels fit.
@@ -86,7 +86,7 @@ class LabelIndex:
                 self._plural[form].add(place)
 
     def find(self, written: str) -> int | None:
-        """Return the index of the label that a text names, None for no label or several.
+        """Return the index of the named label; None without a unique match.
 
         Example:
             >>> index = LabelIndex(["water", "fire", "Fire", "berry"])
@@ -98,7 +98,7 @@ class LabelIndex:
         return places[0] if len(places) == 1 else None
 
     def _places(self, text: str, *, by_beginning: bool = False) -> list[int]:
-        """Return the indices of all labels that fit by the first rule of :func:`read_label` that fits any."""
+        """Return all matches by the first matching rule in :func:`read_label`."""
         if text in self._exact:
             return [self._exact[text]]
         plain, bare = folded(text), _bare(text)
@@ -112,11 +112,11 @@ _index = lru_cache(maxsize=64)(LabelIndex)
 
 
 def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
-    """Return the indices of the two labels that a text names, in written order.
+    """Return the indices of both named labels, in written order.
 
     Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank between two numbers
     is enough. A leading verb and a trailing result (``= mud``, ``-> mud``) are ignored. A label may contain a separator
-    if the text can be read in one way only.
+    if the result is unambiguous.
 
     Raises:
         ActionError: if the text does not name two labels, or could name several pairs.
@@ -129,12 +129,12 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     """
     text = " ".join(written.split())
     if not labels:
-        raise ActionError("there are no items to combine.")
+        raise ActionError("nothing to combine: expected at least one item.")
     expected = f"expected two items, such as '{labels[0]} + {labels[-1]}'"
     if not text:
         raise ActionError(f"no answer: {expected}.")
     if len(text) > _MOST_WRITTEN:
-        raise ActionError(f"the answer has {len(text):,} characters: {expected}, on one short line.")
+        raise ActionError(f"the answer has {len(text):,} characters: {expected}, in a short line.")
     unread: list[str] = []
     bare = text.strip(_MARKS)
     readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
@@ -151,7 +151,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
 
 
 def last_line(message: str) -> str:
-    """Return the last non-empty line of a message, the answer, without list marks and quotes."""
+    """Return the answer: the last non-empty line, without list marks and quotes."""
     lines = [line.strip() for line in message.splitlines() if line.strip(_MARKS + "-•>|#")]
     return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
 

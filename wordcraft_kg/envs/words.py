@@ -92,7 +92,7 @@ def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]
 
 
 def results_of(env: WordCraftEnv, one: Entity, other: Entity) -> tuple[str, ...]:
-    """Return the results of a pair, possibly empty."""
+    """Return all results for a pair, possibly empty."""
     a, b = sorted(map(env.world.graph.id_of, (one, other)))
     return env.world.graph.labels(env.world.outcomes.get((a, b), ()))
 

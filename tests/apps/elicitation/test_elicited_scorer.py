@@ -88,7 +88,7 @@ def test_elicited_recipes_are_saved_and_loaded_without_training_recipes(opened, 
     model = open_model(folder)
     assert (model.kg, len(model.triples), len(model.train_sample.recipes)) == ("none", 0, 0)
     np.testing.assert_array_equal(model.observed, scorer.observed)
-    assert "no recipe of the graph" in (folder / "README.md").read_text()
+    assert "no recipe from the graph" in (folder / "README.md").read_text()
     assert "w, best pair" in scorer_players(opened.graph, loaded, model.observed)
 
 

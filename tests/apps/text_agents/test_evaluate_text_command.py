@@ -60,7 +60,7 @@ def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(play, game
     outcome = play(*options, player=f"{PYTHON} dies.py")
     assert (outcome.code, outcome.out, outcome.kind) == (1, "", "PlayerError")
     assert "has ended before the last game was over" in outcome.err
-    assert "The games so far are in out; the same command goes on." in outcome.err
+    assert "Finished games are in out; repeat the command to continue." in outcome.err
     assert len(lines_of(games)) == 6
     with games.open("a") as file:
         file.write('{"task": 1')  # torn
@@ -97,10 +97,10 @@ def test_the_open_ended_world_is_played_as_often_as_configured(play):
         (["kitchen", "--tasks", "0"], "tasks", "expected a whole number, 1 or more"),
         (["kitchen", "--max_invalid", "-1"], "max_invalid", "expected a whole number, 0 or more"),
         (["kitchen", "--timeout", "0"], "timeout", "--timeout 0"),
-        (["kitchen", "--base", "water"], "base", "add --open-ended"),
+        (["kitchen", "--base", "water"], "base", "needs --open-ended"),
         (["kitchen", "--open-ended", "--depth", "2"], "open_ended", "no tasks"),
-        (["kitchen", "--knowledge", "scorer"], "knowledge", "name the scorer's model folder"),
-        (["kitchen", "--scorer", "somewhere"], "scorer", "only --knowledge scorer asks one"),
+        (["kitchen", "--knowledge", "scorer"], "knowledge", "add the model folder"),
+        (["kitchen", "--scorer", "somewhere"], "scorer", "a scorer needs --knowledge scorer"),
         (["kitchen", "--player", "no-such-program --key sk-123"], "", "player 'no-such-program' cannot be started"),
     ],
 )
@@ -116,7 +116,7 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
     assert play("--tasks", "3").code == 0
     before = lines_of(games)
     for options, fragment in (
-        (("--tasks", "3", "--name", "other"), "holds games of"),
+        (("--tasks", "3", "--name", "other"), "holds games by"),
         (("--tasks", "3", "--distractors", "2"), "--distractors 8, and this command has 2"),
         (("--tasks", "4"), "--tasks 3, and this command has 4"),
         (("--open-ended",), "--part test, and this command has none"),
@@ -132,9 +132,9 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
 @pytest.mark.parametrize(
     ("options", "edit", "fragment"),
     [
-        ((), lambda lines: [*lines, lines[1]], "line 4, is damaged: its game is there twice"),
+        ((), lambda lines: [*lines, lines[1]], "line 4, is damaged: the game is a duplicate"),
         ((), lambda lines: [lines[0], lines[1].replace('"task": 0', '"task": 5')], "line 2, is damaged"),
-        (OPEN, lambda lines: [*lines, lines[1]], "line 4, is damaged: its game is there twice"),
+        (OPEN, lambda lines: [*lines, lines[1]], "line 4, is damaged: the game is a duplicate"),
     ],
 )
 def test_repeated_and_unknown_games_are_refused_and_kept(play, games, options, edit, fragment):

@@ -258,7 +258,7 @@ def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen: 
 def test_a_figure_over_selected_tasks_is_refused(kitchen: OpenedGraph, games: TaskGames, path: Path):
     count, settings = len(games.world.tasks), PlayedSettings.of_tasks(games.world)
     write(path, settings, [*all_tasks(games, "1 2"), play(games.begin(0, distractor_seed=1), "1 2")])
-    with pytest.raises(ConfigError, match=f"holds {count + 1} of the {2 * count} games of its test tasks"):
+    with pytest.raises(ConfigError, match=f"holds {count + 1} / {2 * count} games for the test tasks"):
         read_games_result(path, kitchen)
     with pytest.raises(GraphMismatchError):
         read_games_result(path, open_graph("paper-examples"))
@@ -268,7 +268,7 @@ def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, path: Pat
     worlds = DiscoveryGames(kitchen, attempts=3)
     settings = PlayedSettings.of_world(worlds.env, kitchen.split)
     write(path, settings, [])
-    with pytest.raises(ConfigError, match="holds no game that is over"):
+    with pytest.raises(ConfigError, match="holds no finished game"):
         read_games_result(path, kitchen)
     write(path, settings, [play(worlds.begin(), answer, number) for number, answer in enumerate(("1 2", "2 3"))])
     result = read_games_result(path, kitchen)

@@ -238,7 +238,7 @@ def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: P
 
     log = play(task, answer, fail_on_error=False)
     assert "ci_low" not in metrics_of(log)
-    with pytest.raises(ArtefactError, match=r"5 of 6 games were played; expected all.*tasks=N instead of --limit"):
+    with pytest.raises(ArtefactError, match=r"5 of 6 games were played; expected each.*tasks=N instead of --limit"):
         read_inspect_log(log.location)
 
     stopped, half, spoilt = (tmp_path / name for name in ("stopped.eval", "half.eval", "spoilt.json"))
@@ -250,8 +250,8 @@ def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: P
     log.eval.metadata["wordcraft_kg"]["games"] = 5
     write_eval_log(log, str(spoilt))
     for path, fragment in (
-        (stopped, r"not done: it was stopped, and 5 of 6 games .* inspect eval-retry"),
-        (half, "or it is damaged"),
+        (stopped, r"evaluation is stopped, 5 of 6 games .* inspect eval-retry"),
+        (half, "cannot be read as an Inspect AI log"),
         (spoilt, r"spoilt.json is damaged.*actions"),
     ):
         with pytest.raises(ArtefactError, match=fragment):
@@ -260,13 +260,13 @@ def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: P
 
 def test_other_logs_and_files_are_refused(play: Play, tmp_path: Path):
     other = play(Task(dataset=[Sample(input="Say hello.", target="hello")], name="greeting"), lambda messages: "hello")
-    with pytest.raises(ArtefactError, match="is a log of 'greeting'; expected one of wordcraft_kg/crafting"):
+    with pytest.raises(ArtefactError, match="logs the task 'greeting'; expected wordcraft_kg/crafting"):
         read_inspect_log(other.location)
     for name, text in (("result.json", '{"success": 1}'), ("notes.txt", "hello"), ("empty.eval", "")):
         (tmp_path / name).write_text(text)
-        with pytest.raises(ArtefactError, match=f"{name} is no log of Inspect AI"):
+        with pytest.raises(ArtefactError, match=f"{name} cannot be read as an Inspect AI log"):
             read_inspect_log(tmp_path / name)
-    with pytest.raises(ArtefactError, match="is not a file; expected a log of Inspect AI"):
+    with pytest.raises(ArtefactError, match="is not a file; expected an Inspect AI log"):
         read_inspect_log(tmp_path)
 
 
@@ -283,17 +283,17 @@ def test_other_logs_and_files_are_refused(play: Play, tmp_path: Path):
         (crafting, {"tasks": 0}, "tasks", "expected a whole number, 1 or more"),
         (crafting, {"max_invalid": -1}, "max_invalid", "-1"),
         (crafting, {"knowledge": "full"}, "knowledge", "'full'"),
-        (crafting, {"knowledge": "scorer"}, "knowledge", "name the scorer's model folder"),
+        (crafting, {"knowledge": "scorer"}, "knowledge", "add the model folder"),
         (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "", "models/none"),
-        (crafting, {"scorer": "models/none"}, "scorer", "only `knowledge` scorer asks one"),
+        (crafting, {"scorer": "models/none"}, "scorer", "a scorer needs `knowledge` scorer"),
         (crafting, {"look_ups": 1.5}, "look_ups", "1.5"),
-        (crafting, {"distractor": 2}, "distractor", "there is no parameter .* Did you mean .*distractors"),
+        (crafting, {"distractor": 2}, "distractor", "unknown parameter .* Did you mean .*distractors"),
         (discovery, {"base": ["water", "unicorn"]}, "base", "unicorn"),
         (discovery, {"base": 1}, "base", "no entity '1'"),
         (discovery, {"base": True}, "base", "no entity 'True'"),
         (discovery, {"games": 0}, "games", "0"),
         (discovery, {"attempts": 0}, "attempts", "0"),
-        (discovery, {"depth": 2}, "depth", "there is no parameter"),
+        (discovery, {"depth": 2}, "depth", "unknown parameter"),
     ],
 )
 def test_a_wrong_parameter_is_an_error_without_a_traceback(make, parameters, setting, fragment):

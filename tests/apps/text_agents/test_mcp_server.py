@@ -419,8 +419,8 @@ def test_bad_options_are_refused_before_anything_is_served(run: Any, tmp_path: P
         taken.listen()
         for options, setting, fragment in (
             (["--transport", "http", "--port", taken.getsockname()[1]], "port", "is in use by another program"),
-            (["--json"], "", "on stdio the output belongs to the protocol"),
-            (["--scorer", tmp_path], "scorer", "only --knowledge scorer asks one"),
+            (["--json"], "", "stdout is reserved for the protocol"),
+            (["--scorer", tmp_path], "scorer", "a scorer needs --knowledge scorer"),
             (["--open-ended", "--base", "unicorn"], "base", "no entity 'unicorn' in kitchen"),
         ):
             outcome = run("mcp", "kitchen", *options)

@@ -88,7 +88,7 @@ def checked_endpoint(address: str) -> str:
     """Return an endpoint's address without a final slash.
 
     Raises:
-        ConfigError: for an invalid address, or one with a password, query or fragment, which may contain a key.
+        ConfigError: for an invalid address, or a password, query or fragment, which may contain a key.
     """
     expected = "expected an address such as http://localhost:8080/v1 or https://api.openai.com/v1"
     try:

@@ -38,7 +38,7 @@ class Message(Record, frozen=True):
 
 
 class Request(Record, frozen=True, kw_only=True):
-    """A request's content without the key; None stands for the endpoint's default."""
+    """A request's content without the key; None means the endpoint default."""
 
     endpoint: str
     model: str
@@ -54,13 +54,13 @@ class Request(Record, frozen=True, kw_only=True):
 
     @property
     def tokens(self) -> int:
-        """Approximate number of tokens."""
+        """Approximate token count."""
         return sum(len(message.content) for message in self.messages) // _CHARACTERS_PER_TOKEN + 1
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """Goals by label, the request for pairs, and the answer's approximate number of tokens."""
+    """Goals by label, the request for pairs, and the approximate token count for the answer."""
 
     goals: tuple[str, ...]
     request: Request

@@ -7,7 +7,7 @@ class Agreement(Record, frozen=True, kw_only=True):
     """Agreement between elicited recipes and the graph recipes, or the recipes in one split part.
 
     Attributes:
-        elicited: evaluated elicited recipes; recipes in other parts are left out.
+        elicited: evaluated elicited recipes; recipes in other split parts are ignored.
         recipes: recipes to find.
         right: elicited recipes that exist.
         precision: right / elicited; None without elicited recipes.

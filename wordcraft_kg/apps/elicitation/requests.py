@@ -57,7 +57,7 @@ def request_all(
 ) -> list[Answer]:
     """Request the missing answers, and return all answers in prompt order.
 
-    The first Ctrl-C waits for pending requests, since they may cost money; the second one ends immediately. Without a
+    The first Ctrl-C waits for pending requests, which may cost money; the second Ctrl-C stops immediately. Without a
     running event loop; in a notebook, call the function in a thread.
 
     Args:

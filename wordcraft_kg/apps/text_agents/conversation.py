@@ -23,7 +23,7 @@ class Conversation:
     """A game as text: an opening, and a reply to each message.
 
     The last line of a message counts: two entities are an attempt, ``look up`` and an entity a look-up. An invalid
-    message costs nothing; after several in a row the next one costs the attempt, so that every conversation ends.
+    message costs nothing; after several in a row the next costs the attempt, so every conversation ends.
 
     Attributes:
         game: the game.
@@ -118,7 +118,7 @@ def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Play:
-    """Games of one world with their settings and knowledge; raises a LeakError if look-ups would leak."""
+    """Games in one world with settings and knowledge; raises a LeakError if look-ups would leak."""
 
     games: TaskGames | DiscoveryGames
     settings: PlayedSettings
@@ -155,7 +155,7 @@ class Play:
         """Begin a game.
 
         Raises:
-            ConfigError: if the task or draw does not exist.
+            ConfigError: if the task does not exist.
         """
         rules = self.settings
         game = self.games.begin(task, distractor_seed)

@@ -16,7 +16,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 
 
 class Game(ABC):
-    """A game whose attempts combine two entries of :attr:`labels`; attempts after its end raise an EpisodeError.
+    """A game: attempts combine two entries in :attr:`labels`; later attempts raise an EpisodeError.
 
     Attributes:
         graph: the recipe graph.
@@ -94,11 +94,11 @@ class TaskGame(Game):
     """A crafting task at an evaluation table.
 
     Attributes:
-        distractor_seed: index of the distractor draw.
+        distractor_seed: distractor seed.
         start: initial labels on the table.
         is_made: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
-        actions: picks so far, counted as in agent evaluation.
+        actions: actions so far, counted as in agent evaluation.
         last: the last combined pair; None initially and after a lost attempt.
     """
 
@@ -169,10 +169,10 @@ class TaskGames:
         self._env, self._tables = WordCraftEnv(world), EvaluationTables(world)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
-        """Begin a task, by index, with a distractor draw.
+        """Begin a task, by index, with a distractor seed.
 
         Raises:
-            ConfigError: if the task or draw does not exist.
+            ConfigError: if the task does not exist.
         """
         return TaskGame(copy.copy(self._env), self._tables, task, distractor_seed)
 
@@ -239,7 +239,7 @@ class DiscoveryGames:
         self.graph = self.env.graph
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:
-        """Begin a game; all tasks and draws are alike."""
+        """Begin a game; all tasks and seeds are alike."""
         env = copy.copy(self.env)
         env.discovery = copy.copy(self.env.discovery)
         return DiscoveryGame(env)

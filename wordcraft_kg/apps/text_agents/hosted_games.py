@@ -27,7 +27,7 @@ _MOST_MESSAGES = 10_000
 class HostedGame:
     """A game with an id and the messages of its player.
 
-    Calls raise an EpisodeError after the end of the game, an ActionError for invalid messages, and an OSError if the
+    Calls raise an EpisodeError once the game is over, an ActionError for invalid messages, and an OSError if the
     record cannot be written; :meth:`end` writes again.
 
     Attributes:
@@ -106,9 +106,9 @@ class HostedGames:
         """Begin a game.
 
         Raises:
-            ConfigError: if the task or draw does not exist.
+            ConfigError: if the task does not exist.
         """
-        name = secrets.token_urlsafe(9)  # cannot be guessed from another one
+        name = secrets.token_urlsafe(9)  # unguessable
         hosted = self._hosted[name] = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
         while len(self._hosted) > self._most:
             self._hosted.popitem(last=False)

@@ -46,7 +46,7 @@ def read_inspect_log(path: str | Path) -> TextResult:
     about = (log.eval.metadata or {}).get(METADATA)
     if about is None:
         raise ArtefactError(
-            f"{path} is a log of '{log.eval.task}'; expected one of wordcraft_kg/crafting or wordcraft_kg/discovery."
+            f"{path} logs the task '{log.eval.task}'; expected wordcraft_kg/crafting or wordcraft_kg/discovery."
         )
     task = as_record(about, LoggedTask, path)
     settings, scores = task.settings, _scores(path, log, task.games)
@@ -60,17 +60,15 @@ def _read(path: Path) -> "EvalLog":
     except ModuleNotFoundError:
         raise missing_extra("inspect", ["Inspect AI"]) from None
     if not path.is_file():
-        raise ArtefactError(f"{path} is not a file; expected a log of Inspect AI, .eval or .json.")
+        raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
     try:
         return read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
-    except Exception as error:  # of a damaged file Inspect raises whatever comes up
-        raise ArtefactError(
-            f"{path} is no log of Inspect AI (.eval or .json), or it is damaged ({reason(error)})."
-        ) from None
+    except Exception as error:  # a damaged file may raise any error
+        raise ArtefactError(f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)}).") from None
 
 
 def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
-    """Return the record of each game; raise an ArtefactError unless all games were played."""
+    """Return all game records; raise an ArtefactError unless all games were played."""
     scores = []
     for sample in log.samples or []:
         for name in ("goal_made", "known_items"):
@@ -78,15 +76,13 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
                 scores.append(sample.scores[name].metadata or {})
     progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
-        why = {"started": "it was cut off, or goes on", "cancelled": "it was stopped"}.get(log.status, "it has failed")
-        raise ArtefactError(
-            f"{path} is of a run that is not done: {why}, and {progress}. Finish it: inspect eval-retry {path}"
-        )
+        why = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
+        raise ArtefactError(f"{path}: the evaluation is {why}, {progress}. Continue with inspect eval-retry {path}")
     if len(scores) != games:
         raise ArtefactError(
-            f"{path}: {progress}; expected all, each once. Play fewer tasks with -T tasks=N instead of --limit or "
-            "--sample-id, and more games with -T draws=N or games=N instead of --epochs; repeat failed games with "
-            "inspect eval-retry."
+            f"{path}: {progress}; expected each game once. Play fewer tasks with -T tasks=N instead of --limit or "
+            "--sample-id, and more games with -T distractor_seeds=N or games=N instead of --epochs; repeat failed "
+            "games with inspect eval-retry."
         )
     return scores
 

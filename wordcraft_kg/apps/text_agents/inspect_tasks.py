@@ -24,7 +24,7 @@ from wordcraft_kg.base.settings import MAX_SIZE, nearest, refuse, whole
 try:
     from inspect_ai import Task, task
 
-    # Its name is private, but it is the error that Inspect shows to users without a traceback.
+    # A private name, but the only error that Inspect shows without a traceback.
     from inspect_ai._util.error import PrerequisiteError
     from inspect_ai.dataset import MemoryDataset, Sample
     from inspect_ai.model import ChatMessage, ChatMessageSystem, ChatMessageUser
@@ -57,7 +57,7 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
     parameters = [Parameter(name, kind, default=value) for name, value in given.items()]
 
     def declared(function: _F) -> _F:
-        # Inspect passes unknown parameters only to a variadic one, and else just warns about them.
+        # Inspect passes unknown parameters to a variadic parameter only, and warns otherwise.
         variadic = Parameter("unknown", Parameter.VAR_KEYWORD)
         function.__signature__ = Signature([*parameters, variadic])  # type: ignore[attr-defined]
         return function
@@ -118,11 +118,9 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
     known = [name for name in signature(declared).parameters if name != "unknown"]
     for name in given:
         if name not in known:
-            raise UnknownSettingError(
-                f"there is no parameter `{name}`; expected one of {', '.join(known)}.{nearest(name, known)}"
-            )
+            raise UnknownSettingError(f"unknown parameter `{name}`: expected {', '.join(known)}.{nearest(name, known)}")
     if not isinstance(graph, str) or not graph:
-        raise refuse("graph", graph, "a graph folder, a recipe book's file, or the name of a known book")
+        raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
     scorer = given.get("scorer")
     settings = EvaluationSettings(**{**given, **own, "scorer": scorer and Path(str(scorer))})
     return Play.open(graph, settings)
@@ -147,7 +145,7 @@ def _task(play: Play, samples: list[Sample], name: str, scorer: Scorer) -> Task:
 
 @contextmanager
 def _readable() -> Iterator[None]:
-    """Turn errors of this package into errors that Inspect shows without a traceback."""
+    """Convert package errors into errors that Inspect shows without a traceback."""
     try:
         yield
     except WordCraftKGError as error:
@@ -187,7 +185,7 @@ def crafting_figures() -> Metric:
             return {}
         played = [_played(one, PlayedTask) for one in scores]
         tasks, distractor_seeds = {one.task for one in played}, {one.distractor_seed for one in played}
-        # The interval over tasks needs all draws of each task.
+        # The interval over tasks needs all distractor seeds.
         success = evaluation_of(played).figures() if len(played) == len(tasks) * len(distractor_seeds) else None
 
         def mean(name: str) -> float:
@@ -248,7 +246,7 @@ def goal_made() -> Scorer:
 
 @scorer(metrics=[discovery_figures()])
 def known_items() -> Scorer:
-    """Score a game in the open-ended world with the final number of known entities."""
+    """Score an open-ended game with the final number of known entities."""
 
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)

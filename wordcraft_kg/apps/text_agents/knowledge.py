@@ -49,7 +49,7 @@ class Knowledge(ABC):
 class PartialGraphKnowledge(Knowledge):
     """The train recipes, without any result for the task's planned pairs.
 
-    Facts are listed in this order: recipes that make the entity, uses with an entity on the table, remaining uses.
+    Order: recipes that make the entity, uses with an entity on the table, remaining uses.
     """
 
     _prompt = "known_recipes"
@@ -134,8 +134,8 @@ class ScorerKnowledge(Knowledge):
         folds = folds_of(self._scorer)
         if folds is None:
             raise LeakError(
-                "this scorer has no folds, so on train tasks it would leak its training recipes. Train it with folds, "
-                "the default of train-complex and train-recipes, or play the test part."
+                "the scorer has no folds, so look-ups on train tasks would leak training recipes. Train with folds, "
+                "the default for train-complex and train-recipes, or play the test part."
             )
         if tasks.hash not in self._models:
             self._models[tasks.hash] = models_of_tasks(folds.of_recipe, tasks)
@@ -160,6 +160,6 @@ def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | N
     if model.opened.split.hash != opened.split.hash:
         raise GraphMismatchError(
             f"{settings.scorer} belongs to split {model.opened.split.hash[:12]}, and the games to "
-            f"{opened.split.hash[:12]}: it may know their recipes. Play on the graph folder that it was trained on."
+            f"{opened.split.hash[:12]}: the scorer may know test recipes. Use the graph folder of the scorer."
         )
     return ScorerKnowledge(model.scorer, opened.split, model.run.outputs["model.safetensors"], model.kg)

@@ -21,9 +21,9 @@ from wordcraft_kg.base.errors import ConfigError, PlayerError
 from wordcraft_kg.base.settings import number_in
 
 MOST_CHARACTERS = 100_000
-"""Characters per line; a language model may think aloud."""
+"""Characters per line; a language model may include reasoning."""
 _MOST_WAITING = 16
-_PATIENCE = 5.0  # seconds from the end of a program's input to its own end
+_PATIENCE = 5.0  # seconds between the end of the input and the exit
 
 
 class LinePlayer:
@@ -50,7 +50,7 @@ class LinePlayer:
         try:
             words = shlex.split(command)
         except ValueError as error:
-            raise ConfigError(f"`player`: {error} in the command. Quote its arguments as in a shell.") from None
+            raise ConfigError(f"`player`: {error} in the command. Quote arguments as in a shell.") from None
         if not words:
             raise ConfigError("`player` is empty: expected a command, such as 'python my_player.py'.")
         self.name = name_of(words)
@@ -60,7 +60,7 @@ class LinePlayer:
             self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         except OSError as error:
             raise PlayerError(f"player '{self.name}' cannot be started: {error.strerror or error}.") from None
-        # Writing directly would wait for ever for a program that does not read.
+        # Direct writing would block on a program that does not read.
         self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
         for work in (self._read, self._write):
             threading.Thread(target=work, daemon=True).start()
@@ -107,10 +107,7 @@ class LinePlayer:
         """
         if not self._lines.empty():
             self._receive(0)  # raises if the program has ended
-            raise self._error(
-                "wrote more lines than it was asked for: expected one for each line that it reads. Write everything "
-                "else to stderr."
-            )
+            raise self._error("wrote extra lines: expected one line per input line. Write everything else to stderr.")
         self._unsent.put(line.encode() + b"\n")
         return self._receive(self._timeout)
 
@@ -119,20 +116,20 @@ class LinePlayer:
             answer = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
         except Empty:
             raise self._error(
-                f"did not answer within {self._timeout:g} seconds: expected a line for each line that it reads. Does "
-                "it flush what it writes? A longer time is --timeout."
+                f"did not answer within {self._timeout:g} seconds: expected one line per input line. Flush stdout "
+                "after each line, or increase --timeout."
             ) from None
         if answer is None:
             code = None
             with suppress(subprocess.TimeoutExpired):
                 code = self._process.wait(_PATIENCE)
             raise self._error(
-                f"has ended{f' with exit code {code}' if code else ''} before the last game was over: expected it to "
-                "read lines until its input ends."
+                f"has ended{f' with exit code {code}' if code else ''} before the last game was over: expected "
+                "a program that reads until the input ends."
             )
         if len(answer) > MOST_CHARACTERS:
             raise self._error(
-                f"wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two things, such as 'water + earth'."
+                f"wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two items, such as 'water + earth'."
             )
         return answer.decode(errors="replace").rstrip("\r\n")
 
@@ -163,7 +160,7 @@ def name_of(words: list[str]) -> str:
     """Return a Python program's script name, or else the program name."""
     is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
     for word in words[1:] if is_python else ():
-        with suppress(OSError):  # code may stand where a file's name is expected
+        with suppress(OSError):  # code may take the place of a file name
             if not word.startswith("-") and Path(word).is_file():
                 return Path(word).name
     return Path(words[0]).name

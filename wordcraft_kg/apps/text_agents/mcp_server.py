@@ -134,7 +134,7 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
 
 
 def _no_games() -> HostedGames:
-    raise EpisodeError("this server only lists its tools.")
+    raise EpisodeError("this server only lists tools.")
 
 
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
@@ -234,7 +234,7 @@ def _result(text: str, values: BaseModel) -> CallToolResult:
 def make_http_app(server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: Collection[str] = ()) -> ASGIApp:
     """Return the server as an application for a host, this machine's own names and further names.
 
-    The SDK refuses other hosts (DNS rebinding), pages of other sites, and long bodies.
+    The SDK rejects foreign hosts (DNS rebinding), foreign pages, and long bodies.
     """
     names = sorted({*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)})
     hosts = [(f"[{name}]" if ":" in name else name) + port for name in names for port in ("", ":*")]

@@ -1,4 +1,4 @@
-"""One player's evaluation, resumable because each game is on the disk before the next begins."""
+"""Resumable evaluation: each game is on disk before the next game starts."""
 
 import logging
 import os
@@ -50,7 +50,8 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
             key = (one.task, one.distractor_seed) if isinstance(one, PlayedTask) else (0, one.game)
             if key not in missing:
                 raise ArtefactError(
-                    f"{path}, line {line}, is damaged: its game is there twice, or not asked for. Remove the line."
+                    f"{path}, line {line}, is damaged: the game is a duplicate, or not part of the evaluation. "
+                    "Remove the line."
                 )
             del missing[key]
         for task, distractor_seed in steps("playing", missing):
@@ -79,7 +80,7 @@ def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld
         if played or kept == header:
             _check_header(path, kept, header)
             if torn:
-                text = "%s ended in a torn line, which was dropped; its game is played again"
+                text = "%s ended in a torn line, which was dropped; the game is played again"
                 logging.getLogger(__name__).warning(text, path)
                 os.truncate(path, path.stat().st_size - len(torn))
             return [*played]
@@ -111,7 +112,9 @@ def _write(path: Path, mode: str, line: bytes) -> None:
 
 def _check_header(path: Path, kept: GamesHeader, own: GamesHeader) -> None:
     if kept.player != own.player:
-        raise ConfigError(f"'{path}' holds games of '{kept.player}', not of '{own.player}'. Choose another `out`.")
+        raise ConfigError(
+            f"'{path}' holds games by '{kept.player}', and the player is '{own.player}'. Choose another `out`."
+        )
     names = [field.name for field in msgspec.structs.fields(kept.settings)]
     for name in sorted(names, key=_HASHES.__contains__, reverse=True):
         before, now = (_given(getattr(header.settings, name)) for header in (kept, own))
@@ -119,7 +122,7 @@ def _check_header(path: Path, kept: GamesHeader, own: GamesHeader) -> None:
             kind = GraphMismatchError if name in _HASHES else ConfigError
             raise kind(
                 f"'{path}' holds games with {_HASHES.get(name, f'`{name}`')} {before}, and this command has {now}. "
-                "Choose another `out`, or give the same settings."
+                "Choose another `out`, or use the same settings."
             )
 
 

@@ -69,7 +69,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     def _of(cls, graph: RecipeGraph, split: Split, **rules: Any) -> "PlayedSettings":
         if rules.get("knowledge", "none") == "none":
             rules["look_ups"] = 0
-        rules = {"prompt_hash": prompt_hash(), **rules}  # a server has texts of its own
+        rules = {"prompt_hash": prompt_hash(), **rules}  # a server has more prompts
         return cls(graph=graph.name, graph_hash=graph.hash, split_hash=split.hash, **rules)
 
 
@@ -86,7 +86,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
 
     Attributes:
         task: task index in the part.
-        distractor_seed: index of the distractor draw.
+        distractor_seed: distractor seed.
         table: initial labels on the table.
         by_plan: whether a plan's last pair made the goal.
         actions: picks until the end.
@@ -136,7 +136,7 @@ class TextResult(Record, frozen=True, kw_only=True):
     Attributes:
         player: player's name, such as a script or language model.
         success: success on tasks; None in the open-ended world.
-        outcomes: shares of the endings; empty in the open-ended world.
+        outcomes: termination reason shares; empty in the open-ended world.
         known: mean number of known entities by attempts; empty for tasks.
     """
 

@@ -82,13 +82,13 @@ def _task_rows(
             tasks=success.tasks,
             distractor_seeds=success.distractor_seeds,
         )
-        # A player that has played the same twice, such as one that draws at random, has a row for each time.
+        # A player with several results for the same tasks has a row per result.
         same = result.player, msgspec.structs.replace(settings, distractors=None)
         times = ((*same, time) for time in count())
         key = next(key for key in times if key not in rows or str(amount) not in rows[key].figures)
         if key in rows:
             figures = rows[key].figures | figures
-            notes = ", ".join(dict.fromkeys(said for said in (rows[key].notes, row.notes) if said))
+            notes = ", ".join(dict.fromkeys(note for note in (rows[key].notes, row.notes) if note))
             row = msgspec.structs.replace(row, figures=figures, source=f"{rows[key].source}, {row.source}", notes=notes)
         rows[key] = row
     return list(rows.values())
@@ -118,7 +118,7 @@ def _row(
 
 
 READER = ResultReader(
-    "a result of 'evaluate-text', a file of 'mcp --out', or a log of Inspect AI (.eval, .json)",
+    "an 'evaluate-text' result, an 'mcp --out' file, or an Inspect AI log (.eval, .json)",
     _knows,
     _task_rows,
     _open_rows,

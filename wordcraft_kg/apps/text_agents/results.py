@@ -77,10 +77,10 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Return games of N tasks with D draws each as an agent evaluation, without last pairs.
+    """Return games for N tasks with D distractor seeds as an agent evaluation, without last pairs.
 
     Raises:
-        ValueError: if a draw is missing for some tasks.
+        ValueError: if a distractor seed is missing for some tasks.
     """
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
@@ -88,7 +88,9 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
     distractor_seeds = sorted({one.distractor_seed for one in played})
     shape = len(tasks), len(distractor_seeds)
     if len(played) != shape[0] * shape[1]:
-        raise ValueError(f"{len(played)} games of {shape[0]} tasks with {shape[1]} draws: expected all of them")
+        raise ValueError(
+            f"{len(played)} games of {shape[0]} tasks with {shape[1]} distractor seeds: expected each combination"
+        )
     games = sorted(played, key=lambda one: (one.task, one.distractor_seed))
     return Evaluation(
         tasks,
@@ -160,7 +162,7 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
             raise GraphMismatchError(f"'{path}' holds games on the {name} {kept[:12]}, and this is {own[:12]}.")
     if settings.part is None or settings.depth is None or settings.distractors is None:
         if not played:
-            raise ConfigError(f"'{path}' holds no game that is over.")
+            raise ConfigError(f"'{path}' holds no finished game.")
         return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=len(played)), played)
     tasks = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
     world = World(opened, tasks.environment)
@@ -169,8 +171,8 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
     needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(distractor_seeds)))
     if set(first) != needed:
         raise ConfigError(
-            f"'{path}' holds {len(needed & set(first)):,} of the {len(needed):,} games of its {settings.part} tasks: "
-            "expected each task with each draw. There is no figure for selected tasks."
+            f"'{path}' holds {len(needed & set(first)):,} / {len(needed):,} games for the {settings.part} tasks: "
+            "expected each task with each distractor seed, because selected tasks are not representative."
         )
     return result_of(
         header.player, msgspec.structs.replace(settings, distractor_seeds=distractor_seeds), [*first.values()]

@@ -1,4 +1,4 @@
-"""Settings of text agents' games; without heavy imports, for the command line."""
+"""Game settings for text agents; without heavy imports, for the command line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,19 +66,19 @@ class GameSettings:
         whole("depth", self.depth, 1, MAX_DEPTH)
         whole("distractors", self.distractors, 0, MAX_SIZE)
         if self.base is not None and not self.open_ended:
-            raise ConfigError(f"`base` {','.join(self.base)}: tasks have no base; add `open_ended`.")
+            raise ConfigError(f"`base` {','.join(self.base)}: a base needs `open_ended`.")
         for name in self._of_tasks if self.open_ended else ():
             if getattr(self, name) != getattr(type(self), name):
-                raise ConfigError(f"`open_ended` has no tasks; leave `{name}` out.")
+                raise ConfigError(f"`open_ended` has no tasks; omit `{name}`.")
         if self.attempts is not None:
             whole("attempts", self.attempts, *((1, MAX_SIZE) if self.open_ended else (self.depth, MAX_ATTEMPTS)))
         one_of("knowledge", self.knowledge, get_args(KnowledgeKind))
         whole("look_ups", self.look_ups, 0, MAX_SIZE)
         if self.knowledge == "scorer" and self.scorer is None:
-            raise ConfigError("`knowledge` scorer: name the scorer's model folder.")
+            raise ConfigError("`knowledge` scorer: add the model folder as `scorer`.")
         if self.knowledge != "scorer" and self.scorer is not None:
             raise ConfigError(
-                f"`scorer` {self.scorer}: only `knowledge` scorer asks one; add it, or leave the scorer out."
+                f"`scorer` {self.scorer}: a scorer needs `knowledge` scorer; add this setting, or omit the scorer."
             )
 
     @property
@@ -94,9 +94,9 @@ class EvaluationSettings(GameSettings):
     """Games on which a text agent is evaluated.
 
     Attributes:
-        distractor_seeds: distractor draws per task; number of games with --open-ended.
+        distractor_seeds: distractor seeds per task; number of games with --open-ended.
         tasks: maximum task count, evenly spaced over the part. Default: all.
-        max_invalid: consecutive invalid answers without cost; the next one costs the attempt.
+        max_invalid: consecutive invalid actions without cost; the next invalid action costs the attempt.
     """
 
     distractor_seeds: int = 1

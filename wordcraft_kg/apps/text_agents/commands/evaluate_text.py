@@ -40,7 +40,7 @@ def evaluate_text(
     """Evaluate a program that plays by text, on the tasks and tables for agents.
 
     For each JSON object on stdin (a line with text, goal, table, attempts_left, game, new), the program writes a line
-    with two things to combine, such as: water + earth. The same command continues an interrupted evaluation.
+    with two items to combine, such as: water + earth. Repeat the command to continue an interrupted evaluation.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -66,7 +66,7 @@ def evaluate_text(
             result = play_all(called, program.speaker, play, folder)
         except (KeyboardInterrupt, PlayerError) as error:
             why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
-            raise type(error)(f"{why} The games so far are in {folder}; the same command goes on.") from None
+            raise type(error)(f"{why} Finished games are in {folder}; repeat the command to continue.") from None
     output.result({"result": result, "out": str(folder)}, _text(result, graph, folder))
 
 
@@ -75,9 +75,9 @@ def _prepare(folder: Path, force: bool) -> None:
     from wordcraft_kg.runs.folder import locked
 
     if folder.exists() and not folder.is_dir():
-        raise OutputExistsError(f"'{folder}' is a file, but the output is a folder. Choose another --out.")
+        raise OutputExistsError(f"'{folder}' is a file; expected a folder. Choose another --out.")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / GAMES_FILE).is_file():
-        raise OutputExistsError(f"'{folder}' exists and holds no {GAMES_FILE}; it is left alone. Choose another --out.")
+        raise OutputExistsError(f"'{folder}' exists without {GAMES_FILE}; nothing was changed. Choose another --out.")
     if force and folder.is_dir():
         with locked(folder, "written"):
             for name in (RESULT_FILE, GAMES_FILE):
@@ -93,7 +93,7 @@ def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
         rows.append(("look-ups", f"{result.look_ups:,} ({settings.knowledge})"))
     yield from aligned(rows)
     if settings.kg == "full":
-        yield "the scorer was trained on all recipes: it remembers the answers."
+        yield "the scorer was trained on all recipes, including the test recipes."
     options = f"{_reference_options(settings)} --external-results {folder}"
     yield f"wrote {folder}/   next: wordcraft-kg reference {graph} {options}"
 

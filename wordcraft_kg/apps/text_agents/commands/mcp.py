@@ -38,7 +38,7 @@ def mcp(
 ) -> None:
     """Serve games to language models as Model Context Protocol tools, until Ctrl-C.
 
-    Clients start the server and use its standard streams, or connect over HTTP. Tasks and tables are
+    Clients start the server and use the standard streams, or connect over HTTP. Tasks and tables are
     the same as for agents.
 
     Args:
@@ -51,7 +51,7 @@ def mcp(
         out: file for finished games (JSON lines), which the same command continues.
     """
     if transport == "stdio" and output.json:
-        raise ConfigError("--json: on stdio the output belongs to the protocol; leave it out, or add --transport http.")
+        raise ConfigError("--json: stdout is reserved for the protocol; omit --json, or add --transport http.")
     check_extra("mcp")
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
@@ -71,7 +71,7 @@ def mcp(
             return
 
         def started(address: str) -> None:
-            output.result(Serving(address + PATH), [f"{address}{PATH}   Ctrl-C ends it"])
+            output.result(Serving(address + PATH), [f"{address}{PATH}   Ctrl-C stops the server"])
             sys.stdout.flush()
 
         serve(make_http_app(server, host, allow_host or ()), listening, started, has_lifespan=True)
@@ -79,7 +79,7 @@ def mcp(
 
 def _serve_stdio(server: "MCPServer[Any]") -> None:
     if sys.stdin is not None and sys.stdin.isatty():
-        print("An MCP client talks to this server on stdin and stdout; Ctrl-C ends it.", file=sys.stderr)
+        print("Waiting for an MCP client on stdin and stdout; Ctrl-C stops the server.", file=sys.stderr)
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # the SDK reads stdin in a thread that cannot be interrupted
     try:
         server.run("stdio")

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -293,23 +294,24 @@ def killed(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def test_what_a_killed_run_was_to_replace_comes_back_with_the_next_failure(killed):
-    with pytest.raises(RuntimeError, match="no more"):
-        plain_run.train(killed, "", force=True)
-    assert (killed / "result").read_text() == "the first"
-    assert [path.name for path in killed.parent.iterdir()] == ["run"]
-
-
-def test_what_a_killed_run_was_to_replace_goes_when_it_is_replaced_after_all(killed):
-    plain_run.train(killed, "the third", force=True)
-    assert (killed / "result").read_text() == "the third"
-    assert [path.name for path in killed.parent.iterdir()] == ["run"]
-
-
-def test_resuming_a_killed_run_without_a_checkpoint_brings_back_what_it_was_to_replace(killed):
-    with pytest.raises(ArtefactError, match="no checkpoint yet"), resumed_run(killed, plain_run.PLAIN) as run:
+def resume_killed(folder: Path) -> None:
+    with resumed_run(folder, plain_run.PLAIN) as run:
         run.checkpoints.load()
-    assert (killed / "result").read_text() == "the first"
+
+
+@pytest.mark.parametrize(
+    ("act", "error", "result"),
+    [
+        (lambda folder: plain_run.train(folder, "", force=True), "no more", "the first"),
+        (lambda folder: plain_run.train(folder, "the third", force=True), None, "the third"),
+        (resume_killed, "no checkpoint yet", "the first"),
+    ],
+    ids=["the next one fails", "the next one ends", "resumed without a checkpoint"],
+)
+def test_what_a_killed_run_was_to_replace_comes_back_unless_it_is_replaced_after_all(killed, act, error, result):
+    with pytest.raises((RuntimeError, ArtefactError), match=error) if error else nullcontext():
+        act(killed)
+    assert (killed / "result").read_text() == result
     assert [path.name for path in killed.parent.iterdir()] == ["run"]
 
 
@@ -317,18 +319,10 @@ BEGINNINGS = ["before the first file", "while the first file is written"]
 
 
 @pytest.mark.parametrize("moment", BEGINNINGS)
-def test_a_run_killed_before_its_first_record_starts_again_and_leaves_nothing(tmp_path, moment):
+def test_a_trainer_starts_again_where_it_was_killed_before_the_first_record(trainer, tmp_path, whole, moment):
     folder = kill(moment, tmp_path / "run")
     assert not (folder / "run.json").exists()
-    plain_run.train(folder, "the second")
-    plain_run.train(tmp_path / "other", "the second")
-    assert [path.name for path in tmp_path.iterdir() if path.name not in ("run", "other")] == []
-    assert {path.name for path in folder.iterdir()} == {path.name for path in (tmp_path / "other").iterdir()}
-
-
-@pytest.mark.parametrize("moment", BEGINNINGS)
-def test_a_trainer_starts_again_where_it_was_killed_before_the_first_record(trainer, tmp_path, whole, moment):
-    assert learned(trainer.train(kill(moment, tmp_path / "run")).folder) == whole
+    assert learned(trainer.train(folder).folder) == whole
     assert [path.name for path in tmp_path.glob("**/.*")] == []
 
 

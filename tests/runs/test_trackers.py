@@ -88,17 +88,12 @@ def kitchen_with_valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("kind", ["links", "agent"])
-def test_a_resumed_run_goes_on_where_the_interrupted_one_ended(kind, tmp_path):
+@pytest.mark.parametrize(("train", "config", "stop"), [(train_links, LINKS, 1), (train_agent, AGENT, 800)])
+def test_a_resumed_run_continues_where_the_interrupted_one_ended(train, config, stop, tmp_path):
     one, other, whole = Notes(), Notes(), Notes()
-    if kind == "links":
-        assert train_links(LINKS, tmp_path / "run", trackers=[one], progress=stop_at(1)).interrupted
-        resume(tmp_path / "run", trackers=[other])
-        train_links(LINKS, tmp_path / "whole", trackers=[whole])
-    else:
-        assert train_agent(AGENT, tmp_path / "run", trackers=[one], progress=stop_at(800)).interrupted
-        resume(tmp_path / "run", trackers=[other])
-        train_agent(AGENT, tmp_path / "whole", trackers=[whole])
+    assert train(config, tmp_path / "run", trackers=[one], progress=stop_at(stop)).interrupted
+    resume(tmp_path / "run", trackers=[other])
+    train(config, tmp_path / "whole", trackers=[whole])
     assert (one.ended, other.ended) == (["interrupted"], ["done"])
     timed = ("seconds", "steps_per_second")
     both, once = (

@@ -16,7 +16,7 @@ from link_helpers import interrupt_after, rewritten, same_files, train
 from refusals import refuses
 from resumption import resume
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError, TrainingError
+from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, LeakError, TrainingError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.library import open_book
@@ -33,7 +33,6 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
-from wordcraft_kg.runs import parallel
 
 SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3)
 FILES = ["folds.json", "folds.safetensors"]
@@ -157,16 +156,11 @@ def test_a_book_that_cannot_be_cut_has_none_unless_they_are_asked_for(caplog):
         cross_fitting.decided_folds(ComplExConfig(folds=5), opened)
 
 
-@pytest.mark.parametrize("folds", [1, -1, 2.5, True, 2**25])
-def test_numbers_of_folds_that_cannot_be_are_refused(folds):
-    for kind in (ComplExConfig, LinkModelConfig):
-        with refuses("folds"):
-            kind(folds=folds)
-
-
-def test_folds_of_the_full_graph_are_refused():
+@pytest.mark.parametrize("settings", [*({"folds": n} for n in (1, -1, 2.5, True, 2**25)), {"kg": "full", "folds": 5}])
+@pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig])
+def test_numbers_of_folds_that_cannot_be_are_refused(kind, settings):
     with refuses("folds"):
-        ComplExConfig(kg="full", folds=5)
+        kind(**settings)
 
 
 def test_more_folds_than_pairs_are_refused_before_anything_is_written(opened_kitchen, tmp_path):
@@ -189,9 +183,9 @@ def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, mon
 
 
 def test_progress_counts_the_epochs_of_the_folds(opened_kitchen, tmp_path):
-    told = []
-    train(opened_kitchen, SHORT, tmp_path / "model", progress=lambda done, total, figures: told.append((done, total)))
-    assert told == [(done, 16) for done in range(1, 17)]
+    calls = []
+    train(opened_kitchen, SHORT, tmp_path / "model", progress=lambda done, total, figures: calls.append((done, total)))
+    assert calls == [(done, 16) for done in range(1, 17)]
 
 
 @pytest.mark.parametrize("epoch", [5, 9, 14])
@@ -213,22 +207,16 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     assert not (trained.folder / "checkpoints").exists()
 
 
-def test_a_damaged_fold_of_an_interrupted_run_is_trained_again(folded, opened_kitchen, tmp_path, caplog):
+@pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "of other epochs"])
+def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(folded, opened_kitchen, tmp_path, caplog, is_damaged):
     folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
-    path = folder / "checkpoints" / "fold-1.safetensors"
-    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    path = folder / "checkpoints" / f"fold-1.{'safetensors' if is_damaged else 'json'}"
+    data = path.read_bytes()
+    path.write_bytes(data[:-1] + b"x" if is_damaged else data.replace(b'"epochs": 4', b'"epochs": 1'))
+    assert path.read_bytes() != data
     with caplog.at_level(logging.WARNING):
         resume(folder)
-    assert "Training fold 1 again" in caplog.text
-    assert same_files(folder, folded)
-
-
-def test_a_kept_fold_of_other_epochs_is_trained_again(folded, opened_kitchen, tmp_path):
-    folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
-    path = min((folder / "checkpoints").glob("fold-*.json"))
-    record = json.loads(path.read_text())
-    path.write_text(json.dumps({**record, "progress": {**record["progress"], "epochs": 1}}))
-    resume(folder)
+    assert ("Training fold 1 again" in caplog.text) == is_damaged
     assert same_files(folder, folded)
 
 
@@ -270,33 +258,6 @@ def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_ag
     assert same_files(tmp_path / "model", folded)
 
 
-@pytest.mark.slow
-def test_an_error_and_the_death_of_a_process_are_told(opened_kitchen, tmp_path, monkeypatch):
-    folds = make_folds(opened_kitchen.split, 3)
-    monkeypatch.setattr(parallel, "cores", lambda: 2)
-    options = {"seconds": 100.0, "after_epoch": lambda done, total: None}
-    with pytest.raises(ConfigError, match="nosuch"):
-        cross_fitting.train_folds(tmp_path, folds, LinkModelConfig(model="nosuch", epochs=1), **options)
-    monkeypatch.setattr(parallel, "_work", sys.exit)  # its argument is a connection: exit code 1
-    with pytest.raises(TrainingError, match="ended with code 1"):
-        cross_fitting.train_folds(tmp_path, folds, SHORT, **options)
-
-
-def test_ctrl_c_ends_the_processes_at_once(opened_kitchen, tmp_path, monkeypatch):
-    import multiprocessing
-
-    monkeypatch.setattr(parallel, "cores", lambda: 2)
-
-    def press(done: int, total: int) -> None:
-        assert len(multiprocessing.active_children()) == 2
-        raise KeyboardInterrupt
-
-    folds = make_folds(opened_kitchen.split, 3)
-    with pytest.raises(KeyboardInterrupt):
-        cross_fitting.train_folds(tmp_path, folds, SHORT, seconds=100.0, after_epoch=press)
-    assert not multiprocessing.active_children()
-
-
 # --- spoilt folders --------------------------------------------------------------------------------------------------
 
 
@@ -336,17 +297,15 @@ def test_a_file_of_folds_that_is_missing_or_changed_is_named(folded, tmp_path, n
         load_scorer(folder)
 
 
-def test_folds_of_another_draw_or_split_are_refused(spoilt_folds, opened_kitchen):
+@pytest.mark.parametrize("is_in_the_record", [True, False])
+def test_folds_of_another_split_are_refused_when_a_model_is_opened(spoilt_folds, opened_kitchen, is_in_the_record):
     other = make_folds(make_split(opened_kitchen.graph, SplitConfig(seed=1)), 3)
+    changes = {"tensors": set_to("of_recipe", torch.from_numpy(other.of_recipe.copy()))}
+    if is_in_the_record:
+        changes = {"record": set_to("hash", other.hash)}
+    folder = spoilt_folds(**changes)
     with pytest.raises(GraphMismatchError):
-        load_scorer(spoilt_folds(record=set_to("hash", other.hash)))
-
-
-def test_folds_that_are_not_those_of_the_split_are_refused_when_a_model_is_opened(spoilt_folds, opened_kitchen):
-    other = make_folds(make_split(opened_kitchen.graph, SplitConfig(seed=1)), 3)
-    folder = spoilt_folds(tensors=set_to("of_recipe", torch.from_numpy(other.of_recipe.copy())))
-    with pytest.raises(GraphMismatchError):
-        open_model(folder)
+        (load_scorer if is_in_the_record else open_model)(folder)
 
 
 def test_a_model_that_was_trained_on_other_triples_than_it_says_is_a_leak(spoilt_folds, opened_kitchen):

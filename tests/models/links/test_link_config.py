@@ -16,7 +16,8 @@ OUT_OF_RANGE = {
     "kg": ["half"],
     "epochs": [0, -3],
     **{name: [0] for name in ("batch_size", "checkpoint_every", "threads", "dim")},
-    **{name: [-1] for name in ("eval_every", "patience", "seed")},
+    **{name: [-1] for name in ("eval_every", "patience")},
+    "seed": [-1, 2**32],
     "learning_rate": [0.0, -1.0, NAN, INF],
 }
 
@@ -27,6 +28,7 @@ OUT_OF_RANGE = {
         *((config, name, value) for config in BOTH for name, values in OUT_OF_RANGE.items() for value in values),
         *((ComplExConfig, name, value) for name in ("n3", "popularity") for value in (-1.0, NAN, INF)),
         *((ComplExConfig, "init_scale", value) for value in (0.0, -1e-3, NAN, INF)),
+        *((ComplExConfig, "negatives", value) for value in (-1, 1.5, True)),
         (LinkModelConfig, "negatives", 0),
         (LinkModelConfig, "loop", "lcwa"),
     ],

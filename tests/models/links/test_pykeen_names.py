@@ -96,19 +96,15 @@ def test_the_hpo_pipeline_takes_our_model_by_name_for_a_trial(kitchen_folder):
     assert 0 < trial.value < 1
 
 
-def test_the_dataset_holds_the_parts_of_the_graphs_split(validated_kitchen, kitchen_folder):
+def test_the_dataset_holds_the_parts_of_the_graphs_split_and_keeps_its_ids(validated_kitchen, kitchen_folder):
     dataset = dataset_resolver.make("wordcraft", {"graph": kitchen_folder})
-    split = validated_kitchen.split
-    assert sorted(dataset.training.mapped_triples.tolist()) == sorted(split.partial.tolist())
-    assert sorted(dataset.validation.mapped_triples.tolist()) == sorted(split.held_out("valid").tolist())
-    assert sorted(dataset.testing.mapped_triples.tolist()) == sorted(split.held_out("test").tolist())
-
-
-def test_the_dataset_keeps_the_graphs_ids(validated_kitchen, kitchen_folder):
-    dataset = dataset_resolver.make("wordcraft", {"graph": kitchen_folder})
-    assert dataset.training.entity_to_id == {name: i for i, name in enumerate(validated_kitchen.graph.entities)}
+    graph, split = validated_kitchen.graph, validated_kitchen.split
+    factories = (dataset.training, dataset.validation, dataset.testing)
+    parts = (split.partial, split.held_out("valid"), split.held_out("test"))
+    for factory, triples in zip(factories, parts, strict=True):
+        assert sorted(factory.mapped_triples.tolist()) == sorted(triples.tolist())
+        assert factory.entity_to_id == {name: i for i, name in enumerate(graph.entities)}
     assert dataset.training.relation_to_id == {name: i for i, name in enumerate(RELATIONS)}
-    assert dataset.testing.entity_to_id == dataset.training.entity_to_id
 
 
 def test_the_dataset_adds_inverse_triples_when_asked(kitchen_folder):

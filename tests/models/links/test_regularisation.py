@@ -147,11 +147,6 @@ def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen, tmp_path, c
     assert str(choice) in open_model(trained.folder).provenance.values()
 
 
-def test_a_run_with_a_given_weight_records_no_choice(complex_folder):
-    assert "choice" not in json.loads((complex_folder / "metrics.json").read_text())
-    assert not (complex_folder / "choice.json").exists()
-
-
 def test_a_resumed_run_does_not_choose_again(opened_kitchen, tmp_path, monkeypatch):
     settings = replace(OPEN, epochs=10)
     undisturbed = train(opened_kitchen, settings, tmp_path / "undisturbed")
@@ -169,6 +164,7 @@ def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(opened_k
     weights = [(trained.folder / "model.safetensors").read_bytes() for trained in (chosen, given)]
     assert weights[0] == weights[1]
     assert given.metrics.choice is None
+    assert not (given.folder / "choice.json").exists()
 
 
 def test_ctrl_c_while_choosing_leaves_nothing(opened_kitchen, tmp_path):

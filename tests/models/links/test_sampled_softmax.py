@@ -5,10 +5,8 @@ import math
 import numpy as np
 import pytest
 import torch
-from link_helpers import contents, interrupt_after, random_graph, train
+from link_helpers import random_graph, train
 from link_oracles import equation_2, n3
-from refusals import refuses
-from resumption import resume
 from torch.nn.functional import cross_entropy
 
 from wordcraft_kg.base.errors import ConfigError
@@ -151,12 +149,6 @@ def test_the_softmax_is_sampled_above_a_size_unless_told_otherwise(size, asked, 
     assert config.for_size(size).for_size(1).negatives == expected
 
 
-@pytest.mark.parametrize("negatives", [-1, 1.5, True])
-def test_an_impossible_sample_is_refused(negatives):
-    with refuses("negatives"):
-        ComplExConfig(negatives=negatives)
-
-
 def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
     opened_kitchen, tmp_path, monkeypatch, caplog
 ):
@@ -178,12 +170,3 @@ def test_with_all_entities_nothing_is_said(opened_kitchen, tmp_path, caplog):
             ComplExConfig(dim=4), triples_factory(opened_kitchen.graph, opened_kitchen.split.partial)
         )
     assert type(loop) is IndexedSymmetricLCWATrainingLoop
-
-
-def test_a_resumed_training_ends_bit_for_bit_like_one_without_interruption(opened_kitchen, tmp_path):
-    config = ComplExConfig(dim=4, epochs=5, n3=0.1, negatives=16, batch_size=100, folds=2)
-    whole = train(opened_kitchen, config, tmp_path / "whole")
-    cut = train(opened_kitchen, config, tmp_path / "cut", progress=interrupt_after(2))
-    assert cut.interrupted
-    resumed = resume(cut.folder)
-    assert contents(resumed.folder)["model.safetensors"] == contents(whole.folder)["model.safetensors"]

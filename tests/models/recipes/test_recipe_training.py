@@ -14,7 +14,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources
@@ -30,11 +30,6 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.runs import parallel
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
-
-
-@pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
-    return open_graph("kitchen")
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +66,7 @@ def test_the_same_settings_give_the_same_bytes(book, small):
 
 
 @pytest.mark.slow
-def test_fits_side_by_side_are_those_of_one_after_the_other(book, small, monkeypatch):
+def test_parallel_fits_equal_sequential_fits(book, small, monkeypatch):
     started, together = [], parallel.train_in_processes
     monkeypatch.setattr(training, "ALONE", 0)
     monkeypatch.setattr(parallel, "cores", lambda: 2)
@@ -82,7 +77,7 @@ def test_fits_side_by_side_are_those_of_one_after_the_other(book, small, monkeyp
     assert started == [4]
 
 
-def test_an_interrupted_run_goes_on_with_the_fits_that_are_missing(book, small, monkeypatch):
+def test_an_interrupted_run_continues_with_the_fits_that_are_missing(book, small, monkeypatch):
     steps = SMALL.folds + 3
     folder = small.parent / "interrupted"  # so that the path to the book is the same
     with pytest.raises(KeyboardInterrupt, match=r"2 of 4 fits are saved.*Repeat the command"):
@@ -113,9 +108,9 @@ def folds_of(graph: RecipeGraph, fold_of: dict[tuple[str, ...], int]) -> Folds:
     return Folds(Split(graph, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
 
 
-def fitted(found: tuple[RecipeKnowledge, LinkRankers]) -> dict[str, torch.Tensor]:
+def fitted(fit: tuple[RecipeKnowledge, LinkRankers]) -> dict[str, torch.Tensor]:
     """All tensors of a fit."""
-    knowledge, rankers = found
+    knowledge, rankers = fit
     of_links = {
         f"{number}.{name}": tensor for number, ranker in enumerate(rankers) for name, tensor in vars(ranker).items()
     }
@@ -128,7 +123,7 @@ def same_tensors(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -
 
 
 @pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed"])
-def test_what_a_fold_holds_changes_nothing_of_the_scorer_without_it(what):
+def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
     graph = random_graph(2, 12, 60)
     folds = make_folds(make_split(graph, SplitConfig()), 3)
     fold_of = {graph.labels(row): int(fold) for row, fold in zip(graph.recipes.tolist(), folds.of_recipe, strict=True)}
@@ -149,19 +144,19 @@ def test_what_a_fold_holds_changes_nothing_of_the_scorer_without_it(what):
         assert same_tensors(before, after) == (fold == OUTSIDE or left_out == (1,))
 
 
-def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, opened):
-    scorer, folds = load_scorer(recipes_folder, graph=opened.graph), make_folds(opened.split, 3)
+def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, opened_kitchen):
+    scorer, folds = load_scorer(recipes_folder, graph=opened_kitchen.graph), make_folds(opened_kitchen.split, 3)
     assert isinstance(scorer, CrossFitted)
     assert isinstance(scorer.whole, RecipeScores)
-    np.testing.assert_array_equal(scorer.whole.recipes, opened.split.recipes("train"))
+    np.testing.assert_array_equal(scorer.whole.recipes, opened_kitchen.split.recipes("train"))
     for fold in range(3):
         left_out = scorer.left_out(fold)
         assert isinstance(left_out, RecipeScorer)
-        seen = opened.graph.recipes[folds.seen([fold])]
+        seen = opened_kitchen.graph.recipes[folds.seen([fold])]
         np.testing.assert_array_equal(left_out.recipes, seen)
         supporting = {tuple(recipe) for recipe in left_out.knowledge.supporting[0, :-1].flatten(0, 1).tolist()}
         assert supporting <= {tuple(recipe) for recipe in seen.tolist()}
-        np.testing.assert_array_equal(scorer.trained_on(fold, opened.graph), folds.triples([fold]))
+        np.testing.assert_array_equal(scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold]))
 
 
 # --- spoilt folders --------------------------------------------------------------------------------------------------
@@ -199,9 +194,9 @@ def test_a_missing_or_damaged_fold_is_named(spoilt, change):
         spoilt(change)
 
 
-def test_a_scorer_of_another_graph_is_refused(small, opened):
+def test_a_scorer_of_another_graph_is_refused(small, opened_kitchen):
     with pytest.raises(GraphMismatchError):
-        load_scorer(small, graph=opened.graph)
+        load_scorer(small, graph=opened_kitchen.graph)
 
 
 def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
@@ -210,7 +205,7 @@ def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     assert not (tmp_path / "model").exists()
 
 
-def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_another(opened, small, book):
+def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_another(small, book):
     from wordcraft_kg.models.policies.sources.registry import source_class
 
     scorer = load_scorer(small)

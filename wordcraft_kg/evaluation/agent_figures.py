@@ -75,7 +75,7 @@ class SliceSuccess(Record):
 
 
 class Confusion(Record):
-    """Number of episodes that ended with one right ingredient and ``action`` instead of ``wanted``."""
+    """Number of episodes that ended with a right ingredient and ``action`` instead of ``wanted``."""
 
     wanted: str
     action: str
@@ -123,7 +123,7 @@ def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]
 
 
 def confusions_of(world: World, results: Sequence[Evaluation]) -> tuple[Confusion, ...]:
-    """Count the wrong second ingredients in episodes that ended with one right ingredient."""
+    """Count the wrong second ingredients in episodes that ended with a single right ingredient."""
     graph, code = world.graph, TERMINATION_REASONS.index("one_right_part")
     pairs = graph.recipes[:, :2].tolist()
     counts: Counter[tuple[int, int]] = Counter()

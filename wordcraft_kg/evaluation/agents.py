@@ -254,7 +254,7 @@ def view_agents(
 
 
 def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
-    """Return a view's headline and its report path."""
+    """Return a view's headline and the report path."""
     agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
 

@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 class BuiltGraph(Record):
-    """The audit's main figures for a new graph, and its folder."""
+    """The audit's main figures for a new graph, and the graph folder."""
 
     entities: Count
     recipes: Count
@@ -35,7 +35,7 @@ class CheapestDerivation(Record):
 
 
 class EntityView(Record):
-    """An entity with its recipes and uses; ``layer`` and ``derivation`` are None for an unreachable entity."""
+    """An entity with recipes and uses; ``layer`` and ``derivation`` are None for an unreachable entity."""
 
     entity: str
     base: bool
@@ -46,7 +46,7 @@ class EntityView(Record):
 
 
 def view_build(audit: Audit, folder: Path) -> BuiltGraph:
-    """Return a built graph's main figures from its audit."""
+    """Return a built graph's main figures from the audit."""
     same = {name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)}
     reachable, rounds = audit.reachability.reachable, audit.reachability.rounds
     return BuiltGraph(**same, reachable=reachable, rounds=rounds, out=str(folder))

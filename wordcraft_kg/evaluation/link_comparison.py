@@ -76,7 +76,7 @@ class LinkComparison(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare, trained with one or more seeds."""
+    """A model to compare, with a run per seed."""
 
     name: str
     runs: Sequence[Model]

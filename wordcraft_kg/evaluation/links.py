@@ -57,7 +57,7 @@ class EvaluatedModel(Record):
 
 
 class EvaluatedGraph(Record):
-    """The graph with its size."""
+    """The graph and the graph size."""
 
     name: str
     hash: Hash
@@ -218,7 +218,7 @@ def view_links(
 
 
 def summarise_links(view: LinkView, report: str) -> LinkSummary:
-    """Return a view's headline and its report path."""
+    """Return a view's headline and the report path."""
     slices = ("all", *RELATIONS)
     metrics = {name: view.metrics[name] for name in slices}
     by_slice: dict[str, Any] = {

@@ -23,8 +23,8 @@ class AgentEvaluation(Record):
     """Success of a run's agent, or of another player on the same tasks.
 
     Attributes:
-        checkpoint: the trained agent's checkpoint; None for other players.
-        scores: origin of the scores for a scorer alone; None for other players.
+        checkpoint: the trained agent's checkpoint, else None.
+        scores: origin of the scores for a scorer alone, else None.
         success: by distractor count, like ``outcomes`` (shares of termination reasons).
     """
 

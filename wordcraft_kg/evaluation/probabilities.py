@@ -30,7 +30,7 @@ class ReliabilityBin(Record):
 
 
 class Reliability(Record):
-    """Predicted against observed triples in a relation outside training; combinesWith counts one direction.
+    """Predicted against observed triples in a relation outside training; combinesWith counts a single direction.
 
     Attributes:
         pairs: different entities, or an entity with itself.

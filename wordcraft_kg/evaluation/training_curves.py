@@ -1,4 +1,4 @@
-"""Training curves for one or more seeds: success, training figures and λ; also from unfinished runs."""
+"""Training curves per agent and seed: success, training figures and λ; also from unfinished runs."""
 
 from collections.abc import Sequence
 from typing import Literal, get_args
@@ -18,7 +18,7 @@ FIGURES: tuple[Figure, ...] = get_args(Figure)
 
 
 class CurvePoint(Record, array_like=True):
-    """Success after a number of steps, and its interval over seeds."""
+    """Success after a number of steps, with the interval over seeds."""
 
     step: int
     success: float

@@ -1,4 +1,4 @@
-"""The agent report: the view for one or more agents with its pictures."""
+"""The agent report: the view for all agents, with pictures."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The link-prediction report: a link predictor's view with its pictures."""
+"""The link-prediction report: a link predictor's view with pictures."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Pages from the package's templates, readable offline, and reports: a page with its numbers and tables."""
+"""Pages from the package's templates, readable offline, and reports: a page with numbers and tables."""
 
 import base64
 import hashlib
@@ -114,7 +114,7 @@ class Report(Generic[V]):
 
 
 def render(report: Report[Any]) -> str:
-    """Return a report as one self-contained HTML page."""
+    """Return a report as a self-contained HTML page."""
     data = ("report.json", *report.tables, *report.files)
     return render_page(report.template, data=data, report=report.view, pictures=report.pictures, **report.shown)
 

@@ -1,4 +1,4 @@
-"""Claims about a study: a verdict by a rule, and its figures.
+"""Claims about a study: a verdict by a rule, with figures.
 
 With [l, h] the 95 % interval for the difference between two sides, a claim of *more, by at least b* (default 0) is
 

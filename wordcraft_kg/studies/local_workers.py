@@ -26,7 +26,7 @@ _PATIENCE = 60.0
 
 @dataclass
 class _Place:
-    """A process with its task."""
+    """A process and the current task."""
 
     process: BaseProcess
     connection: Connection

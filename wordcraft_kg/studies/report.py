@@ -1,4 +1,4 @@
-"""A study report: tables, figures and a page from its view."""
+"""A study report: tables, figures and a page from the view."""
 
 from collections.abc import Iterator
 from itertools import groupby

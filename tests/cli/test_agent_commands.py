@@ -1,6 +1,7 @@
 """The commands of agents as a user runs them: output, exit codes and bad input."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -24,15 +25,6 @@ def train(run, world, tmp_path):
     return train
 
 
-def test_train_agent_prints_what_the_documentation_promises(printed, world, tmp_path):
-    values = printed("train-agent", world / "graph", *SMALL, "--out", tmp_path / "run")
-    assert {"out", "seconds", "steps_per_second"} <= values.keys()
-    assert (values["steps"], values["distractors"]) == (1_600, 8)
-    assert values["success"].keys() == {"train", "test"}
-    assert all(0 <= value <= 1 for value in values["success"].values())
-    assert Path(values["report"]).is_file()
-
-
 def test_evaluate_agent_prints_what_the_documentation_promises(printed, world):
     values = printed("evaluate-agent", world / "guided", "--distractors", "1,3", "--distractor-seeds", 2)
     assert (values["part"], values["checkpoint"]) == ("test", "final")
@@ -41,6 +33,15 @@ def test_evaluate_agent_prints_what_the_documentation_promises(printed, world):
         assert figures["ci_low"] <= figures["mean"] <= figures["ci_high"]
         assert (figures["distractor_seeds"], figures["tasks"] > 0) == (2, True)
     assert all(sum(shares.values()) == pytest.approx(1) for shares in values["outcomes"].values())
+
+
+def test_train_agent_prints_what_the_documentation_promises(printed, world, tmp_path):
+    values = printed("train-agent", world / "graph", *MOMENT, "--out", tmp_path / "run")
+    assert {"out", "seconds", "steps_per_second"} <= values.keys()
+    assert (values["steps"], values["distractors"]) == (96, 8)
+    assert values["success"].keys() == {"train", "test"}
+    assert all(0 <= value <= 1 for value in values["success"].values())
+    assert Path(values["report"]).is_file()
 
 
 @pytest.mark.parametrize("part", ["train", "test"])
@@ -134,18 +135,6 @@ def test_the_same_command_goes_on_with_an_agent(printed, refused, run, world, tm
     refused(*command, kind="OutputExistsError")
 
 
-def test_settings_come_from_a_toml_file_and_the_command_line_goes_first(printed, run, world, tmp_path):
-    config = tmp_path / "settings.toml"
-    config.write_text("[train-agent]\nsteps = 640\nbatch_size = 16\ndistractors = 3\n")
-    values = printed("train-agent", world / "graph", "--config", config, "--distractors", 1, "--out", tmp_path / "run")
-    assert (values["steps"], values["distractors"]) == (640, 1)
-    config.write_text("[train-agent]\nlearning_rat = 1.0\n")
-    outcome = run("train-agent", world / "graph", "--config", config, "--out", tmp_path / "other")
-    assert outcome.code != 0
-    assert "learning" in outcome.err
-    assert not (tmp_path / "other").exists()
-
-
 def test_a_run_s_own_settings_reproduce_it(run, world, tmp_path):
     config = world / "guided/config.toml"
     assert 'scorer = "../scorer"' in config.read_text()
@@ -174,19 +163,8 @@ def test_agents_with_another_task_weighting_are_compared_only_where_it_does_not_
 ):
     small = ("--steps", 64, *MOMENT[2:], "--depth", depth, "--distractors", 1)
     runs = [train(*small, "--task-weighting", name, name=name) for name in ("task", "goal")]
-    options = (
-        "--distractor-seeds",
-        1,
-        "--episodes",
-        0,
-        "--distractors",
-        1,
-        "--part",
-        "train",
-        "--out",
-        tmp_path / "report",
-    )
-    outcome = run("compare", *runs, *options)
+    options = "--distractor-seeds 1 --episodes 0 --distractors 1 --part train --out"
+    outcome = run("compare", *runs, *options.split(), tmp_path / "report")
     if depth == 2:  # all tasks are enumerated
         assert outcome.code == 0, outcome.err
     else:
@@ -233,25 +211,19 @@ def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, option
     assert run("explain", folder, "--episodes", 1).code == 0
 
 
-def test_baselines_prints_a_table_of_players_and_distractors(run):
-    outcome = run("evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "2")
-    assert outcome.code == 0
-    lines = outcome.out.splitlines()
-    assert "1 distractor" in lines[0]
-    assert "4 distractors" in lines[0]
-    oracle = next(line for line in lines if line.startswith("recipe oracle"))
-    assert oracle.count("1.000 [") == 2
-    assert lines[-1] == (
-        "63 test tasks of depth 1, each with 2 distractor seeds; intervals: 95 %, bootstrap over tasks"
-    )
-
-
-def test_baselines_prints_one_json_object(printed):
-    result = printed("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--distractor-seeds", "1")
+def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printed, run):
+    command = ("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--distractor-seeds", "1")
+    result = printed(*command)
     assert (result["part"], result["depth"], result["distractor_seeds"]) == ("test", 2, 1)
     assert {row["episodes"] for row in result["rows"]} == {result["tasks"]}
     assert result["intervals"] == "95 %, bootstrap over tasks"
     assert {row["distractors"] for row in result["rows"]} == {2}
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
-    again = printed("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--distractor-seeds", "1")
-    assert result == again
+    assert printed(*command) == result
+    titles, *rows, note = run(
+        "evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "2"
+    ).out.splitlines()
+    assert re.split("  +", titles)[-2:] == ["1 distractor", "4 distractors"]
+    assert next(row for row in rows if row.startswith("recipe oracle")).count("1.000 [") == 2
+    tasks = "63 test tasks of depth 1, each with 2 distractor seeds"
+    assert note == f"{tasks}; intervals: 95 %, bootstrap over tasks"

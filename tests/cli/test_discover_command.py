@@ -32,23 +32,18 @@ def test_json_holds_the_same_figures_and_the_setting(printed):
     assert values == printed(*arguments)
 
 
+def test_a_scorer_adds_a_player_and_another_base_is_where_play_begins(printed, trained):
+    base = open_graph("kitchen").graph.base[1:]
+    values = printed("discover", "kitchen", *QUICK, "--scorer", trained / "one", "--base", ",".join(base))
+    assert list(values["players"])[-1] == "empowerment-scorer"
+    assert (values["scorer"], values["base"]) == ("one", list(base))
+
+
 def test_a_single_run_has_no_interval(printed, run):
     values = printed("discover", "kitchen", "--runs", 1, "--players", "random")
     assert values["players"]["random"]["100"]["low"] is None
     text = run("discover", "kitchen", "--runs", 1, "--players", "random").out
     assert "[" not in text.split("people")[0].split("\n", 2)[2]
-
-
-def test_another_base_is_where_play_begins(printed):
-    base = open_graph("kitchen").graph.base
-    values = printed("discover", "kitchen", *QUICK, "--base", ",".join(base[1:]))
-    assert values["base"] == list(base[1:])
-
-
-def test_a_scorer_adds_its_player(printed, trained):
-    values = printed("discover", "kitchen", *QUICK, "--scorer", trained / "one")
-    assert list(values["players"])[-1] == "empowerment-scorer"
-    assert values["scorer"] == "one"
 
 
 def test_the_page_is_one_file_with_all_curves_and_people(run, tmp_path, trained):
@@ -80,12 +75,3 @@ def test_players_that_never_repeat_a_pair_are_named_instead_of_drawn_at_zero(run
     assert "Never repeated a pair: random-no-repeat, greedy." in html
     assert run("discover", "kitchen", *QUICK, "--players", "greedy", "--out", page, "--force").code == 0
     assert page.read_text(encoding="utf-8").count("<svg") == 1
-
-
-def test_a_page_is_replaced_only_when_asked(refused, run, tmp_path):
-    page = tmp_path / "page.html"
-    page.write_text("mine", encoding="utf-8")
-    refused("discover", "no-such-graph", "--out", page, says="--force")
-    assert page.read_text(encoding="utf-8") == "mine"
-    assert run("discover", "kitchen", *QUICK, "--out", page, "--force").code == 0
-    assert "<svg" in page.read_text(encoding="utf-8")

@@ -2,13 +2,12 @@
 
 import pytest
 from pykeen.pipeline import pipeline
+from quick import SMALL
 
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.links.pykeen_import import from_pykeen
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
-
-SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoint-every", 800, "--quiet")
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +35,8 @@ def test_links_commands_take_it(printed, name, run, models, tmp_path):
     assert "someone else, and saved as a model folder" in page
     compared = printed("compare", models / "mine", models / "theirs")
     assert compared["models"][1]["difference"] < 0  # an epoch teaches DistMult nothing
-    assert (
-        run("evaluate-agent", "kitchen", "--scorer", models / name, "--distractor-seeds", 1, "--distractors", 1).code
-        == 0
-    )
+    options = ("--scorer", models / name, "--distractor-seeds", 1, "--distractors", 1)
+    assert run("evaluate-agent", "kitchen", *options).code == 0
 
 
 def test_an_agent_can_be_guided_by_it_explained_and_compared(run, models, tmp_path):

@@ -135,12 +135,6 @@ def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder,
     assert 0 < len(new) < len(top) == 80
 
 
-def test_triples_are_still_asked_for_as_before(printed, recipes_folder, scorer):
-    found = printed("score", recipes_folder, "flour", "combinesWith", "water")
-    assert found["score"] == pytest.approx(float(scorer.score("flour", 0, "water")), abs=1e-4)
-    assert printed("score", recipes_folder, "", "componentOf", "bread")["head"] is None
-
-
 @pytest.mark.parametrize("termination", ["csv", "tsv"])
 def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes_folder, tmp_path, termination):
     (a, b, result), (c, d, other) = in_part("train"), in_part("test")

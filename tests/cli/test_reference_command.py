@@ -104,7 +104,7 @@ def test_ours_and_the_literature_are_apart_in_the_text_and_each_of_the_latter_ha
     assert "measured now" not in theirs
 
 
-def test_figures_that_the_pack_lacks_are_measured_and_the_rest_is_not(printed, run, pack):
+def test_figures_that_the_pack_lacks_are_measured_and_the_rest_is_not(printed, run, pack, tmp_path):
     values = printed(*TWO[:3], "4,2")
     assert (values["pack"], values["measured"]) == ("kitchen", [2])
     rows = {one["player"]: one for one in values["rows"]}
@@ -114,12 +114,11 @@ def test_figures_that_the_pack_lacks_are_measured_and_the_rest_is_not(printed, r
     assert "of depth 2" not in rows
     assert next(iter(rows)) == "random"
     assert "has no figures for 2 distractors" in run(*TWO[:3], "4,2").out
-
-
-def test_the_pack_is_not_used_for_another_split(printed, pack, tmp_path):
     build(tmp_path / "graph", seed=5)
     values = printed("reference", tmp_path / "graph", "--distractors", "1")
     assert (values["pack"], values["measured"]) == (None, [1])
+    assert reference.play_of(TaskConfig(distractor_policy="no_shortcut"), "test") is None
+    assert pack.rows_of(TaskPlay("test", 1, 3)) == ()
 
 
 def test_open_ended_play_stands_beside_people_and_language_models(printed, run, pack):
@@ -211,28 +210,23 @@ def test_a_player_that_has_played_the_same_twice_has_two_rows(printed, pack, kit
     assert [figures(row) for row in rows] == [{"4": 0.3, "1": 0.3}, {"4": 0.35}]
 
 
-def open_result(folder, known):
-    env = OpenEndedEnv("kitchen", max_attempts=max(known))
-    return result(folder, PlayedSettings.of_world(env, open_graph("kitchen").split), known=known)
-
-
-def test_a_log_of_inspect_is_the_row_of_a_language_model(printed, pack, tmp_path, monkeypatch):
-    folder = open_result(tmp_path / "as-a-folder", {1: 5.0, 10: 7.0})
-    log = tmp_path / "log.eval"
-    log.write_bytes(b"")
-    # Logs have tests of their own, which need Inspect AI.
-    monkeypatch.setattr(result_reader, "read_inspect_log", {log: read_record(folder / RESULT_FILE, TextResult)}.get)
-    (row,) = own(printed(*OPEN, "--external-results", log))
-    assert (row["kind"], row["source"], figures(row)["10"]) == ("language model", str(log), 7.0)
-
-
-def test_a_player_that_uses_words_stands_in_open_ended_play(printed, refused, pack, tmp_path):
-    folder = open_result(tmp_path / "open", {1: 5.5, 10: 7.25, 20: 9.0})
+def test_an_open_ended_result_is_a_row_and_a_log_of_inspect_that_of_a_language_model(
+    printed, refused, pack, tmp_path, monkeypatch
+):
+    known = {1: 5.5, 10: 7.25, 20: 9.0}
+    env = OpenEndedEnv("kitchen", max_attempts=20)
+    folder = result(tmp_path / "open", PlayedSettings.of_world(env, open_graph("kitchen").split), known=known)
     (row,) = own(printed(*OPEN, "--external-results", folder))
     assert (figures(row), row["runs"]) == ({"1": 5.5, "10": 7.25, "20": 9.0}, 10)
     other = ",".join(pack.rows[-1].play.base[1:])
     refused(*OPEN, "--base", other, "--external-results", folder, says="expected open-ended mode from")
     refused("reference", "kitchen", "--external-results", folder, says="add --open-ended")
+    log = tmp_path / "log.eval"
+    log.write_bytes(b"")
+    # Logs have their own tests, which need Inspect AI.
+    monkeypatch.setattr(result_reader, "read_inspect_log", {log: read_record(folder / RESULT_FILE, TextResult)}.get)
+    (row,) = own(printed(*OPEN, "--external-results", log))
+    assert (row["kind"], row["source"], figures(row)["10"]) == ("language model", str(log), 7.25)
 
 
 @pytest.mark.parametrize(
@@ -284,12 +278,6 @@ def test_the_page_of_discover_shows_players_from_elsewhere(printed, tmp_path, pa
     assert {"people, Tiny Alchemy", "o1"} <= set(players)
     assert "explorer" in page.read_text()
     assert "192 new combinations after 500 attempts" in page.read_text()
-
-
-def test_an_agent_by_other_rules_gets_no_rows_of_the_pack(pack):
-    assert reference.play_of(TaskConfig(distractor_policy="no_shortcut"), "test") is None
-    assert pack.rows_of(TaskPlay("test", 1, 3)) == ()
-    assert msgspec.structs.replace(pack.rows[0]).at([4]).figures.keys() == {"4"}
 
 
 def test_the_page_has_the_table_with_ours_and_others_apart(refused, run, pack, tmp_path):

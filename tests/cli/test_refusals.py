@@ -99,6 +99,8 @@ REFUSED = [
     ("train-complex kitchen --seeds 0,4294967296", "--seed 4294967296"),
     ("train-links", "needs a graph"),
     ("books --cache --fetch little-alchemy-2", "cannot be combined"),
+    ("books --fetch little-alchemy-3", "Did you mean 'little-alchemy-2'?"),
+    ("describe kitchen --entity bred", "no entity 'bred' in kitchen. Did you mean 'bread'?"),
     ("score {trained}/one bred componentOf flour", "'bread'"),
     ("score {trained}/one flour componentOf bred", "'bread'"),
     ("score {trained}/one flour combineWith water", "'combinesWith'"),

@@ -21,7 +21,7 @@ def parts_of(graph):
     """The triples of a graph by label, each with the part whose recipes give it, train before test."""
     opened = open_graph(graph)
     parts = {}
-    for part in ("test", "train"):
+    for part in ("test", "valid", "train"):
         for head, relation, tail in opened.split.triples_of(part).tolist():
             parts[opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail]] = part
     return parts
@@ -51,16 +51,14 @@ def test_score_lists_the_best_entities_of_an_open_slot(printed, run, trained, qu
         assert f"{head or name} componentOf {tail or name}" in line
 
 
-def test_score_lists_ten_entities_unless_told_otherwise(printed, trained):
-    query = ("score", trained / "one", "?", "componentOf", "bread")
-    assert len(printed(*query)["top"]) == 10
-    assert len(printed(*query, "--top", "500")["top"]) == 80
-
-
 def test_score_says_which_recipes_give_each_triple(printed, run, trained):
     known = parts_of(trained / "graph")
     query = ("score", trained / "one", "_", "componentOf", "bread", "--top", "80")
     values = printed(*query)
+    assert printed(*query[:-2])["top"] == values["top"][:10]
+    assert printed(*query[:-1], "500")["top"] == values["top"]
+    new = printed(*query[:-1], "7", "--new-only")["top"]
+    assert new == [row for row in values["top"] if row["known"] == "new"][:7]
     parts = [row["known"] for row in values["top"]]
     assert parts == [known.get((row["entity"], "componentOf", "bread"), "new") for row in values["top"]]
     assert set(parts) == {"train", "test", "new"}
@@ -68,6 +66,13 @@ def test_score_says_which_recipes_give_each_triple(printed, run, trained):
     assert [line.split()[1] for line in run(*query).out.splitlines()] == parts
     for triple, part in list(known.items())[::97]:
         assert printed("score", trained / "one", *triple)["known"] == part
+
+
+def test_validation_triples_are_marked(printed, run, tmp_path):
+    build(tmp_path / "graph", train_ratio=0.8, valid_ratio=0.1)
+    run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "model")
+    triple = next(triple for triple, part in parts_of(tmp_path / "graph").items() if part == "valid")
+    assert printed("score", tmp_path / "model", *triple)["known"] == "valid"
 
 
 def test_score_says_how_probable_triples_outside_training_are(printed, run, world, tmp_path):
@@ -92,22 +97,6 @@ def test_score_says_how_probable_triples_outside_training_are(printed, run, worl
     header, first, *_ = (tmp_path / "scores.csv").read_text().splitlines()
     assert header.endswith(",known,probability")
     assert float(first.rsplit(",", 1)[1]) == pytest.approx(new["probability"], rel=1e-4)
-
-
-def test_validation_triples_are_known_as_such(printed, run, tmp_path):
-    build(tmp_path / "graph", train_ratio=0.8, valid_ratio=0.1)
-    run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "model")
-    opened = open_graph(tmp_path / "graph")
-    head, relation, tail = opened.split.held_out("valid")[0]
-    triple = (opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail])
-    assert printed("score", tmp_path / "model", *triple)["known"] == "valid"
-
-
-def test_new_only_lists_the_best_that_the_book_does_not_have(printed, trained):
-    query = ("score", trained / "one", "_", "componentOf", "bread")
-    everything = printed(*query, "--top", "80")["top"]
-    new = printed(*query, "--top", "7", "--new-only")["top"]
-    assert new == [row for row in everything if row["known"] == "new"][:7]
 
 
 def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run, trained):
@@ -211,73 +200,63 @@ def test_a_wrong_file_of_queries_is_refused_with_the_line_and_writes_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["pairs.csv"]
 
 
-def test_a_word_that_is_in_no_graph_is_scored_and_the_answer_says_so(run, recipes_folder):
-    outcome = run("score", recipes_folder, "yogurt", "componentOf", "cake")
-    assert outcome.code == 0, outcome.err
-    assert "new  yogurt componentOf cake" in outcome.out
-    assert "among all 81 entities" in outcome.out
-    assert "'yogurt' is not in the graph: scored by its words alone." in outcome.out
+@pytest.mark.parametrize(
+    ("query", "by_words", "notes"),
+    [
+        ("yogurt componentOf cake", ["yogurt"], ["new  yogurt componentOf cake", "among all 81 entities"]),
+        (
+            "yogurt combinesWith rice",
+            ["yogurt", "rice"],
+            ["'yogurt', 'rice' are not in the graph: scored by"],
+        ),
+        ("flours combinesWith water", ["flours"], ["scored by its words alone. Did you mean 'flour'"]),
+        ("flour combinesWith water", [], []),
+    ],
+)
+def test_entities_outside_the_graph_are_scored_by_words_with_a_note(
+    printed, run, recipes_folder, query, by_words, notes
+):
+    command = ("score", recipes_folder, *query.split())
+    assert printed(*command)["by_words"] == by_words
+    text = run(*command).out
+    assert all(note in text for note in notes)
+    assert ("not in the graph" in text) == bool(by_words)
 
 
 def test_the_best_entities_for_a_new_word_are_listed_on_both_sides(printed, recipes_folder):
     parts = printed("score", recipes_folder, "_", "componentOf", "yogurt", "--top", "81")
-    assert parts["by_words"] == ["yogurt"]
-    assert len(parts["top"]) == 81
+    assert (parts["by_words"], len(parts["top"])) == (["yogurt"], 81)
     assert {row["known"] for row in parts["top"]} == {"new"}
     partners = printed("score", recipes_folder, "yogurt", "combinesWith", "--top", "3")
     assert (partners["head"], len(partners["top"]), partners["by_words"]) == ("yogurt", 3, ["yogurt"])
 
 
-@pytest.mark.parametrize(
-    ("head", "tail", "by_words", "note"),
-    [
-        ("yogurt", "rice", ["yogurt", "rice"], "'yogurt', 'rice' are not in the graph: scored by their words alone."),
-        ("flour", "water", [], ""),
-        ("flours", "water", ["flours"], "scored by its words alone. Did you mean 'flour'"),
-    ],
-)
-def test_words_that_are_not_in_the_graph_are_listed_with_the_nearest_entity(
-    printed, run, recipes_folder, head, tail, by_words, note
+def test_new_words_in_a_file_are_scored_and_listed_and_unknown_words_refused(
+    printed, refused, run, recipes_folder, tmp_path
 ):
-    query = ("score", recipes_folder, head, "combinesWith", tail)
-    assert printed(*query)["by_words"] == by_words
-    text = run(*query).out
-    assert note in text
-    assert ("not in the graph" in text) == bool(by_words)
-
-
-def test_new_words_of_a_file_are_scored_and_listed(printed, run, recipes_folder, tmp_path):
     queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
-    queries.write_text("yogurt,combinesWith,water\n_,componentOf,rice\nflour,combinesWith,yogurt\n")
     command = ("score", recipes_folder, "--in", queries, "--top", "2")
+    queries.write_text("yogurt,combinesWith,water\nflour,combinesWith,flouurr\n")
+    says = f"{queries}, line 2: no entity 'flouurr'. Did you mean 'flour'"
+    refused(*command, "--out", out, says=says, kind="QueryFileError")
+    assert not out.exists()
+    queries.write_text("yogurt,combinesWith,water\n_,componentOf,rice\nflour,combinesWith,yogurt\n")
     values = printed(*command)
     assert (values["scored"], values["by_words"]) == (4, ["yogurt", "rice"])
     assert "'yogurt', 'rice' are not in the graph" in run(*command, "--out", out).out
     assert len(out.read_text().splitlines()) == 5
 
 
-def test_a_word_without_a_vector_stops_a_file_with_its_line(refused, recipes_folder, tmp_path):
-    queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
-    queries.write_text("yogurt,combinesWith,water\nflour,combinesWith,flouurr\n")
-    command = ("score", recipes_folder, "--in", queries, "--out", out)
-    refused(*command, says=f"{queries}, line 2: no entity 'flouurr'. Did you mean 'flour'", kind="QueryFileError")
-    assert not out.exists()
-
-
 @pytest.mark.parametrize(
-    ("recipes", "word", "reason"),
+    ("folder", "word", "says", "kind"),
     [
-        (True, "flouurr", "No word of it has a vector in glove."),
-        (False, "yogurt", "knows the entities of its graph only"),
+        ("recipes", "flouurr", ["no entity 'flouurr'.", "No word of it has a vector in glove."], "UnknownEntityError"),
+        ("links", "yogurt", ["no entity 'yogurt'.", "knows the entities of its graph only"], "UnknownEntityError"),
+        ("recipes", "_", "both slots are open", "ConfigError"),
+        ("recipes", "", "both slots are open", "ConfigError"),
     ],
 )
-def test_words_that_a_model_cannot_score_are_refused_with_the_reason(
-    refused, recipes_folder, trained, recipes, word, reason
-):
-    command = ("score", recipes_folder if recipes else trained / "one", word, "combinesWith", "water")
-    refused(*command, says=[f"no entity '{word}'.", reason], kind="UnknownEntityError")
-
-
-@pytest.mark.parametrize("slot", ["_", ""])
-def test_an_open_slot_is_not_taken_as_a_new_word(refused, recipes_folder, slot):
-    refused("score", recipes_folder, slot, "combinesWith", slot, kind="ConfigError")
+def test_words_that_a_model_cannot_score_are_refused(refused, recipes_folder, trained, folder, word, says, kind):
+    model = recipes_folder if folder == "recipes" else trained / "one"
+    tail = word if kind == "ConfigError" else "water"
+    refused("score", model, word, "combinesWith", tail, says=says, kind=kind)

@@ -52,6 +52,11 @@ def test_seeds_that_are_done_are_kept_and_others_are_added(printed, world, train
     assert all(Path(one["out"]).is_dir() for one in values["seeds"].values())
     assert contents(source).items() <= contents(tmp_path / "seeds").items()
     assert (tmp_path / "seeds/seed-4/run.json").is_file()
+    if command == "train-complex":
+        forced = ("--n3", "0.2", "--seeds", "0,3", "--out", tmp_path / "seeds", "--force")
+        assert printed(command, trained / "graph", *options, *forced)["seeds"].keys() == {"0", "3"}
+        for seed in ("seed-0", "seed-3"):
+            assert not same("model.safetensors", tmp_path / "seeds" / seed, source / seed)
 
 
 def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkeypatch):
@@ -120,14 +125,6 @@ def test_the_same_graph_by_another_name_keeps_the_seeds_and_another_trainer_does
     single = ("train-agent", world / "graph", *AGENT, "--seeds", "0-1", "--out", world / "plain/seed-0")
     refused(*single, says="is a single run", kind="OutputExistsError")
     assert contents(world / "plain") == before
-
-
-def test_force_trains_all_seeds_again(run, trained, tmp_path):
-    shutil.copytree(trained / "links", tmp_path / "links")
-    command = ("train-complex", trained / "graph", *TINY, "--n3", "0.2", "--seeds", "0,3", "--out", tmp_path / "links")
-    assert run(*command, "--force").code == 0
-    for seed in ("seed-0", "seed-3"):
-        assert not same("model.safetensors", tmp_path / "links" / seed, trained / "links" / seed)
 
 
 @pytest.mark.parametrize(

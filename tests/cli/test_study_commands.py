@@ -165,21 +165,15 @@ def test_a_file_of_results_is_shown(run, file):
     assert lines[2].startswith("  no graph  0.133 [")
     assert "  3 seeds  +0.600 [" in lines[3]
     assert lines[3].endswith("P(better) 1.00  p <.001")
-
-
-@pytest.mark.parametrize(
-    ("metric", "text"),
-    [
-        ("iqm", "0.733 ["),
-        ("by-plan", "0.367  3 seeds"),
-        ("train", "0.500  3 seeds"),
-        ("mrr", "0.210 [0.200, 0.220]"),
-        ("steps", "1,000  "),
-    ],
-)
-def test_other_metrics_are_shown(run, file, metric, text):
-    done = run("reproduce", file, "--show", "--metric", metric)
-    assert f"  guided    {text}" in done.out
+    metrics = {
+        "iqm": "0.733 [",
+        "by-plan": "0.367  3 seeds",
+        "train": "0.500  3 seeds",
+        "mrr": "0.210 [0.200, 0.220]",
+        "steps": "1,000  ",
+    }
+    for metric, text in metrics.items():
+        assert f"  guided    {text}" in run("reproduce", file, "--show", "--metric", metric).out
 
 
 def test_json_has_all_figures_and_the_report(printed, run, file, tmp_path):
@@ -189,12 +183,9 @@ def test_json_has_all_figures_and_the_report(printed, run, file, tmp_path):
     assert (tmp_path / "reports" / "made-up" / "figure.svg").is_file()
     assert run("reproduce", file, "--show", "--plot").kind == "OutputExistsError"
     assert run("reproduce", file, "--show", "--plot", "--force").code == 0
+    text = run("reproduce", file, "--show", "--report", tmp_path / "implied").out
+    assert f"open {tmp_path / 'implied' / 'index.html'}" in text
     assert printed("reproduce", file, "--show")["report"] is None
-
-
-def test_out_implies_a_report(run, file, tmp_path):
-    text = run("reproduce", file, "--show", "--report", tmp_path / "there").out
-    assert f"open {tmp_path / 'there' / 'index.html'}" in text
 
 
 @pytest.mark.parametrize(

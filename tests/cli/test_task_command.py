@@ -91,7 +91,3 @@ def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
     held_out = {recipe.result for recipe in kitchen.recipe_labels(split.recipes("test"))}
     values = shown(home / "graph", "--part", "test", "--limit", 10_000)
     assert {task["goal"] for task in values["shown"]} == held_out
-
-
-def test_a_part_that_does_not_exist_is_misuse(refused, home):
-    refused("tasks", "kitchen", "--part", "tests", says='Did you mean "test"', code=2)

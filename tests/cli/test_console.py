@@ -105,8 +105,8 @@ def test_a_failure_with_json_is_one_object_on_stdout_that_names_its_kind(run, ho
     assert kind not in outcome.err
     assert "Traceback" not in outcome.err
     verbose = run(*arguments, "-v").err
-    assert verbose.startswith("Traceback")
-    assert f"\nerror: {error['message']}" in verbose
+    assert verbose.startswith("Traceback") == (code == 1)
+    assert f"error: {error['message']}" in verbose
 
 
 def test_an_error_is_red_on_a_terminal_only_and_not_with_no_color(run, home, monkeypatch):

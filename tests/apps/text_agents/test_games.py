@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
@@ -16,7 +15,7 @@ from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, Score
 from wordcraft_kg.apps.text_agents.playing import append_game, open_games
 from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask, PlayedWorld
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games_result, record_of, result_of
-from wordcraft_kg.apps.text_agents.settings import MAX_INVALID, GameSettings
+from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -199,16 +198,6 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGa
     train = TaskGames(World(kitchen, WordCraftConfig(part="train"))).begin(0)
     with pytest.raises(LeakError):
         knowledge.facts(entity, train)
-
-
-@pytest.mark.parametrize(
-    ("given", "setting"),
-    [({"knowledge": "scorer"}, "knowledge"), ({"knowledge": "partial", "scorer": Path("model")}, "scorer")],
-)
-def test_knowledge_needs_a_scorer_if_and_only_if_it_is_one(given: dict[str, Any], setting: str):
-    with pytest.raises(ConfigError) as error:
-        GameSettings(**given)
-    assert error.value.setting == setting
 
 
 def test_look_ups_are_refused_without_knowledge_and_for_unknown_things(games: TaskGames, kitchen: OpenedGraph):

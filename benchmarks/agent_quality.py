@@ -1,10 +1,10 @@
-"""How good agents get, and which settings were chosen on which evidence.
+"""Measure agent success, and the evidence for the default settings.
 
-    python benchmarks/agent_quality.py choices BOOK    one setting changed at a time, judged on validation tasks
-    python benchmarks/agent_quality.py test BOOK       the agents of the documentation, judged on test tasks
+    python benchmarks/agent_quality.py choices BOOK    vary a single setting, evaluate on validation tasks
+    python benchmarks/agent_quality.py test BOOK       evaluate the documented agents on test tasks
 
-Each run is the command that it says, kept in --out; a run that is there is not made again. Two run side by side, so
-speeds are not to be read off here: see train_speed.py.
+The script prints each run's command and keeps runs in --out; existing runs are not repeated. Two runs share the
+machine, so speeds are not comparable: see train_speed.py.
 """
 
 import argparse

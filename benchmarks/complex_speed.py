@@ -1,9 +1,9 @@
-"""Time an epoch of ComplEx: a plain torch loop, ours inside PyKEEN, and PyKEEN's stock loop, side by side.
+"""Time a ComplEx epoch: a plain torch loop, our model inside PyKEEN, and PyKEEN's stock loop.
 
     python benchmarks/complex_speed.py GRAPH            # a graph folder, a recipe book or a known book's name
 
-All three minimise the same objective (softmax over all heads and over all tails, N3) with the same sizes on one CPU
-thread. The first two alternate, so that a busy machine slows both; the figures to quote are the ratios.
+All three minimise the same objective (softmax over all heads and over all tails, N3) with the same sizes on a single
+CPU thread. The first two alternate, so a busy machine slows both equally; quote ratios.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, 
 
 
 class PlainTorch:
-    """The objective in as few lines of torch as it takes: real embeddings, matrix products, Adagrad."""
+    """The objective in plain torch: real embeddings, matrix products, Adagrad."""
 
     def __init__(self, triples: torch.Tensor, num_entities: int, num_relations: int, config: ComplExConfig):
         self.triples, self.config = triples, config

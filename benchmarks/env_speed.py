@@ -1,4 +1,4 @@
-"""Speed of the environments, beside a naive loop in the same run.
+"""Measure environment speed, compared with a naive loop in the same run.
 
     python benchmarks/env_speed.py little-alchemy-2
 
@@ -26,7 +26,7 @@ SECONDS = 2.0
 
 
 def rate(step: Callable[[], int]) -> float:
-    """Return units per second of calls that do so many each; the best of three runs."""
+    """Return units per second, given the units per call; best run out of three."""
     best = 0.0
     for _ in range(3):
         done, start = 0, time.perf_counter()

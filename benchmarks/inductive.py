@@ -1,15 +1,15 @@
-"""What words say about entities that no recipe knows, and about goals that no recipe makes.
+"""Evaluate predictions from words alone: for entities without recipes, and for goals that no train recipe makes.
 
     python benchmarks/inductive.py removed everyday little-alchemy-2   # entities taken out of the graph
-    python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without, and with those of others
+    python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without words, with shuffled words
 
-`removed` draws 30 entities of at least three recipes, fits the link rankers of a recipe scorer on the recipes without
-any of them (and without what only occurs with them), and then scores their links by words. Two questions are ranked,
-filtered: which of all entities goes with, goes into or is made of the new one ("of it"), and which of the new ones is
-it that a link of a known entity leads to ("it"). The columns: the link rankers, the kernel alone, the rankers with each
-new entity having the words of another one, the frequency in the remaining recipes, and chance.
+`removed` samples 30 entities with at least three recipes, fits a recipe scorer's link rankers on the remaining recipes
+(without entities that only occur with removed entities), and then scores the removed entities' links by words. Two
+filtered queries per link: rank all entities given the removed entity ("of it"), and rank the removed entities given the
+known entity ("it"). Columns: link rankers, kernel alone, rankers with words permuted among removed entities, frequency
+in the remaining recipes, and chance.
 
-`splits` fits them on the train recipes and ranks the unseen triples of the validation part.
+`splits` fits the rankers on train recipes and ranks unseen validation triples.
 """
 
 import argparse
@@ -42,7 +42,7 @@ FEATURES = ("glove", "one-hot", "shuffled:glove")
 
 
 def words(spec: str, labels: Sequence[str]) -> torch.Tensor:
-    """Return the cosines of words, shape (E, E)."""
+    """Return word cosines, shape (E, E)."""
     features = make_features(spec, labels)
     if features.is_one_hot:
         return torch.zeros(len(labels), len(labels))
@@ -57,7 +57,7 @@ def fit_links(folds: Folds, text: torch.Tensor) -> LinkRankers:
 
 
 def without(graph: RecipeGraph, amount: int, seed: int) -> tuple[RecipeGraph, NDArray[np.bool_]]:
-    """Return the graph without some entities, and which recipes it has left of the whole."""
+    """Return the graph without some entities, and the remaining recipes' indices in the whole graph."""
     recipes = graph.recipes
     uses = np.bincount(np.concatenate([np.unique(row) for row in recipes]), minlength=graph.num_entities)
     taken = np.random.default_rng(seed).permutation(np.flatnonzero(uses >= MIN_RECIPES))[:amount]
@@ -67,7 +67,7 @@ def without(graph: RecipeGraph, amount: int, seed: int) -> tuple[RecipeGraph, ND
 
 
 def scored_by_words(graph: RecipeGraph, rest: RecipeGraph, seed: int) -> list[TripleScorer]:
-    """Return scorers of the whole graph that know the recipes of the rest only: rankers, kernel, words of others."""
+    """Return whole-graph scorers trained on the remaining recipes: rankers, kernel, rankers with permuted words."""
     new = [label for label in graph.entities if label not in rest]
     order = np.array([graph.id_of(label) for label in (*rest.entities, *new)])
     known = order[: rest.num_entities]
@@ -89,7 +89,7 @@ def scored_by_words(graph: RecipeGraph, rest: RecipeGraph, seed: int) -> list[Tr
 
 
 def removed(graph: RecipeGraph, amount: int, seed: int) -> Iterator[tuple[str, int, list[float]]]:
-    """Yield the questions asked, their number, and the MRR of each scorer."""
+    """Yield query kinds, the number of queries, and MRR by scorer."""
     rest, left = without(graph, amount, seed)
     is_new = np.array([label not in rest for label in graph.entities])
     triples = recipe_triples(graph.recipes[~left])

@@ -1,9 +1,9 @@
-"""Run the commands that need no training on large synthetic books, and print the time and memory that each takes.
+"""Run commands without training on large synthetic books, and print time and memory for each command.
 
 python benchmarks/large_book_commands.py --entities 30000 --recipes 250000
 
-A command runs in a process of its own. ``user`` is its processor time, which other programs on the machine hardly
-change, ``wall`` the time from start to end, ``peak`` the most memory that it held.
+Each command runs in a separate process. ``user`` is processor time, which hardly depends on machine load, ``wall`` the
+time from start to end, ``peak`` the maximum memory.
 """
 
 import argparse
@@ -36,7 +36,7 @@ COMMANDS = {
 
 
 def measure(command: Sequence[str]) -> tuple[float, float, float, int]:
-    """Run a command; return seconds of wall and processor time, the peak of its memory in GiB, and its exit code."""
+    """Run a command; return wall seconds, processor seconds, peak memory in GiB and exit code."""
     began = time.monotonic()
     running = subprocess.Popen(
         [sys.executable, "-m", "wordcraft_kg", *command],

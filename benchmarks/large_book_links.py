@@ -1,11 +1,10 @@
-"""ComplEx on large books: what the sampled softmax costs and what it finds, beside the softmax over all and counting.
+"""ComplEx on large books: cost and quality for sampled softmax, full softmax and counting.
 
     python benchmarks/large_book_links.py speed --entities 100000 --recipes 1000000 --batches 300
     python benchmarks/large_book_links.py quality GRAPH --epochs 5 --negatives 512 0
 
-`speed` times batches of an epoch on a synthetic book and gives what all of them would take, in CPU seconds of one
-thread, which do not depend on what else the machine does. `quality` trains on the partial graph of a folder and ranks a
-sample of the unseen triples.
+`speed` times some batches on a synthetic book and extrapolates to an epoch, in CPU seconds on a single thread, which do
+not depend on machine load. `quality` trains on a folder's partial graph and ranks a sample of unseen triples.
 """
 
 import argparse

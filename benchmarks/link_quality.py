@@ -1,16 +1,15 @@
-"""How well ComplEx predicts unseen links, and the evidence for its default settings.
+"""Measure ComplEx on unseen links, and the evidence for the default settings.
 
-    python benchmarks/link_quality.py settings little-alchemy-2     # sweep, judged on validation parts of other splits
+    python benchmarks/link_quality.py settings little-alchemy-2     # sweep, evaluated on validation parts, separate splits
     python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for the neighbour baseline
     python benchmarks/link_quality.py votes little-alchemy-2        # and for the vote count
     python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2
 
-The columns of the test are filtered MRRs on unseen triples: ComplEx; ComplEx on those triples whose recipe no train
-recipe nearly repeats; entities with the same neighbours, likewise; votes; frequency; and the train triples as a graph
-of facts, which knows no unseen triple.
+The test columns are filtered MRRs on unseen triples: ComplEx; ComplEx and the neighbour rule without near-synonyms;
+votes; frequency; and the train triples as a fact graph, which contains no unseen triple.
 
-The sweep never ranks a test triple (they are only filtered from the candidates), and its splits (seeds 10, 11, 12) are
-not those of the test (0, 1, 2).
+The sweep never ranks test triples (which are only filtered from the candidates), and uses splits 10, 11 and 12, while
+the test uses splits 0, 1 and 2.
 """
 
 import argparse
@@ -128,7 +127,7 @@ def _row(values: Iterable[float]) -> str:
 
 
 def count_votes(scorer: VoteScorer, recipes: np.ndarray) -> np.ndarray:
-    """Return the score of every entity as the result of each recipe, shape (n, E)."""
+    """Return scores for all entities as result of each recipe, shape (n, E)."""
     a, b, _ = torch.tensor(recipes).T
     everything = torch.arange(len(scorer.entities))
     return scorer.score_recipes(a[:, None], b[:, None], everything).numpy()

@@ -4,13 +4,13 @@
     python benchmarks/make_reference.py little-alchemy-2 --studies docs/results/knowledge-little-alchemy-2.json ...
     python benchmarks/make_reference.py everyday --check
 
-Scripted players are always measured: on test tasks of depth 1 with 1, 2 and 8 distractors, of depth 2 with 1 and 8, and
-in open-ended play. Agents come from run folders (``--agents``: a folder of seeds for each agent, played with 1, 2 and 8
-distractors) or from the results of studies (``--studies``: each variant with the number of distractors that it was
-trained with); without either, the rows of agents that the file has stay as they are. ``--check`` writes nothing; its
-exit code is 1 if a scripted player's figures are not those of the file.
+Scripted players are always measured: on test tasks with depth 1 and 1, 2 and 8 distractors, with depth 2 and 1 and 8
+distractors, and in open-ended mode. Agents come from run folders (``--agents``: a folder with seeds per agent, played
+with 1, 2 and 8 distractors) or from study results (``--studies``: each variant with the number of distractors in
+training); without ``--agents`` and ``--studies``, the file's agent rows stay unchanged. ``--check`` writes nothing; the
+exit code is 1 if a scripted player's figures differ from the file.
 
-The agents of ``everyday`` are trained so, in about 25 minutes of one core:
+Train the agents for ``everyday`` as follows, in about 25 minutes on a single core:
 
     wordcraft-kg build-graph everyday --out graphs/everyday
     wordcraft-kg train-agent graphs/everyday --steps 1000000 --seeds 0-4 --eval-every 0 --out runs/no-kg
@@ -111,7 +111,7 @@ def trained(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]
 
 
 def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow]:
-    """Yield the rows of the variants of studies that played depth 1 on this graph and split; equal runs once."""
+    """Yield rows for study variants that played depth 1 on this graph and split; equal runs once."""
     seen: set[str] = set()
     for path in paths:
         results = read_record(path, StudyResults)
@@ -156,14 +156,14 @@ def versions() -> dict[str, str]:
 
 
 def pack_text(pack: ReferencePack) -> str:
-    """Return a file of the pack: a line for each row, so that what changes can be seen."""
+    """Return a pack file, with a line per row for readable diffs."""
     values = as_values(pack)
     rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in values.pop("rows"))
     return f'{json.dumps(values, ensure_ascii=False)[:-1]}, "rows": [\n{rows}\n]}}\n'
 
 
 def differences(pack: ReferencePack, scripted: Sequence[ReferenceRow]) -> int:
-    """Print what differs between the file and what was measured; return the exit code."""
+    """Print differences between file and measurements; return the exit code."""
     recorded = {(row.player, row.play): row for row in pack.rows if row.kind != "agent"}
     wrong = [row.player for row in scripted if recorded.pop((row.player, row.play), None) != row]
     for name in [*wrong, *(player for player, _ in recorded)]:

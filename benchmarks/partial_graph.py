@@ -1,13 +1,13 @@
-"""Does a partial graph help an agent? Scorer x use x distractors x split x book, with leak-free MRR beside success.
+"""Does a partial graph help an agent? Scorer x use x distractors x split x book, with leak-free MRR and success.
 
     python benchmarks/partial_graph.py everyday little-alchemy-2
     python benchmarks/partial_graph.py everyday --splits by-goal --distractors 1 --only "no graph;recipes, u v w"
 
-For each split a ComplEx and a recipe scorer are trained on the partial graph, and scorers that learn nothing are made
-of it; all are cross-fitted, with five folds, and "ComplEx, in-sample" is the same model read as the paper reads it.
-Success is that of the greedy agent on the test tasks (five draws of distractors); the interval is over the trainings,
-which differ in split and seed, and the difference to no graph is that of the same split and seed. Whatever is there
-already, in --out, is not made again, so that a long run can be interrupted.
+For each split, ComplEx, a recipe scorer and scorers without learning use the partial graph; all are cross-fitted with
+five folds, and "ComplEx, in-sample" is the same ComplEx model with in-sample scores, as in the paper. Success is the
+greedy agent's success on test tasks (five distractor seeds); intervals resample trainings, which differ in split and
+seed, and differences to no graph pair runs with the same split and seed. Existing results in --out are kept, so a long
+run can be interrupted.
 """
 
 import argparse
@@ -124,7 +124,7 @@ def judge(home: Path) -> dict[str, float]:
 
 
 def train(cell: Cell) -> float:
-    """Train an agent, if it is not there, and return its success on the test tasks."""
+    """Train an agent unless the run exists, and return success on test tasks."""
     from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
     from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.models.policies.config import PolicyConfig
@@ -187,7 +187,7 @@ def main() -> None:
 
 
 def rows_of(book: str, kind: str, variants: list[str], success: dict[Cell, float]) -> Iterator[dict[str, Any]]:
-    """Yield the figures of each variant and number of distractors."""
+    """Yield figures by variant and number of distractors."""
     for variant in variants:
         scorer = VARIANTS[variant][0]
         for amount in dict.fromkeys(cell.distractors for cell in success):
@@ -211,7 +211,7 @@ def rows_of(book: str, kind: str, variants: list[str], success: dict[Cell, float
 
 
 def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a table of the figures of a book and a kind of split."""
+    """Yield a figure table for a book and a split kind."""
     first = rows[0]
     yield f"\n{first['book']}, {first['split']}: {first['steps']:,} steps, {first['trainings']} trainings of each"
     amounts = list(dict.fromkeys(row["distractors"] for row in rows))

@@ -3,11 +3,11 @@
     python benchmarks/small_books.py                       # all sizes and seeds
     python benchmarks/small_books.py --sizes 100 --seeds 0 --each
 
-Filtered MRR on the unseen triples of the test part, which neither the training nor the choice sees. Books: recipes
-drawn at random from `everyday` and `kitchen`, those of `everyday` that are reached first, and synthetic ones, in which
-there is nothing to learn but how often an entity occurs. "below" counts the books where a figure is under that of
-counting, "worst" is the largest difference; the last column is the time of the choice divided by that of the training,
-in CPU seconds. Books with fewer than 30 unseen triples are left out, as the report does.
+Filtered MRR on unseen test triples, which neither training nor choice uses. Books: random recipes from `everyday` and
+`kitchen`, the first recipes by crafting round in `everyday`, and synthetic books, where only entity frequencies can be
+learned. "below" counts books with a lower figure than counting, "worst" is the largest difference; the last column is
+choice time divided by training time, in CPU seconds. Books with fewer than 30 unseen triples are left out, as in
+reports.
 """
 
 import argparse

@@ -12,8 +12,8 @@ import numpy as np
 def synthetic_rows(entities: int, recipes: int, base: int, seed: int, kinds: int = 0) -> np.ndarray:
     """Return distinct rows (a, b, result), a <= b, each result younger than both ingredients; shape (recipes, 3).
 
-    With ``kinds``, an entity's number modulo it is its kind, and a result of kind k is made of kinds 7 k + 1 and
-    11 k + 3: something to learn beyond how often an entity is used.
+    With ``kinds``, an entity's kind is the id modulo ``kinds``, and kinds 7 k + 1 and 11 k + 3 make results with kind
+    k, so models can learn more than entity frequencies.
     """
     rng = np.random.default_rng(seed)
 

@@ -1,11 +1,11 @@
-"""How fast agents train: steps a second beside a plain loop, and a whole run from the command to its report.
+"""Measure training speed: steps per second compared with a plain loop, and a whole run from command to report.
 
-    python benchmarks/train_speed.py BOOK               sustained speed, unguided and guided, beside a plain loop
-    python benchmarks/train_speed.py BOOK --whole       a run of 3,000,000 steps too, from the command to its report
+    python benchmarks/train_speed.py BOOK               sustained speed, unguided and guided, and a plain loop
+    python benchmarks/train_speed.py BOOK --whole       also a run with 3,000,000 steps, from command to report
     python benchmarks/train_speed.py BOOK --device cuda the same on a device
 
-The plain loop is the paper's equations written down as they stand: keys of every slot, a softmax over the last axis,
-torch's RMSProp over a list of parameters, on the same batched environment. Measure with nothing else running.
+The plain loop follows the paper's equations literally: keys for every slot, a softmax over the last axis, torch's
+RMSProp over a parameter list, on the same batched environment. Measure on an idle machine.
 """
 
 import argparse
@@ -46,7 +46,7 @@ def ours(opened: OpenedGraph, config: ImpalaConfig, distractors: int, guided: bo
 
 
 def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callable[[], None]:
-    """The unguided agent, as one would first write it."""
+    """The unguided agent in a straightforward form."""
     state = begin(opened, config, distractors)
     features = torch.tensor(make_features("glove", opened.graph.entities).vectors)
     vectors = torch.cat([features, torch.zeros(1, features.shape[1])])

@@ -1,6 +1,6 @@
 """Measure ComplEx on unseen links, and the evidence for the default settings.
 
-    python benchmarks/link_quality.py settings little-alchemy-2     # sweep, evaluated on validation parts, separate splits
+    python benchmarks/link_quality.py settings little-alchemy-2     # sweep, on validation parts of separate splits
     python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for the neighbour baseline
     python benchmarks/link_quality.py votes little-alchemy-2        # and for the vote count
     python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2

@@ -16,7 +16,8 @@ from hypothesis import settings
 
 from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
-from wordcraft_kg.graphs import RecipeGraph, open_book
+from wordcraft_kg.graphs import RecipeGraph, open_book, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES
 
@@ -104,6 +105,11 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture(scope="session")
 def kitchen() -> RecipeGraph:
     return RecipeGraph.from_book(open_book("kitchen"))
+
+
+@pytest.fixture(scope="session")
+def kitchen_opened() -> OpenedGraph:
+    return open_graph("kitchen")
 
 
 @pytest.fixture(scope="session")

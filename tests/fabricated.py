@@ -6,7 +6,7 @@ from wordcraft_kg.studies.study import Drawing, Study, Values
 
 NO_GRAPH = ["00000", "50000", "05000", "00500", "55000"]
 GUIDED = ["55500", "55550", "55055", "05555", "55555"]
-"""Successes of each seed on five tasks, of five draws each."""
+"""Successes of each seed on five tasks, with five distractor seeds each."""
 
 
 def fabricate(
@@ -28,7 +28,7 @@ def fabricate(
         for variant, members in cells.items():
             for seed, digits in enumerate(members):
                 success = sum(map(int, digits)) / (distractor_seeds * len(digits))
-                found = (mrr or {}).get(f"{variant}@{number}", (mrr or {}).get(variant))
+                quality = (mrr or {}).get(f"{variant}@{number}", (mrr or {}).get(variant))
                 curve = (curves or {}).get(variant)
                 run = RunResult(
                     variant=variant,
@@ -42,7 +42,7 @@ def fabricate(
                     won=digits,
                     distractor_seeds=distractor_seeds,
                     curve=tuple(curve[seed]) if curve else ((1000, success / 2), (2000, success)),
-                    mrr=None if found is None else found + seed / 100,
+                    mrr=None if quality is None else quality + seed / 100,
                     steps=2000,
                     seconds=10.0,
                     steps_per_second=200,

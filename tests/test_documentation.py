@@ -63,10 +63,9 @@ def test_the_python_of_a_page_runs_as_printed(page: str, world: Path, tmp_path: 
         pytest.importorskip("sb3_contrib", reason="needs the extra interop")
     shutil.copytree(world, tmp_path / "world")
     monkeypatch.chdir(tmp_path / "world")
-    found = blocks(page)
-    assert found
+    assert blocks(page)
     names: dict[str, object] = {"__name__": "page"}
-    for block in found:
+    for block in blocks(page):
         if "pipeline(" not in block:  # minutes; PyKEEN's pipeline has tests of its own
             exec(compile(block, page, "exec"), names)
 

@@ -1,6 +1,7 @@
 """The results page from fabricated results, whose figures are known."""
 
 import importlib.util
+import runpy
 import shutil
 import sys
 from pathlib import Path
@@ -44,26 +45,20 @@ def results_of(won, *, study=None, mrr=None, **changed):
 SOME = {"none": [1, 1], "guided": [3, 3]}
 
 
-def text_of(script, *found):
-    return script.written(list(found), HEAD)["results.md"]
+def text_of(script, *results):
+    return script.written(list(results), HEAD)["results.md"]
 
 
-def test_the_page_has_the_figures_of_each_variant_and_the_difference(script):
-    lines = text_of(script, results_of(SOME)).splitlines()
-    (guided,) = [line for line in lines if line.startswith("| guided |")]
-    assert guided == "| guided | 2 | .255 | .600 [.502, .691] | +.400 [+.400, +.400] | .300 | .500 |"
-    assert "8 distractors, 100 test tasks:" in lines[lines.index(guided) - 5]
-
-
-def test_the_page_says_steps_seeds_and_hours_at_its_top(script):
-    text = text_of(script, results_of(SOME))
+def test_the_page_has_the_figures_of_each_variant_the_claims_and_a_picture(script):
+    files = script.written([results_of(SOME)], HEAD)
+    assert files["images/results-fabricated-everyday.svg"].startswith("<svg ")
+    text = files["results.md"]
+    assert "(images/results-fabricated-everyday.svg)" in text
+    lines = text.splitlines()
+    guided = lines.index("| guided | 2 | .255 | .600 [.502, .691] | +.400 [+.400, +.400] | .300 | .500 |")
+    assert "8 distractors, 100 test tasks:" in lines[guided - 5]
     row = "| [A fabricated study](#fabricated-everyday) | `everyday` | 2,000 | 2 | 4 |  | 0.5 |"
-    assert row in text
-    assert text.index(row) < text.index("## Claims")
-
-
-def test_a_claim_is_shown_with_its_figures_and_its_verdict(script):
-    text = text_of(script, results_of(SOME))
+    assert lines.index(row) < lines.index("## Claims")
     assert "Of the paper: 1 reproduced, 1 not run. Of this project: none." in text
     figures = "*guided* .600 against *none* .200: +.400 [+.400, +.400] (2 seeds, 100 tasks)"
     claim = f"| Guided is better. *(paper, Somewhere)* | 8 distractors | {figures} | **reproduced**: more |"
@@ -83,12 +78,6 @@ def test_without_results_the_page_says_so_and_keeps_its_words(script):
     assert text.startswith("# Results\n")
     assert text.endswith("The end.\n")
     assert "old" not in text
-
-
-def test_each_study_has_a_picture(script):
-    files = script.written([results_of(SOME)], HEAD)
-    assert files["images/results-fabricated-everyday.svg"].startswith("<svg ")
-    assert "(images/results-fabricated-everyday.svg)" in files["results.md"]
 
 
 def test_claims_of_a_built_in_study_are_those_of_today(script):
@@ -118,16 +107,13 @@ def test_more_than_is_fit_to_commit_is_refused(script, tmp_path, monkeypatch):
         script.read_all(tmp_path)
 
 
-def test_the_order_of_the_page_names_all_built_in_studies(script):
-    assert set(built_in()) <= set(script.ORDER)
-
-
-def test_the_study_of_the_guide_is_one():
+def test_the_study_of_the_guide_is_one_and_all_built_in_studies_are_listed(script):
     guide = (DOCS / "studies.md").read_text(encoding="utf-8")
     study = parse_study(guide.partition("```toml\n")[2].partition("```")[0], "docs/studies.md")
     assert len(study.variants) * 2 * study.seeds == 18
     listed = [line.split("`")[1] for line in guide.splitlines() if line.startswith("| `") and line.endswith(" |")]
     assert set(built_in()) <= set(listed)
+    assert set(built_in()) <= set(script.ORDER)
 
 
 def test_the_check_finds_a_page_that_is_out_of_date(tmp_path, monkeypatch):
@@ -136,31 +122,21 @@ def test_the_check_finds_a_page_that_is_out_of_date(tmp_path, monkeypatch):
     (tmp_path / "docs" / "results").mkdir()
     (tmp_path / "docs" / "results" / "fabricated-everyday.json").write_text(results_text(results_of(SOME)))
     monkeypatch.setattr(sys, "argv", [str(script), "--check"])
-    import runpy
-
     with pytest.raises(SystemExit, match=r"results.md is not up to date"):
         runpy.run_path(str(script), run_name="__main__")
-    monkeypatch.setattr(sys, "argv", [str(script)])
-    runpy.run_path(str(script), run_name="__main__")
-    monkeypatch.setattr(sys, "argv", [str(script), "--check"])
-    runpy.run_path(str(script), run_name="__main__")
+    for argv in ([str(script)], [str(script), "--check"]):
+        monkeypatch.setattr(sys, "argv", argv)
+        runpy.run_path(str(script), run_name="__main__")
 
 
-def test_a_study_of_doses_shows_mrr_success_and_their_correlation(script):
-    study = {
-        "drawing": "scatter",
-        "reference": "none",
-        "grid": {"scorer.train_fraction": [0.2, 0.5, 1.0]},
-        "claims": [],
-    }
+def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script):
+    grid = {"scorer.train_fraction": [0.2, 0.5, 1.0]}
+    study = {"drawing": "scatter", "reference": "none", "grid": grid, "claims": []}
     study["settings"] = {"book": "everyday", "distractors": 8}
-    train_samples = [
-        ({"scorer.train_fraction": train_sample}, {"none": [1], "guided": [won]})
-        for train_sample, won in ((0.2, 1), (0.5, 2), (1.0, 4))
-    ]
-    text = text_of(
-        script, results_of(train_samples, study=study, mrr={"guided@0": 0.1, "guided@1": 0.25, "guided@2": 0.5})
-    )
+    wins = zip(grid["scorer.train_fraction"], (1, 2, 4), strict=True)
+    points = [({"scorer.train_fraction": share}, {"none": [1], "guided": [won]}) for share, won in wins]
+    mrr = {"guided@0": 0.1, "guided@1": 0.25, "guided@2": 0.5}
+    text = text_of(script, results_of(points, study=study, mrr=mrr))
     assert "| none |  | .200 |  |" in text
     assert "| train_fraction 0.5 | .250 | .400 [.309, .498] | 1,000 |" in text
     assert "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00" in text

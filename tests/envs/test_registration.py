@@ -30,9 +30,5 @@ def test_the_environments_need_no_torch():
 def test_everyday_is_played_if_no_graph_is_named(make):
     options = {"num_envs": 2, "vectorization_mode": "vector_entry_point"} if make is gym.make_vec else {}
     env = make("WordCraft-v0", **options).unwrapped
-    assert env.world.graph.name == "everyday"
+    assert env.world.graph.name == gym.make("WordCraft-OpenEnded-v0").unwrapped.graph.name == "everyday"
     assert make("WordCraft-v0", graph="kitchen", **options).unwrapped.world.graph.name == "kitchen"
-
-
-def test_open_ended_play_is_in_everyday_if_no_graph_is_named():
-    assert gym.make("WordCraft-OpenEnded-v0").unwrapped.graph.name == "everyday"

@@ -54,7 +54,7 @@ def test_an_environment_that_has_not_begun_has_nothing_to_show(make: Any):
         env.render()
 
 
-def test_the_scene_shows_goal_hand_table_and_outcome():
+def test_the_scene_shows_goal_selection_table_and_outcome():
     env = posed("ansi")
     names = GRAPH.entities
     goal = names[env.state.goal]
@@ -86,13 +86,8 @@ def test_the_scene_of_open_ended_play_shows_the_latest_entities(monkeypatch: pyt
 
 @pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize("name", NAMES)
-def test_gymnasiums_checker_accepts_all_modes(name: str):
+def test_gymnasiums_checker_accepts_all_modes_and_all_pictures_have_one_even_size(name: str):
     check_env(gym.make(name, graph="kitchen").unwrapped)
-
-
-@pytest.mark.usefixtures("drawn")
-@pytest.mark.parametrize("name", NAMES)
-def test_all_pictures_of_an_environment_have_one_even_size(name: str):
     env = gym.make(name, graph="kitchen", render_mode="rgb_array")
     env.reset(seed=0)
     shown = [env.render()]
@@ -100,7 +95,7 @@ def test_all_pictures_of_an_environment_have_one_even_size(name: str):
         env.step(np.array([0, 0]) if name == NAMES[1] else 0)
         shown.append(env.render())
     assert {(one.dtype, one.shape) for one in shown} == {(np.dtype(np.uint8), shown[0].shape)}
-    assert shown[0].shape[0] % 2 == shown[0].shape[1] % 2 == 0  # what video encoders want
+    assert shown[0].shape[0] % 2 == shown[0].shape[1] % 2 == 0  # video encoders need even sizes
 
 
 @pytest.mark.usefixtures("drawn")

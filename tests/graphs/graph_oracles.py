@@ -12,13 +12,8 @@ def results(rows: Rows, one: str, other: str) -> list[str]:
 
 
 def triples(rows: Rows) -> Triples:
-    found = set()
-    for a, b, result in rows:
-        found.add((a, "combinesWith", b))
-        found.add((b, "combinesWith", a))
-        found.add((a, "componentOf", result))
-        found.add((b, "componentOf", result))
-    return found
+    pairs = [pair for a, b, result in rows for pair in ((a, b, result), (b, a, result))]
+    return {(a, "combinesWith", b) for a, b, _ in pairs} | {(a, "componentOf", result) for a, _, result in pairs}
 
 
 def known_after_rounds(rows: Rows, start: Iterable[str]) -> list[set[str]]:

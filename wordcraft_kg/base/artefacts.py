@@ -133,8 +133,8 @@ def check_output(out: Path, *, force: bool) -> None:
         return
     if any(out.iterdir()) and not any((out / name).is_file() for name in _OWN_FILES):
         raise OutputExistsError(
-            f"'{out}' exists and does not look like an output of wordcraft-kg (it lacks {', '.join(_OWN_FILES)});"
-            " it is not replaced, even with `force`. Choose another `out`."
+            f"'{out}' exists and does not look like an output of wordcraft-kg (without {', '.join(_OWN_FILES)});"
+            " the folder is not replaced, even with `force`. Choose another `out`."
         )
     if not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")

@@ -1,4 +1,4 @@
-"""Errors that a user can cause, one class per cause; a message has the value found, the value expected and a remedy."""
+"""Errors that a user can cause, one class per cause; messages have the value found, the value expected and a remedy."""
 
 import re
 
@@ -39,7 +39,7 @@ class GraphError(WordCraftKGError, ValueError):
 
 
 class UnknownEntityError(WordCraftKGError, LookupError):
-    """A label is not in the vocabulary; the message suggests the nearest ones."""
+    """A label is not in the vocabulary; the message suggests the nearest labels."""
 
 
 class SplitError(WordCraftKGError, ValueError):
@@ -55,7 +55,7 @@ class ConfigError(WordCraftKGError, ValueError):
 
 
 class UnknownSettingError(ConfigError, TypeError):
-    """An unknown keyword argument; also a TypeError, as other libraries expect."""
+    """An unknown keyword argument; also a TypeError, as libraries such as gymnasium expect."""
 
 
 class ActionError(WordCraftKGError, ValueError):

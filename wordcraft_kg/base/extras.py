@@ -21,6 +21,6 @@ def check_extra(extra: str) -> None:
 
 
 def missing_extra(extra: str, names: Sequence[str]) -> MissingExtraError:
-    """Return the error for missing packages, with the extra that installs them."""
+    """Return the error for missing packages, with the extra to install."""
     are = "is" if len(names) == 1 else "are"
     return MissingExtraError(f"{' and '.join(names)} {are} not installed: pip install 'wordcraft-kg[{extra}]'")

@@ -67,7 +67,7 @@ def check_memory(name: str, value: int, what: str, needed: int) -> None:
     Args:
         name: name of the setting.
         value: the setting's value.
-        what: description of the memory's use.
+        what: use of the memory, for the error.
         needed: bytes, at least.
     """
     available = memory()

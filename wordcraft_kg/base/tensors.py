@@ -33,7 +33,7 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
 
 
 def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    """Return the tensors whose names begin with ``prefix``, without the prefix."""
+    """Return all tensors with names that begin with ``prefix``, without the prefix."""
     return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
 
 

@@ -332,7 +332,7 @@ class BatchEngine:
             if is_shaped:
                 is_made = (made == result[:, None]).any(1) & (result != self.nothing)
                 first, relevant = first + (is_made & is_new), relevant | is_made
-            # Where nothing is new, the id of nothing is written to the first free slot, which holds it already.
+            # Where nothing is new, the id of nothing is written to the first free slot, which holds this id already.
             wide[rows, count] = arrays.xp.where(is_new, result, wide[rows, count])
             count = count + is_new
         counts = arrays.copy(state.count)

@@ -151,7 +151,7 @@ class Draws:
         for i in range(1, amount):
             allowed[i] &= ~(candidates[:i] == candidates[i][None, :]).any(0)
         if self._guards:
-            # Few tables can complete a guarded recipe at all; only those are checked candidate by candidate.
+            # Few tables can complete a guarded recipe at all; only these are checked candidate by candidate.
             rows = arrays.rows(self._guards.at_risk(candidates, tasks))
             if len(rows):
                 allowed[:, rows] = self._guards.refuse(candidates[:, rows], allowed[:, rows], tasks[rows])

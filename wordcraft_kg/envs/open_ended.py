@@ -46,7 +46,7 @@ class Discovery:
         self.reachable = int((layers(graph, self.base) >= 0).sum())
         if self.reachable == len(self.base):
             labels = ", ".join(graph.labels(self.base)) or "(empty)"
-            raise ConfigError(f"`base` {labels}: nothing new can be made from it in {graph.name}.")
+            raise ConfigError(f"`base` {labels}: nothing new can be made from these entities in {graph.name}.")
         self._outcomes = graph.outcomes
         self.restart()
 

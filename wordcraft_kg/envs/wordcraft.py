@@ -90,7 +90,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     ## Episode end
     *Terminated* when the goal is made or no attempt is left: the budget is observed, so nothing is bootstrapped.
-    ``info["outcome"]`` is ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` tells whether the last
+    ``info["outcome"]`` is ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` is true if the last
     pair of a plan made the goal. Never truncated; add ``gymnasium.wrappers.TimeLimit`` for truncation.
 
     ## Arguments

@@ -106,7 +106,7 @@ class World:
             return cls(graph, WordCraftConfig.of(settings))
         if settings:
             given = ", ".join(f"{name}={value!r}" for name, value in settings.items())
-            raise ConfigError(f"a world has settings of its own; pass world.variant({given}) and no settings.")
+            raise ConfigError(f"a world has its own settings; pass world.variant({given}) and no settings.")
         return graph
 
     def variant(self, **changes: Any) -> "World":

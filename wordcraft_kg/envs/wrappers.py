@@ -42,7 +42,7 @@ class FeatureObservation(_Ids):
         vectors = np.asarray(vectors, dtype=np.float32)
         if vectors.ndim != 2 or len(vectors) != world.nothing:
             raise ConfigError(
-                f"`vectors` of shape {vectors.shape}: expected ({world.nothing}, D), one for each entity."
+                f"`vectors` of shape {vectors.shape}: expected ({world.nothing}, D), a row for each entity."
             )
         self.vectors = np.concatenate([vectors, np.zeros((1, vectors.shape[1]), dtype=np.float32)])
         width = vectors.shape[1]
@@ -85,7 +85,7 @@ class _Scores:
             if source.graph_hash != world.graph.hash:
                 raise GraphMismatchError(
                     f"source '{source.name}' belongs to graph {source.graph_hash[:12]} but the environment plays on "
-                    f"'{world.graph.name}', {world.graph.hash[:12]}. Take a scorer of that graph."
+                    f"'{world.graph.name}', {world.graph.hash[:12]}. Take a scorer for that graph."
                 )
         self._bind()
 
@@ -245,7 +245,7 @@ class TextObservation(_Masked):
 def _id_spaces(env: gym.Env[Any, Any]) -> dict[str, spaces.Space[Any]]:
     known = env.observation_space
     if not isinstance(known, spaces.Dict) or not isinstance(known.spaces.get("table"), spaces.MultiDiscrete):
-        raise ConfigError("this wrapper needs ids; apply it before a wrapper that replaces them.")
+        raise ConfigError("this wrapper needs ids; apply this wrapper before a wrapper that replaces ids.")
     return dict(known.spaces)
 
 

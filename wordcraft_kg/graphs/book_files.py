@@ -119,7 +119,7 @@ def _decode(path: Path, data: bytes) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line, byte = data.count(b"\n", 0, error.start) + 1, data[error.start]
-        raise RecipeFileError(f"{path}, line {line}: not UTF-8 (byte 0x{byte:02x}). Save it as UTF-8.") from None
+        raise RecipeFileError(f"{path}, line {line}: not UTF-8 (byte 0x{byte:02x}). Save the file as UTF-8.") from None
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
     return text
@@ -296,7 +296,7 @@ def _parse_json(
         return base, known, _rows(_own_recipes(path, content["recipes"]), known, single)
     raise RecipeFileError(
         f"{path}: neither of the known layouts. Expected an object with the lists 'entities' and 'recipes', "
-        "or the official one with an object 'entities'."
+        "or the official layout with an object 'entities'."
     )
 
 

@@ -90,7 +90,7 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
     if folder.is_dir():
         if not (folder / "graph.json").is_file():
             raise ArtefactError(
-                f"'{source}' {what_is(folder)}; expected a graph folder. Make one: wordcraft-kg build-graph"
+                f"'{source}' {what_is(folder)}; expected a graph folder. Make a graph folder: wordcraft-kg build-graph"
             )
         try:
             book = read_book(folder / "graph.json", keep_self_results=True)

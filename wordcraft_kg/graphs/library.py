@@ -109,7 +109,7 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
     if book is None:
         raise RecipeFileError(
             f"'{name_or_path}' is neither a file nor a known book.{nearest(str(name_or_path), books)} "
-            "`wordcraft-kg books` lists the known ones."
+            "`wordcraft-kg books` lists all known books."
         )
     if book.path is None:
         raise RecipeFileError(
@@ -119,7 +119,7 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
     if published and sha256_of(book.path) != published.sha256:
         raise RecipeFileError(
             f"{book.path} is not the published '{book.name}' (its SHA-256 differs). "
-            f"Fetch it again, or give the path itself to use it as it is: {book.path}"
+            f"Fetch the book again, or give the path to use this file: {book.path}"
         )
     return LocatedBook(book.path, book.name, published.base if published else None)
 

@@ -210,7 +210,7 @@ class RecipeGraph:
     @cached_property
     def by_ingredient(self) -> tuple[Ids, Ids]:
         """``(starts, order)``: recipes ``order[starts[i] : starts[i + 1]]`` use entity ``i``."""
-        # A self pair uses its ingredient once: the second column is skipped where it repeats the first.
+        # A self pair uses its ingredient once: the second column is skipped where both are equal.
         rows = np.arange(self.num_recipes)
         distinct = self.recipes[:, 0] != self.recipes[:, 1]
         users = np.concatenate([self.recipes[:, 0], self.recipes[distinct, 1]])

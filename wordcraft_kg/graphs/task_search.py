@@ -144,7 +144,7 @@ def make_tasks(
     whole("depth", depth, 1, MAX_DEPTH)
     one_of("part", part, ("all", *PARTS))
     if split is None and part != "all":
-        raise TaskError(f"`part` {part!r} needs a split; give one, or take all tasks.")
+        raise TaskError(f"`part` {part!r} needs a split; give a `split`, or take all tasks.")
     if split is not None and split.graph != graph:
         raise TaskError("the split belongs to another graph.")
     sieve = _Sieve(search or PlanSearch(graph), depth, split, part)

@@ -38,11 +38,11 @@ def stratified_bootstrap(
 ) -> tuple[float, float] | None:
     """Return the percentile interval of a statistic, resampling seeds within each stratum.
 
-    A draw replaces each column by as many of its own scores, drawn with replacement and independently of the other
-    columns: ``s*_ik = s_(r_ik)k`` with ``r_ik`` uniform over 1..S. The bounds are the ``(1 - level) / 2`` and
+    A draw replaces each column by as many of its own scores, drawn with replacement and independently for each
+    column: ``s*_ik = s_(r_ik)k`` with ``r_ik`` uniform over 1..S. The bounds are the ``(1 - level) / 2`` and
     ``(1 + level) / 2`` quantiles of the statistic over the draws.
 
-    The interval covers variation between seeds, not between tasks. With few seeds and one stratum it is too narrow: a
+    The interval covers variation between seeds, not between tasks, and is too narrow for few seeds and one stratum: a
     "95 %" interval for the mean of 5 normal scores covers about 84 %. Equal seeds give zero width.
 
     Args:
@@ -66,7 +66,7 @@ def probability_of_improvement(x: ArrayLike, y: ArrayLike) -> float:
     """Return the probability that a random run of x scores higher than a random run of y.
 
     ``P(X > Y) = 1/K sum_k 1/(S S') sum_i sum_j h(x_ik, y_jk)``, h = 1 where ``x_ik > y_jk``, 1/2 at ties, otherwise 0.
-    In one stratum this is the Mann-Whitney U statistic over S S'. It does not measure by how much.
+    In one stratum this is the Mann-Whitney U statistic over S S'. The size of the difference does not count.
 
     Args:
         x: shape (S seeds, K strata), or (S,) for one stratum.

@@ -103,7 +103,7 @@ def by_seed(name: str, values: ArrayLike) -> Scores:
 def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> Scores:
     """Scale scores, shape (E, E), to mean 0 and standard deviation 1 over pairs of different entities.
 
-    Scores of an entity with itself are scaled too but do not count, because they are often outliers. With ``among``
+    Self scores are scaled too but do not count, because they are often outliers. With ``among``
     (entity ids), only pairs of these entities count.
     """
     scores = np.asarray(table, dtype=np.float64)

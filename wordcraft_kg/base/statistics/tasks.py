@@ -46,7 +46,7 @@ def task_bootstrap(
     ``m_i = sum_d s_id / D``, the bounds are quantiles of ``1/N sum_i m_(r_i)``, r_i uniform over 1..N. How often each
     distinct rate is drawn is multinomial, so a draw's cost grows with the distinct rates, not the tasks.
 
-    If all tasks have the same rate, resampling shows no variation; Wilson's interval for N trials takes its place.
+    If all tasks have the same rate, resampling shows no variation; Wilson's interval for N trials is used instead.
 
     Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson 1927.
     """

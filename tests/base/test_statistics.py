@@ -70,7 +70,6 @@ def assert_between_quantiles(bounds: tuple[float, float], values: Sequence[float
     ("scores", "expected"),
     [
         ([3], 3),
-        ([1, 2, 6], 3),
         ([100, 1, 2, 4], 3),
         ([5, 1, 2, 3, -90], 2),
         ([[8, 1, 2, 3], [7, 6, 4, 5]], 4.5),
@@ -107,24 +106,11 @@ def test_the_stratified_bootstrap_has_the_quantiles_of_all_resamples(statistic, 
     assert_between_quantiles(stratified_bootstrap(SCORES, statistic, level=level, draws=20_000), exact, level)
 
 
-def test_one_stratum_is_the_plain_bootstrap_over_seeds():
-    scores = np.array([0.2, 0.5, 0.6, 0.95])
-    exact = [float(np.mean(drawn)) for drawn in itertools.product(scores, repeat=4)]
-    assert_between_quantiles(stratified_bootstrap(scores, np.mean, draws=20_000), exact, 0.95)
-    assert stratified_bootstrap(scores, np.mean) == stratified_bootstrap(scores[:, None], np.mean)
-
-
-def test_strata_are_resampled_independently_and_not_mixed():
-    # Whole rows would always sum to 1, so that the mean would have no interval; mixed columns would reach 0 and 10.
-    scores = np.array([[0.0, 10.0], [1.0, 9.0], [0.0, 10.0], [1.0, 9.0]])
-    low, high = stratified_bootstrap(scores, np.mean)
-    assert 4.5 <= low < 5 < high <= 5.5
-
-
 def test_one_seed_has_no_interval_and_equal_seeds_have_no_width():
     assert stratified_bootstrap([[0.3, 0.4]], np.mean) is None
     assert probability_of_improvement_interval([[0.3]], [[0.1], [0.2]]) is None
     assert probability_of_improvement_interval([0.1, 0.2], [0.3]) is None
+    assert stratified_bootstrap([0.2, 0.5, 0.9], np.mean) == stratified_bootstrap([[0.2], [0.5], [0.9]], np.mean)
     assert stratified_bootstrap([[0.3, 0.5], [0.3, 0.5]], np.mean) == pytest.approx((0.4, 0.4))
     assert probability_of_improvement_interval([2, 3, 4], [0, 1]) == (1, 1)
 
@@ -154,22 +140,12 @@ def test_intervals_are_repeatable_follow_the_seed_and_leave_the_global_generator
     assert np.random.random() == after  # noqa: NPY002
 
 
-def test_a_higher_level_makes_a_wider_interval():
-    scores = np.random.default_rng(0).normal(size=(8, 3))
-    (a, b), (c, d) = (stratified_bootstrap(scores, np.mean, level=level) for level in (0.8, 0.99))
-    assert c < a < b < d
-
-
 @pytest.mark.parametrize(
     ("x", "y", "expected"),
     [
         ([2, 3], [0, 1], 1),
         ([0, 1], [2, 3], 0),
-        ([1, 1], [1], 0.5),
-        ([1, 3], [2, 2, 2], 0.5),
         ([1, 2, 3], [2, 2], 0.5),
-        ([2, 3], [2, 4], 0.375),
-        ([[2, 0], [3, 0]], [[0, 1], [1, 1]], 0.5),
         ([[2, 5], [3, 0]], [[2, 1], [4, 1]], (0.375 + 0.5) / 2),
     ],
 )
@@ -197,26 +173,11 @@ def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_tasks():
         assert_between_quantiles(task_bootstrap(TASKS, level=level, draws=20_000), exact, level)
 
 
-def test_attempts_at_a_task_stay_together():
-    once = np.random.default_rng(0).integers(0, 2, (40, 1))
-    copied = np.repeat(once, 25, axis=1)
-    low, high = task_bootstrap(copied)
-    assert (low, high) == pytest.approx(task_bootstrap(once))
-    # Taken for independent, the same attempts look five times as certain.
-    apart = task_bootstrap(copied.reshape(-1, 1))
-    assert high - low == pytest.approx(5 * (apart[1] - apart[0]), rel=0.15)
-
-
 @pytest.mark.parametrize("attempts", [1, 3])
 def test_rates_of_0_and_1_have_the_interval_of_wilson_over_tasks(attempts: int):
     assert task_bootstrap(np.zeros((30, attempts))) == wilson_interval(0, 30)
     assert task_bootstrap(np.ones((30, attempts)), level=0.9) == wilson_interval(30, 30, 0.9)
-
-
-def test_tasks_of_the_same_rate_have_the_interval_of_wilson_over_tasks():
     assert task_bootstrap([[0, 1], [1, 0]]) == pytest.approx(wilson_interval(1, 2))
-    low, high = task_bootstrap([[0, 1, 1, 1]])
-    assert low < 0.25 < 0.75 < high < 1
 
 
 CENTRE = np.random.default_rng(0).normal(size=6) * 10

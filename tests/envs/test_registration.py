@@ -16,16 +16,6 @@ def test_gymnasium_knows_the_environments_in_either_order(first):
     assert out.split() == ["WordCraft-v0", "WordCraft-OpenEnded-v0"]
 
 
-def test_the_environments_need_no_torch():
-    code = (
-        "import sys, wordcraft_kg, gymnasium as gym\n"
-        "gym.make('WordCraft-v0', graph='kitchen').reset(seed=0)\n"
-        "gym.make_vec('WordCraft-v0', num_envs=2, vectorization_mode='vector_entry_point', graph='kitchen').reset()\n"
-        "print(sorted({'torch', 'pykeen'} & set(sys.modules)))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
-
-
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
 def test_everyday_is_played_if_no_graph_is_named(make):
     options = {"num_envs": 2, "vectorization_mode": "vector_entry_point"} if make is gym.make_vec else {}

@@ -73,7 +73,7 @@ def test_tasks_are_made_once_for_all_who_play(opened, monkeypatch):
 
     monkeypatch.setattr("wordcraft_kg.envs.world.make_tasks", counted)
     world = World(opened, WordCraftConfig(part="test"))
-    play_all(world, {"random": random_entity}, (1, 2, 3), draws=1)
+    play_all(world, {"random": random_entity}, (1, 2, 3), distractor_seeds=1)
     WordCraftEnv(world)
     WordCraftVectorEnv(2, world)
     assert len(made) == 1

@@ -88,36 +88,27 @@ def _spoilt(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
 
 
 def _changed(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
-    ways = ["other", "other", "gone", "label", "deep", "list"]
-    if isinstance(node, dict):
-        ways += ["more", "renamed"]
-    elif isinstance(node, list):
-        ways += ["repeated", "reversed", "shorter"]
-    elif isinstance(node, int | float) and not isinstance(node, bool):
-        ways += ["negative", "next", "large", "float"]
-    elif isinstance(node, str):
-        ways += ["longer", "upper"]
-    way = rng.choice(ways)
     odd = rng.choice(ODD_VALUES)
-    changed: dict[str, Callable[[], Any]] = {
-        "other": lambda: odd,
+    ways: dict[str, Callable[[], Any]] = {
+        **dict.fromkeys(("other", "another"), lambda: odd),
         "gone": lambda: None,
         "label": lambda: rng.choice(ODD_LABELS),
         "deep": lambda: json.loads("[" * 500 + "]" * 500),
         "list": lambda: [node],
-        "more": lambda: {**node, "unheard": odd},
-        "renamed": lambda: {(f"{key}x" if rng.random() < 0.3 else key): entry for key, entry in node.items()},
-        "repeated": lambda: node * rng.choice((2, 1_000)),
-        "reversed": lambda: node[::-1],
-        "shorter": lambda: node[: len(node) // 2],
-        "negative": lambda: -node - 1,
-        "next": lambda: node + 1,
-        "large": lambda: node * 10**9,
-        "float": lambda: 0.5 if abs(node) > 1e300 else node + 0.5,
-        "longer": lambda: node * 2,
-        "upper": lambda: node.upper(),
     }
-    new = changed[way]()
+    if isinstance(node, dict):
+        ways["more"] = lambda: {**node, "unheard": odd}
+        ways["renamed"] = lambda: {(f"{key}x" if rng.random() < 0.3 else key): entry for key, entry in node.items()}
+    elif isinstance(node, list):
+        ways["repeated"] = lambda: node * rng.choice((2, 1_000))
+        ways |= {"reversed": lambda: node[::-1], "shorter": lambda: node[: len(node) // 2]}
+    elif isinstance(node, int | float) and not isinstance(node, bool):
+        ways |= {"negative": lambda: -node - 1, "next": lambda: node + 1, "large": lambda: node * 10**9}
+        ways["float"] = lambda: 0.5 if abs(node) > 1e300 else node + 0.5
+    elif isinstance(node, str):
+        ways |= {"longer": lambda: node * 2, "upper": lambda: node.upper()}
+    way = rng.choice(list(ways))
+    new = ways[way]()
     return f"{way} {repr(new)[:40]}", new, way == "gone"
 
 

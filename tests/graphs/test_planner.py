@@ -70,39 +70,33 @@ def test_the_steps_of_a_derivation_can_be_carried_out_from_the_start(graph, numb
             replay(graph, derivation, labels)
 
 
-def test_a_base_entity_costs_nothing_even_where_a_recipe_makes_it():
-    graph = RecipeGraph.from_recipes([("a", "a", "b"), ("b", "b", "a")], base=["a"])
-    assert Planner(graph).derivation("a") == Derivation("a", (), 0)
+DERIVATIONS = {
+    "a base entity costs nothing": (["aab", "bba"], "a", "a", [], 0),
+    "a shared step counts each time": (["aab", "bbc"], "a", "c", ["aab", "bbc"], 3),
+    "the earlier of equal recipes": (["bbg", "abg", "acg"], "abc", "g", ["abg"], 1),
+    "cheaper, but made later": (
+        ["aab", "bbc", "ccg", "abd", "ade", "aef", "afg"],
+        "a",
+        "g",
+        ["aab", "abd", "ade", "aef", "afg"],
+        5,
+    ),
+}
 
 
-def test_a_shared_intermediate_is_one_step_but_counts_in_the_cost_each_time():
-    graph = RecipeGraph.from_recipes([("a", "a", "b"), ("b", "b", "c")], base=["a"])
-    assert Planner(graph).derivation("c") == Derivation("c", (Recipe("a", "a", "b"), Recipe("b", "b", "c")), 3)
+@pytest.mark.parametrize(("rows", "base", "goal", "steps", "cost"), DERIVATIONS.values(), ids=DERIVATIONS)
+def test_the_cheapest_derivation_is_found(rows, base, goal, steps, cost):
+    derivation = Planner(RecipeGraph.from_recipes(rows, base=base)).derivation(goal)
+    assert derivation == Derivation(goal, tuple(Recipe(*row) for row in steps), cost)
 
 
-def test_of_two_equally_cheap_recipes_the_earlier_is_taken():
-    graph = RecipeGraph.from_recipes([("b", "b", "goal"), ("a", "b", "goal"), ("a", "c", "goal")], base=["a", "b", "c"])
-    assert Planner(graph).derivation("goal").steps == (Recipe("a", "b", "goal"),)
-
-
-def test_a_cheaper_derivation_beats_one_found_in_an_earlier_round():
-    deep = [("a", "a", "b"), ("b", "b", "c"), ("c", "c", "goal")]
-    thrifty = [("a", "b", "d"), ("a", "d", "e"), ("a", "e", "f"), ("a", "f", "goal")]
-    graph = RecipeGraph.from_recipes([*deep, *thrifty], base=["a"])
-    assert layers(graph)[graph.id_of("goal")] == 3
-    assert Planner(graph).derivation("goal").cost == 5
-
-
-def test_a_cost_beyond_floating_point_stays_exact():
+def test_long_derivations_have_exact_costs_and_do_not_exhaust_the_stack():
     doubling = [(f"{i:04}", f"{i:04}", f"{i + 1:04}") for i in range(1100)]
-    graph = RecipeGraph.from_recipes(doubling, base=["0000"])
-    assert Planner(graph).derivation("1100").cost == 2**1100 - 1
-
-
-def test_a_derivation_a_thousand_steps_deep_does_not_exhaust_the_stack():
+    assert Planner(RecipeGraph.from_recipes(doubling, base=["0000"])).derivation("1100").cost == 2**1100 - 1
     chain = [("0000", f"{i:04}", f"{i + 1:04}") for i in range(3000)]
-    graph = RecipeGraph.from_recipes(chain, base=["0000"])
-    assert len(Planner(graph).derivation("3000").steps) == 3000
+    assert len(Planner(RecipeGraph.from_recipes(chain, base=["0000"])).derivation("3000").steps) == 3000
+    steps = [Recipe(f"x{i}", f"x{i}", f"x{i + 1}") for i in range(3_000)]
+    assert sum(1 for _ in derivation_tree("x3000", steps)) == 3_000
 
 
 def test_an_unreachable_goal_is_refused_naming_the_start_it_was_planned_from():
@@ -124,8 +118,3 @@ def test_a_derivation_is_shown_as_a_tree_in_which_nothing_is_made_twice():
     assert tuple(str(derivation).splitlines()) == lines
     assert repr(derivation) == "Derivation('f', 4 steps, cost 9)"
     assert str(Planner(RecipeGraph.from_recipes(rows)).derivation("a")) == "a"
-
-
-def test_the_tree_of_a_very_long_derivation_does_not_run_out_of_stack():
-    steps = [Recipe(f"x{i}", f"x{i}", f"x{i + 1}") for i in range(3_000)]
-    assert sum(1 for _ in derivation_tree("x3000", steps)) == 3_000

@@ -34,15 +34,23 @@ def test_nothing_touches_the_global_generators(tmp_path, kind):
     assert global_states() == before
 
 
+PLAY = (
+    "import wordcraft_kg, gymnasium as gym\n"
+    "gym.make('WordCraft-v0', graph='kitchen').reset(seed=0)\n"
+    "gym.make_vec('WordCraft-v0', num_envs=2, vectorization_mode='vector_entry_point', graph='kitchen').reset()\n"
+)
+
+
 @pytest.mark.parametrize(
     "code",
     [
+        PLAY,
         "import wordcraft_kg.graphs",
         "from wordcraft_kg.cli import main; main(['--help'])",
         "from wordcraft_kg.cli import main; main(['build-graph', 'kitchen', '--out', 'kitchen'])",
         "from wordcraft_kg.cli import main; main(['describe', 'kitchen', '--entity', 'bread'])",
     ],
-    ids=["graphs", "help", "build-graph", "describe"],
+    ids=["environments", "graphs", "help", "build-graph", "describe"],
 )
 def test_torch_and_pykeen_stay_unimported(tmp_path, code):
     code += "\nimport sys; print('heavy:', *({'torch', 'pykeen'} & set(sys.modules)))"

@@ -66,24 +66,10 @@ def assert_between_quantiles(bounds: tuple[float, float], values: Sequence[float
         assert low - 1e-12 <= bound <= high + 1e-12
 
 
-@pytest.mark.parametrize(
-    ("scores", "expected"),
-    [
-        ([3], 3),
-        ([100, 1, 2, 4], 3),
-        ([5, 1, 2, 3, -90], 2),
-        ([[8, 1, 2, 3], [7, 6, 4, 5]], 4.5),
-        ([0, 0, 1, 2, 3, 9, 9], 3),
-    ],
-)
-def test_the_interquartile_mean_is_that_of_the_middle_half(scores: list, expected: float):
-    assert interquartile_mean(scores) == pytest.approx(expected)
-    assert isinstance(interquartile_mean(scores), float)
-
-
 @given(arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 5)), elements=st.integers(-5, 5)))
 def test_the_interquartile_mean_is_that_of_a_slow_reference(scores: np.ndarray):
     assert interquartile_mean(scores) == pytest.approx(iqm_by_hand(scores))
+    assert interquartile_mean([5, 1, 2, 3, -90]) == 2
 
 
 def test_the_interquartile_mean_over_axes_is_that_of_each_part():
@@ -140,22 +126,10 @@ def test_intervals_are_repeatable_follow_the_seed_and_leave_the_global_generator
     assert np.random.random() == after  # noqa: NPY002
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "expected"),
-    [
-        ([2, 3], [0, 1], 1),
-        ([0, 1], [2, 3], 0),
-        ([1, 2, 3], [2, 2], 0.5),
-        ([[2, 5], [3, 0]], [[2, 1], [4, 1]], (0.375 + 0.5) / 2),
-    ],
-)
-def test_the_probability_of_improvement_counts_pairs_and_ties_half(x: list, y: list, expected: float):
-    assert probability_of_improvement(x, y) == pytest.approx(expected)
-
-
 @given(st.data(), st.integers(1, 5), st.integers(1, 5), st.integers(1, 3))
 def test_the_probability_of_improvement_is_that_of_a_slow_reference(data: st.DataObject, s: int, s2: int, k: int):
     x, y = (data.draw(arrays(np.float64, (n, k), elements=st.integers(0, 4))) for n in (s, s2))
+    assert probability_of_improvement([2, 3], [2, 4]) == 0.375  # a tie counts half
     assert probability_of_improvement(x, y) == pytest.approx(wins_by_hand(x, y))
     assert probability_of_improvement(x, y) + probability_of_improvement(y, x) == pytest.approx(1)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, open_graph, recipe_triples
 from wordcraft_kg.graphs.frames import entities_frame, to_networkx, triples_frame
-from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys, triple_lines
+from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys
 
 
 def labelled(graph: RecipeGraph, triples: np.ndarray) -> list[tuple[str, str, str]]:
@@ -51,6 +51,7 @@ def test_recipes_and_uses_of_every_entity_equal_a_search_through_all_recipes(gra
 def test_pairs_group_the_recipes_that_share_their_ingredients(graph):
     pairs = [recipe[:2] for recipe in graph.recipe_labels()]
     assert graph.num_pairs == len(set(pairs))
+    assert recipe_triples(np.empty((0, 3), dtype=np.int64)).shape == (0, 3)
     numbers = graph.pair_of_recipe.tolist()
     assert [numbers[i] == numbers[i - 1] for i in range(1, len(pairs))] == [
         pairs[i] == pairs[i - 1] for i in range(1, len(pairs))
@@ -71,13 +72,6 @@ def test_membership_and_keys_of_triples_equal_sets_of_tuples(graph, data):
     chosen = set(map(tuple, some.tolist()))
     assert is_in(triples, some, graph.num_entities).tolist() == [tuple(row) in chosen for row in triples.tolist()]
     assert np.all(np.diff(triple_keys(triples, graph.num_entities)) > 0)
-
-
-def test_triple_lines_are_labels_between_tabs():
-    graph = RecipeGraph.from_recipes([("hay", "hay", "hay bale")])
-    lines = ["hay\tcombinesWith\thay\n", "hay\tcomponentOf\thay bale\n"]
-    assert list(triple_lines(graph.triples, graph.entities)) == lines
-    assert recipe_triples(np.empty((0, 3), dtype=np.int64)).shape == (0, 3)
 
 
 @given(rows(min_size=1), st.randoms(use_true_random=False))
@@ -132,12 +126,6 @@ def test_a_graph_does_not_change_with_the_arrays_it_was_made_from():
     before = graph.recipe_labels(), graph.base
     recipes[:], base[:] = 0, 2
     assert (graph.recipe_labels(), graph.base) == before
-
-
-def test_ids_follow_the_sorted_labels(kitchen):
-    assert list(kitchen.entities) == sorted(kitchen.entities)
-    assert [kitchen.id_of(label) for label in kitchen.entities] == list(range(kitchen.num_entities))
-    assert kitchen.id_of(3) == 3
 
 
 @pytest.mark.parametrize(
@@ -213,6 +201,9 @@ def test_frames_have_a_row_per_entity_and_triple():
 
 def test_a_graph_has_a_length_and_contains_its_labels(kitchen):
     assert len(kitchen) == kitchen.num_entities == 80
+    assert list(kitchen.entities) == sorted(kitchen.entities)
+    assert [kitchen.id_of(label) for label in kitchen.entities] == list(range(kitchen.num_entities))
+    assert kitchen.id_of(3) == 3
     assert "dough" in kitchen
     assert "tractor" not in kitchen
     assert 3 not in kitchen

@@ -249,15 +249,6 @@ def test_each_task_belongs_to_the_part_of_its_plans_or_to_none(kitchen, kind, va
     assert bool(expected["mixed"]) == (depth == 2 or kind == "by-recipe")
 
 
-@pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
-def test_drawn_tasks_of_a_part_belong_to_it(kitchen, kind):
-    split = make_split(kitchen, SplitConfig(kind, 0.6, 0.2))
-    for part in PARTS:
-        made = make_tasks(kitchen, 3, split, part, limit=60)
-        assert {part_of(task, split) for task in made} == {part}
-        assert len(made) == 60
-
-
 BRANCHED = RecipeGraph.from_recipes(
     [
         *[("a", "b", "c"), ("a", "b", "d")],  # one attempt makes both

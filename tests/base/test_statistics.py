@@ -306,7 +306,6 @@ def test_crossed_bootstrap_of_one_seed_is_that_of_its_tasks() -> None:
 
 
 def test_an_interval_over_seeds_and_tasks_covers_other_seeds_and_tasks() -> None:
-    """Both vary: the mean of all agents on all tasks is covered nearly as often as the level says."""
     rng = np.random.default_rng(0)
     hits = np.zeros(2)
     for number in range(200):
@@ -327,7 +326,6 @@ def test_resampled_means_keep_rows_together() -> None:
 
 
 def test_a_p_value_is_that_of_the_interval_it_is_made_from() -> None:
-    """By hand, and .05 where a 95 % interval ends at 0; a difference of none has p 1."""
     assert interval_p_value(1.0, (0.0, 2.0)) == pytest.approx(0.05)
     assert interval_p_value(-1.0, (-2.0, 0.0), level=0.9) == pytest.approx(0.1)
     assert interval_p_value(2.0, (1.0, 3.0)) == pytest.approx(math.erfc(2 * 1.959964 / math.sqrt(2)), rel=1e-4)
@@ -337,7 +335,6 @@ def test_a_p_value_is_that_of_the_interval_it_is_made_from() -> None:
 
 
 def test_p_values_of_no_difference_are_even_enough() -> None:
-    """Of two agents that are the same on 200 tasks, about 5 % have a p-value below .05."""
     rng = np.random.default_rng(0)
     values = []
     for seed in range(300):

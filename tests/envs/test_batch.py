@@ -401,7 +401,7 @@ def test_an_episode_that_is_over_stays_while_others_go_on(kitchen_opened):
     assert (state.attempts_left > 0).tolist() == [False, True]
     after, step = engine.step_once(state, np.array([0, 0]))
     np.testing.assert_array_equal(after.table[0], state.table[0])
-    assert not (step.over[0] or step.illegal[0] or after.attempts_left[0])
+    assert not any((step.over[0], step.illegal[0], after.attempts_left[0]))
 
 
 def test_drawn_episodes_follow_posed_ones(kitchen_opened, device):

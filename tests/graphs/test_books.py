@@ -127,7 +127,7 @@ def test_a_damaged_book_in_the_cache_is_refused_and_downloaded_again(home, publi
     server(PUBLISHED, PUBLISHED)
     path = fetch_book(NAME)
     path.write_bytes(PUBLISHED[:-3])
-    with pytest.raises(RecipeFileError, match=rf"alchemy2\.json is not the published '{NAME}'.*Fetch it again"):
+    with pytest.raises(RecipeFileError, match=rf"alchemy2\.json is not the published '{NAME}'.*Fetch the book again"):
         open_book(NAME)
     assert fetch_book(NAME).read_bytes() == PUBLISHED
 

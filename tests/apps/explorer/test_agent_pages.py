@@ -55,7 +55,7 @@ def test_where_there_are_no_results_the_page_says_why(agents: Explored):
         view = view_of(agents, state)
         assert (view.missing, view.table.counts == {}) == (text, bool(text))
         assert text in look(agents, state).text
-    assert "drawn at random: there may be more" in look(agents, Tasks(depth=3)).text
+    assert "a random sample; further tasks may exist" in look(agents, Tasks(depth=3)).text
 
 
 def test_tasks_are_shown_without_any_agent(kitchen_folder: Path):
@@ -88,13 +88,13 @@ def test_an_episode_is_what_the_agent_explains(agents: Explored, run: str):
 def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
     shown = view_of(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp", "")))
     guided, plain, mlp = shown.episode.agents
-    assert guided.found.table == plain.found.table == shown.episode.table
-    assert plain.found.model == "no_scorer"
-    assert (mlp.found, "this mlp was made for" in mlp.problem) == (None, True)
+    assert guided.explained.table == plain.explained.table == shown.episode.table
+    assert plain.explained.model == "no_scorer"
+    assert (mlp.explained, "this mlp was made for" in mlp.problem) == (None, True)
     assert guided.folds == 3
-    assert "cannot be asked: tables of" in look(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp"))).text
+    assert "not available: " in look(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp"))).text
     small = view_of(agents, Episode(task=5, distractors=2, other=("mlp",)))
-    assert small.episode.agents[1].found.table == small.episode.table
+    assert small.episode.agents[1].explained.table == small.episode.table
     assert small.episode.terminations == ()  # it was evaluated with eight
     with pytest.raises(ConfigError, match="this mlp was made for"):
         view_of(agents, Episode(run="mlp", distractors=8))
@@ -107,7 +107,7 @@ def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
     edited = view_of(agents, episode.read("", sent)).episode
     assert (edited.is_edited, edited.table) == (True, shown.table)
     for again, agent in zip(edited.agents, shown.agents, strict=True):
-        assert again.found.episode.steps == agent.found.episode.steps
+        assert again.explained.episode.steps == agent.explained.episode.steps
     # An emptied line is taken off, a filled one is put on the table, and what is held is the first pick.
     lines = [value for name, value in sent if name == "table"]
     assert lines == [*shown.table, "", "", ""]
@@ -119,8 +119,8 @@ def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
     assert (edited.table, edited.selection) == ((*shown.table[1:], added), shown.table[1])
     assert len(edited.first.episode.steps) == 1
     text = look(agents, state).text
-    assert "at a table of your own" in text
-    assert "Back to the task’s own table" in text
+    assert "edited table" in text
+    assert "Back to the original table" in text
 
 
 def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents: Explored):
@@ -133,7 +133,7 @@ def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents: Explored
     assert shown in look(agents, state).text
 
 
-def test_memory_is_marked(agents: Explored, recipes_folder: Path):
+def test_in_sample_scores_are_marked(agents: Explored, recipes_folder: Path):
     """Where two folds have a way, every model has learned one of them; where one has, there is a model that has not."""
     from wordcraft_kg.models.scorers.folder import load_scorer
 
@@ -148,13 +148,13 @@ def test_memory_is_marked(agents: Explored, recipes_folder: Path):
     learned = {" + ".join(sorted(graph.labels(way))) for way in ways[:2]}
     assert learned <= {f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.in_sample}
     text = look(agents, both).text
-    assert "memory This model has learned" in text
+    assert "in-sample This model was trained on" in text
     assert all(way in text for way in learned)
     one = Episode(goal=both.goal, table=graph.labels(dict.fromkeys(ways[0])))
     assert view_of(agents, one).episode.first.in_sample == ()
     text = look(agents, one).text
-    assert "memory This model" not in text
-    assert "model that has not seen fold" in text
+    assert "in-sample This model" not in text
+    assert "model trained without fold" in text
 
 
 def explored_of(book: RecipeBook, split: SplitConfig, home: Path, **tasks: Any) -> Explored:
@@ -288,7 +288,7 @@ def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(
     assert ('data-live="3"' in look(explored, Runs()).page) == (status == "running")
     # What needs its weights or its evaluation says what it waits for.
     tasks = view_of(explored, Tasks())
-    assert tasks.missing == f"live is {status}: how often it solves each task comes with its evaluation."
+    assert tasks.missing == f"live is {status}: results per task follow the evaluation."
     with pytest.raises(Exception, match="no checkpoint yet"):
         view_of(explored, Episode())
     for state in (Run(), Runs(), Tasks(), Episode()):
@@ -331,8 +331,8 @@ def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(
     train_agent(AgentConfig(str(kitchen_folder), None, TaskConfig(distractors=2), LEARNED, trainer), tmp_path / "run")
     agent, run = seen
     assert agent.checkpoint == run.checkpoint == "step 320"
-    assert len(agent.found.episode.steps) == 2
-    assert run.waits_for == "It answers with the weights of step 320, renewed every 320 steps."
+    assert len(agent.explained.episode.steps) == 2
+    assert run.waits_for == "Episodes use the weights of step 320; new weights follow every 320 steps."
     assert [point.step for point in run.curves["test"]] == [0]
 
 
@@ -363,7 +363,7 @@ def test_a_run_that_begins_again_is_waited_for(agents: Explored, tmp_path: Path)
     explored = Explored.open(agents.opened.source, [], [folder])
     (folder / "run.json").unlink()
     page = look(explored, Run())
-    assert "It has not begun yet" in page.text
+    assert "The run has not started" in page.text
     assert [attributes for _, attributes in page.tags if "data-live" in attributes]
 
 

@@ -1,4 +1,4 @@
-"""The pages of entities, links, pairs, ranks and two models: texts, memory and evidence."""
+"""The pages of entities, links, pairs, ranks and two models: texts, in-sample marks and evidence."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -32,22 +32,22 @@ def test_the_headline_of_predictions_is_that_of_the_report(explored: Explored):
 
 
 def test_ranks_of_what_was_learned_are_marked_as_memory(explored: Explored):
-    assert "memory, no prediction" not in look(explored, Predictions()).text
+    assert "ranks are in-sample" not in look(explored, Predictions()).text
     some = look(explored, Predictions(known="all"))
-    assert "of these queries are for triples that the model has learned: their ranks are memory" in some.text
+    assert "of these queries are for training triples: these ranks are in-sample" in some.text
     assert "All of these queries" in look(explored, Predictions(known="learned")).text
 
 
 def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes: Callable[..., LinkPredictor]):
     explored = explored_by(of_recipes(MANY, kg="full", kind="by-recipe-plain"))
     page = look(explored, Predictions())
-    assert "nothing in the book is unseen to it" in page.text
+    assert "no triple in the book is unseen" in page.text
     assert PAGES["predictions"].address(Predictions(known="learned")) in page.links
     assert "was trained on all recipes" in look(explored, Entity("part 1")).text
     a, b, result = explored.opened.graph.labels(explored.opened.split.recipes("test")[0])
-    assert "has learned this link: its score is memory" in look(explored, Link(a, "combinesWith", b)).text
+    assert "was trained on this link: the score is in-sample" in look(explored, Link(a, "combinesWith", b)).text
     pair = look(explored, Pair(a, b))
-    assert "what is in the book is memory to it" in pair.text
+    assert "recipes in the book are in-sample" in pair.text
     assert result in pair.text
 
 
@@ -56,7 +56,7 @@ def test_a_book_without_a_split_has_pages_too(of_recipes: Callable[..., LinkPred
     assert "This model was trained on all recipes" in look(explored, Predictions()).text
     for state in (Entity("a"), Link(), Pair(), Recipes("a")):
         assert look(explored, state).text
-    assert "are learned" in look(explored, Entity("a")).text
+    assert "are in the training data" in look(explored, Entity("a")).text
 
 
 def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(
@@ -73,15 +73,15 @@ def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(
 
 def test_a_scorer_of_links_says_that_it_cannot_say_what_a_pair_makes(explored: Explored):
     links = look(explored, Pair("flour", "water", "kitchen-complex"))
-    assert "kitchen-complex scores links only" in links.text
+    assert "kitchen-complex scores only links" in links.text
     recipes = look(explored, Pair("flour", "water", "kitchen-recipes"))
-    assert "scores links only" not in recipes.text
-    assert "What they make, if they make something" in recipes.text
+    assert "scores only links" not in recipes.text
+    assert "Results, if the pair combines" in recipes.text
 
 
 def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder: Path):
     explored = Explored.open(kitchen_folder)
-    assert "Nearest by words" in look(explored, Entity("bread")).text
+    assert "Nearest by word vectors" in look(explored, Entity("bread")).text
     assert "In the book" in look(explored, Pair("flour", "water")).text
     for state in (Predictions(), Link(), Compare()):
         with pytest.raises(ConfigError, match="--model FOLDER"):
@@ -103,7 +103,7 @@ def test_too_few_unseen_triples_leave_no_headline(of_recipes: Callable[..., Link
     explored = Explored(predictor.model.opened, {"model": predictor, "again": predictor})
     view = view_of(explored, Compare())
     assert view.headline is None
-    assert "There is no headline: only" in look(explored, Compare()).text
+    assert "No headline: only" in look(explored, Compare()).text
 
 
 def test_many_recipes_of_an_entity_are_on_pages_of_their_own():

@@ -76,10 +76,10 @@ def test_what_is_needed_late_is_crafted_late():
             "impossible",
             [("gone",)],
             ("gone",),
-            "no recipe makes and is not in the base: gone.",
+            "entities without recipes outside the base: gone.",
         ),
         ("gone", [("gone", "b", "d")], "impossible", [], ("gone",), "No recipe makes it."),
-        ("x", [("x", "b", "y"), ("y", "b", "x")], "impossible", [("y",)], (), "need each other's results"),
+        ("x", [("x", "b", "y"), ("y", "b", "x")], "impossible", [("y",)], (), "form a cycle"),
     ],
 )
 def test_a_path_says_whether_it_can_be_gone_and_why_not(goal: str, rows: Rows, outcome: str, blocked, sources, text):

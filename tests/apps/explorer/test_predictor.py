@@ -53,7 +53,7 @@ def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours: 
     by_score = sorted(range(len(labels)), key=lambda i: (-slot.scores[i], i))
     honest, everything = (neighbours.best(slot, with_learned=learned, top=12) for learned in (False, True))
     assert [row.entity for row in honest.best] == [labels[i] for i in by_score if not slot.learned[i]][:12]
-    assert [row.place for row in honest.best] == list(range(1, 13))
+    assert [row.position for row in honest.best] == list(range(1, 13))
     assert "learned" not in {row.status for row in honest.best}
     assert [row.entity for row in everything.best] == [labels[i] for i in by_score[:12]]
     assert "learned" in {row.status for row in everything.best}

@@ -114,7 +114,7 @@ def test_no_path_leads_out_of_the_site(client: TestClient, path: str):
 def test_entities_are_offered_where_an_entity_is_not_there(client: TestClient, path: str, is_meant: bool):
     answer = client.get(path)
     assert answer.status_code == 404
-    assert ("Perhaps one of these" in answer.text, "/entity/bread" in Shown(answer.text).links) == (is_meant, is_meant)
+    assert ("Similar names" in answer.text, "/entity/bread" in Shown(answer.text).links) == (is_meant, is_meant)
 
 
 @pytest.mark.parametrize(

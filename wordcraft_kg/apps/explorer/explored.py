@@ -27,7 +27,7 @@ class Explored:
         models: Mapping[str, LinkPredictor] | None = None,
         runs: Mapping[str, Path] | None = None,
     ):
-        """Take opened folders."""
+        """Hold opened folders."""
         self.opened = opened
         self.models = dict(models or {})
         self.runs = dict(runs or {})
@@ -96,7 +96,7 @@ class Explored:
 
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:
-    """Name folders after themselves, and after their parents where names are equal."""
+    """Return folders by name, with parent names for equal names."""
     named: dict[str, Path] = {}
     for folder in folders:
         name, above = run_name(folder), folder.resolve().parent

@@ -59,9 +59,9 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             try:
                 text = site.page(PAGES[page], state)
             except WordCraftKGError as error:
-                skipped[PAGES[page].address(state)] = _without_places(str(error), explored)
+                skipped[PAGES[page].address(state)] = _without_paths(str(error), explored)
                 text = site.error(404, str(error))
-            content = _without_places(text, explored).encode()
+            content = _without_paths(text, explored).encode()
             (folder / name).parent.mkdir(exist_ok=True)
             write_atomically(folder / name, content)
             sizes.append(len(content))
@@ -106,8 +106,8 @@ class _Files:
         return f"window.entities = {json.dumps([entry for entry in files.items() if entry[1]], ensure_ascii=True)};\n"
 
 
-def _without_places(text: str, explored: Explored) -> str:
-    """Replace folders by names: places on this machine are private."""
+def _without_paths(text: str, explored: Explored) -> str:
+    """Replace folders by names: paths on this machine are private."""
     folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
     for name, folder in folders.items():
         if folder.is_absolute():

@@ -39,7 +39,7 @@ def has_runs(explored: Explored) -> bool:
 
 
 def nowhere(_: Explored) -> tuple[()]:
-    """Return no state: for a page that needs a server."""
+    """Return no states, for pages that need a server."""
     return ()
 
 
@@ -50,14 +50,14 @@ class Page(Generic[S]):
     Attributes:
         name: first segment of the address, and name of the template.
         state: choices of the page.
-        view: returns the view of a state. An UnknownEntityError becomes a page "not found", any other error of a user's
-            input a page with the message.
+        view: returns the view of a state. An UnknownEntityError becomes a page "not found", other input errors a page
+            with the message.
         title: name in the menu; empty for pages outside the menu.
         subject: field of the state that is the second segment of the address, as in ``/entity/paper``.
         draw: returns the pictures of a view, as server-side SVG, by their names in the template.
         exported: returns the states of a static site; by default the state without any choices.
-        is_there: returns whether there is something to show.
-        is_live: returns whether the view of a state may change, so that the page must not be cached.
+        is_there: returns whether the page has content.
+        is_live: returns whether the view may change, so that the page must not be cached.
         package: package with the template, in the folder ``templates``.
     """
 
@@ -102,7 +102,7 @@ class Page(Generic[S]):
         given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
         for name, value in query:
             if name not in fields:
-                raise ConfigError(f"'{_cut(name)}' is no choice of this page.{nearest(name[:50], fields)}")
+                raise ConfigError(f"unknown page setting '{_cut(name)}'.{nearest(name[:50], fields)}")
             if get_origin(fields[name].type) is tuple:
                 given.setdefault(name, []).append(value)
             elif value and given.setdefault(name, value) != value:
@@ -110,13 +110,13 @@ class Page(Generic[S]):
         try:
             return msgspec.convert(given, self.state, strict=False)
         except msgspec.ValidationError as error:
-            raise ConfigError(f"The address is wrong: {str(error).replace('`', chr(39))}.") from None
+            raise ConfigError(f"Invalid address: {str(error).replace('`', chr(39))}.") from None
 
 
 def _fits_path(value: str) -> bool:
     """Return whether a label can be a segment of a path.
 
-    Browsers take dots as folders, some servers slashes, and proxies may decode a percent sign twice.
+    Browsers resolve dots, some servers slashes, and proxies may decode percent signs twice.
     """
     return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
 
@@ -135,7 +135,7 @@ def _cut(text: str) -> str:
 
 
 class Paging(Record):
-    """A page in a long list: numbers of the first (0 without rows) and last row, all rows, this page, and all pages."""
+    """A page in a long list: first row (0 without rows), last row, row count, page number, and page count."""
 
     first: Count
     last: Count

@@ -26,12 +26,12 @@ NEW = len(PARTS)
 KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
 """Names of the parts by their numbers."""
 Status = Literal["learned", "held out", "not learned", "not in the book", "itself"]
-"""``learned`` links are in the model's training data; other links are ``held out``, ``not learned`` (excluded by the
-dose), ``not in the book``, or ``itself`` (not in the book, head and tail are equal)."""
+"""``learned`` links are in the model's training data; other links are ``held out``, ``not learned`` (outside the
+train sample), ``not in the book``, or ``itself`` (not in the book, head and tail are equal)."""
 
 
 class PlacedRecipe(Record):
-    """A recipe with the part."""
+    """A recipe and its part."""
 
     ingredient_a: str
     ingredient_b: str
@@ -44,7 +44,7 @@ class PlacedRecipe(Record):
 
 
 class ScoredLink(Record):
-    """A model's score of a link, and the part with recipes for the link; the probability is None for learned links."""
+    """The score of a link, and the part with recipes for the link; learned links have no probability."""
 
     score: float
     status: Status
@@ -53,16 +53,16 @@ class ScoredLink(Record):
 
 
 class PredictedEntity(ScoredLink):
-    """An entity in an open slot, with the place by score among the listed links (0 if not listed) and filtered rank."""
+    """An entity in an open slot, with the position in the list (0 if not listed) and the filtered rank."""
 
     entity: str
-    place: Count
+    position: Count
     rank: float
     reason: LinkReason | None
 
 
 class PredictedSlot(Record):
-    """The best entities in an open slot, whose label is None, and the best ranked entities of true, unlearned links.
+    """The best entities in an open slot (label None), and the best ranked entities with true, unlearned links.
 
     ``true_unlearned`` and ``true_learned`` count all true links outside and inside the training data.
     """
@@ -78,13 +78,13 @@ class PredictedSlot(Record):
 
 
 class FilteredRank(Record):
-    """The realistic rank when the entity in a slot varies, and the number of competing links."""
+    """The realistic rank in a slot, and the number of competing links."""
 
     rank: float
     candidates: Count
 
 
-class JudgedLink(ScoredLink):
+class RankedLink(ScoredLink):
     """A scored link with the rank among all entities."""
 
     rank: FilteredRank
@@ -102,7 +102,7 @@ class Slot:
     learned: NDArray[np.bool_]
 
     def triples(self, entities: Ids) -> Ids:
-        """Return the links with some entities in the slot, shape (n, 3)."""
+        """Return the links for entities in the slot, shape (n, 3)."""
         given, relation = np.full(len(entities), self.entity), np.full(len(entities), self.relation)
         return np.column_stack([entities, relation, given] if self.side == "head" else [given, relation, entities])
 
@@ -112,11 +112,11 @@ class Slot:
         of = self.scores[entities]
         above = len(others) - np.searchsorted(others, of, "right")
         equal = np.searchsorted(others, of, "right") - np.searchsorted(others, of, "left")
-        # An entity of an untrue link is among the others itself.
+        # An entity with an untrue link is also a competitor.
         return np.asarray(above + 1 + (equal - (self.part[entities] == NEW)) / 2)
 
     def rank(self, entity: int) -> FilteredRank:
-        """Return an entity's filtered rank."""
+        """Return the filtered rank of an entity."""
         candidates = int((self.part == NEW).sum()) + int(self.part[entity] != NEW)
         return FilteredRank(float(self.ranks(np.array([entity]))[0]), candidates)
 
@@ -131,12 +131,12 @@ class LinkPredictor:
 
     @cached_property
     def scoring(self) -> ScoringModel:
-        """The scorer with recipe knowledge."""
+        """The scorer with known recipes."""
         return ScoringModel(self.model.scorer, self.split, self.model.kg)
 
     @cached_property
     def evidence(self) -> LinkEvidence:
-        """The training links that support a link; a model with too many entities for evidence raises a ConfigError."""
+        """Supporting training links; too many entities are a ConfigError."""
         return LinkEvidence(self.model.scorer.whole, self.model.train_sample.recipes)
 
     @property
@@ -160,13 +160,13 @@ class LinkPredictor:
         return self.model.kg == "full"
 
     def learned(self, triples: Ids) -> NDArray[np.bool_]:
-        """Return which triples are in the training data, shape (T, 3) -> (T,)."""
+        """Return a mask of training triples, shape (T, 3) -> (T,)."""
         return is_in(triples, self.model.triples, self.graph.num_entities)
 
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
         """Return scores for all entities in an open slot, with parts and training status."""
         size = self.graph.num_entities
-        # In two dimensions, as for rankings, where factors and embeddings take one matrix product.
+        # Two dimensions, as in rankings: factors and embeddings use one matrix product.
         everything, given = torch.arange(size)[None], torch.tensor([[entity]])
         ids = (everything, relation, given) if side == "head" else (given, relation, everything)
         with torch.no_grad():
@@ -178,10 +178,10 @@ class LinkPredictor:
         learned[self.evidence.ends(entity, relation, side)] = True
         return Slot(entity, relation, side, scores, part, learned)
 
-    def judged(self, slot: Slot, entity: int) -> JudgedLink:
-        """Return the score and rank of the link with an entity in an open slot."""
+    def ranked(self, slot: Slot, entity: int) -> RankedLink:
+        """Return score and rank for the link with an entity in an open slot."""
         (link,) = self._predicted(slot, np.array([entity]), np.zeros(len(slot.scores), dtype=np.int64), 0)
-        return JudgedLink(link.score, link.status, link.known, link.probability, slot.rank(entity))
+        return RankedLink(link.score, link.status, link.known, link.probability, slot.rank(entity))
 
     def best(
         self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
@@ -192,13 +192,13 @@ class LinkPredictor:
             slot: the slot.
             with_learned: include links of the training data.
             top: maximum number of listed entities.
-            witnesses: maximum number of supporting links for each entity; 0 gives no reasons.
+            witnesses: maximum number of supporting links per entity; 0 gives no reasons.
             truth: maximum number of listed true entities.
         """
         order = np.argsort(-slot.scores, kind="stable")
         listed = order if with_learned else order[~slot.learned[order]]
-        places = np.zeros(len(order), dtype=np.int64)
-        places[listed] = np.arange(1, len(listed) + 1)
+        positions = np.zeros(len(order), dtype=np.int64)
+        positions[listed] = np.arange(1, len(listed) + 1)
         unlearned = np.flatnonzero((slot.part != NEW) & ~slot.learned)
         nearest = unlearned[np.argsort(slot.ranks(unlearned), kind="stable")]
         given = self.graph.entities[slot.entity]
@@ -207,13 +207,13 @@ class LinkPredictor:
             relation=RELATIONS[slot.relation],
             tail=None if slot.side == "tail" else given,
             with_learned=with_learned,
-            best=tuple(self._predicted(slot, listed[:top], places, witnesses)),
-            truth=tuple(self._predicted(slot, nearest[:truth], places, 0)),
+            best=tuple(self._predicted(slot, listed[:top], positions, witnesses)),
+            truth=tuple(self._predicted(slot, nearest[:truth], positions, 0)),
             true_unlearned=len(unlearned),
             true_learned=int((slot.learned & (slot.part != NEW)).sum()),
         )
 
-    def _predicted(self, slot: Slot, entities: Ids, places: Ids, witnesses: int) -> Iterator[PredictedEntity]:
+    def _predicted(self, slot: Slot, entities: Ids, positions: Ids, witnesses: int) -> Iterator[PredictedEntity]:
         triples, ranks = slot.triples(entities), slot.ranks(entities)
         known = [KNOWN[part] for part in slot.part[entities].tolist()]
         chances = self.scoring.probabilities(triples, known)
@@ -221,7 +221,7 @@ class LinkPredictor:
             learned = bool(slot.learned[entity])
             head, relation, tail = triples[row].tolist()
             yield PredictedEntity(
-                place=int(places[entity]),
+                position=int(positions[entity]),
                 rank=float(rank),
                 entity=self.graph.entities[entity],
                 score=float(slot.scores[entity]),
@@ -233,7 +233,7 @@ class LinkPredictor:
 
 
 def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple[Ids, Ids]:
-    """Return entities that make a link true, with the part for each recipe; some repeatedly."""
+    """Return all true entities, with one part per recipe; entities may repeat."""
     graph = split.graph
     rows = graph.recipes_of(entity) if relation != COMBINES_WITH and side == "head" else graph.uses_of(entity)
     a, b, result = graph.recipes[rows].T
@@ -246,7 +246,7 @@ def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple
 
 
 def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> Ids:
-    """Return ascending rows in the graph's recipes that give a link."""
+    """Return ascending recipe rows that give a link."""
     if relation != COMBINES_WITH:
         return np.intersect1d(graph.uses_of(head), graph.recipes_of(tail))
     rows = graph.uses_of(head)
@@ -262,7 +262,7 @@ def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
 
 
 def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:
-    """Return the training status; ``is_itself`` means that head and tail are equal."""
+    """Return the training status; ``is_itself``: head and tail are equal."""
     if learned:
         return "learned"
     if known == "new":

@@ -1,4 +1,4 @@
-"""The site as a web application: pages, errors, search, and the site's own files."""
+"""The site as a web application: pages, errors, search, and static files."""
 
 import asyncio
 import json
@@ -34,9 +34,9 @@ SCRIPTS = ("explorer.js", "map.js")
 _KEPT = 256
 """Rendered pages in memory, 50 KB each."""
 _THREADS = 8
-"""Pages rendered at a time: more threads only wait for each other, fewer may all wait for one value."""
+"""Concurrently rendered pages: more threads compete, fewer may all wait for one value."""
 _QUIET = 1.0
-"""Seconds after the start that belong to the first page alone."""
+"""Seconds after the start, reserved for the first page."""
 
 
 def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()) -> ASGIApp:
@@ -56,10 +56,10 @@ class _Server:
     def __init__(self, explored: Explored) -> None:
         self.explored = explored
         self.site = Site(explored, lambda page, state: page.address(state), lambda name: f"/files/{name}")
-        # More of torch's own threads would only wait for each other: a table has ten rows.
+        # More torch threads would only compete: a table has ten rows.
         self._threads = ThreadPoolExecutor(_THREADS, "pages", torch.set_num_threads, (1,))
         self._kept = lru_cache(_KEPT)(self._rendered)
-        self._page(HOME, "", [])  # so that the first page is there when the address is
+        self._page(HOME, "", [])  # so that the first page is ready with the address
 
     async def home(self, _: Request) -> Response:
         return RedirectResponse(HOME.address(HOME.state()))
@@ -72,9 +72,9 @@ class _Server:
         name, subject = request.path_params["name"], request.path_params.get("subject", "")
         page = PAGES.get(name)
         if page is None or (subject and not page.subject):
-            return self.error(404, f"There is no page '{name[:60]}'.")
+            return self.error(404, f"The page '{name[:60]}' does not exist.")
         try:
-            # Starlette's own parser accepts bytes that are no text, and any number of fields.
+            # The parser of Starlette accepts invalid bytes and any number of fields.
             query = parse_qsl(request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200)
         except (ValueError, UnicodeError):
             message = "The address is not well-formed: its query cannot be read as UTF-8 names and values."
@@ -95,7 +95,7 @@ class _Server:
             headers = {"Cache-Control": "no-store" if is_live else "no-cache"}
             return Response(text, media_type="text/html", headers=headers)
         except UnknownEntityError as error:
-            # Labels that do not fit a path are in the query; an unknown name may also be of a run or a model.
+            # Labels that do not fit a path are in the query; the unknown name may also be a run or a model.
             wanted = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
             is_other = wanted in self.explored.opened.graph
             return self.error(404, str(error), {} if is_other else self._suggestions(wanted[:200]))
@@ -118,7 +118,7 @@ class _Server:
 
 
 def warm(explored: Explored) -> threading.Thread:
-    """Compute the views of the menu's pages in the background, so that the first visitor need not wait."""
+    """Compute the views of menu pages in the background, for the first visitor."""
 
     def make() -> None:
         time.sleep(_QUIET)

@@ -38,7 +38,7 @@ def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_s
     lines.last.fill(f" {added} ")
     page.get_by_role("button", name="Ask").click()
     page.wait_for_url("**/episode?*table=*")
-    assert "at a table of your own" in page.locator("h1").inner_text()
+    assert "edited table" in page.locator("h1").inner_text()
     assert values_of(page.locator("input[name=table]")) == [*kept, added, "", "", ""]
     rows = page.locator("table").first.locator("tbody th").all_inner_texts()
     assert {row.removeprefix("▶ ").split("part of")[0].strip() for row in rows} == {*kept, added}
@@ -48,8 +48,8 @@ def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_s
         page.get_by_role("button", name="Ask").click()
     page.wait_for_url("**held=*")
     assert f"Holding {added}" in page.locator("main").inner_text()
-    assert page.locator("h3").all_inner_texts() == ["Pick 1"]
-    page.get_by_role("link", name="Back to the task’s own table").click()
+    assert page.locator("h3").all_inner_texts() == ["Action 1"]
+    page.get_by_role("link", name="Back to the original table").click()
     assert page.locator("main").inner_text() == before
     for _ in range(3):
         page.go_back()
@@ -73,7 +73,7 @@ def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_pa
             page.get_by_text("Change the table and ask again").click()
             page.get_by_role("button", name="Ask").click()
             page.wait_for_url("**table=*")
-            assert page.locator("h1").inner_text() == f"{heading}, at a table of your own"
+            assert page.locator("h1").inner_text() == f"{heading}, edited table"
             assert page.evaluate(TOO_WIDE) == []
             assert not page.locator("main img, main script").count()
 

@@ -62,7 +62,7 @@ def test_a_form_that_is_sent_keeps_a_hostile_entity(open_page: Callable[..., Any
     page, entity = open_page(), PAGES["entity"]
     for label in ("a/b", MARKUP):
         page.goto(predicted_site + entity.address(entity.state(entity=label)))
-        page.get_by_label("Links that it has learned").select_option("true")
+        page.get_by_label("Training links").select_option("true")
         page.wait_for_url("**learned=true**")
         assert page.locator("h1").inner_text() == label
-        assert page.get_by_label("Links that it has learned").input_value() == "true"
+        assert page.get_by_label("Training links").input_value() == "true"

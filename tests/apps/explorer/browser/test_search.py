@@ -56,7 +56,7 @@ def test_a_slash_in_a_text_is_a_slash(open_page: OpenPage, site: str):
 def test_the_way_back_leads_through_the_states_before(open_page: OpenPage, site: str):
     page = open_page()
     page.goto(f"{site}/map")
-    page.locator("#beside a").first.click()
+    page.locator("#details a").first.click()
     chosen = page.locator("h1").inner_text()
     assert chosen.startswith("Map: ")
     page.locator("#colour").select_option("layer")

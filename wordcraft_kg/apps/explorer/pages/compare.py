@@ -29,7 +29,7 @@ Better = Literal["either", "one", "other"]
 
 
 class Compare(Queries):
-    """Queries to two models, by default the first two; all queries, or queries that one model ranks better."""
+    """Queries to two models, by default the first two; optionally only queries with a better model."""
 
     one: str = ""
     other: str = ""
@@ -53,10 +53,10 @@ class ComparedQuery(Record):
 
 
 class ComparedRanks(Record):
-    """The ranks of the same queries by two models; metrics and numbers cover all chosen queries, whichever are listed.
+    """The ranks by two models; metrics and counts cover all chosen queries, listed or not.
 
-    ``learned`` counts queries for training data of either model; queries with the largest difference of the reciprocal
-    rank come first.
+    ``learned`` counts queries for training triples of a model. The queries with the largest difference of reciprocal
+    ranks come first.
     """
 
     one: str
@@ -74,7 +74,7 @@ class ComparedRanks(Record):
 
 
 class ModelsCompared(Record):
-    """Two models: the result from ``compare`` or the reason for its absence, and the ranks."""
+    """Two models: the result from ``compare`` or the reason for a missing result, and the ranks."""
 
     headline: link_comparison.LinkComparison | None
     without_headline: str
@@ -88,7 +88,7 @@ def view_compared_ranks(
     keys = ["head", "relation", "tail", "side"]
     if one.split.hash != other.split.hash or not one.ranks[keys].equals(other.ranks[keys]):
         raise GraphMismatchError(
-            f"'{one.name}' and '{other.name}' rank different triples. Take two models of one graph folder."
+            f"'{one.name}' and '{other.name}' rank different triples. Select two models of one graph folder."
         )
     mask = one.mask(chosen) & other.mask(chosen)
     left, right = one.ranks[mask], other.ranks[mask]

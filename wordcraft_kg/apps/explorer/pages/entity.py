@@ -32,7 +32,7 @@ Use = Literal["makes", "uses"]
 
 
 class Entity(State):
-    """An entity, by default the most used, and a model; ``learned`` lists links of the training data, too."""
+    """An entity, by default the most used, and a model; ``learned`` includes training links."""
 
     entity: str = ""
     model: str = ""
@@ -75,10 +75,10 @@ class EntityProfile(Record):
 
     Attributes:
         layer: first round that makes the entity; None if out of reach.
-        crafts: number of steps in the cheapest derivation; None if out of reach.
+        crafts: steps in the cheapest derivation; None if out of reach.
         model: name of the model; empty without a model.
-        nearest: the most similar entities for the model.
-        by_words: the most similar entities by word vectors; None without a vector.
+        nearest: similar entities according to the model.
+        by_words: similar entities by word vectors; None without a vector.
     """
 
     entity: str
@@ -138,7 +138,7 @@ def _view(explored: Explored, state: Entity) -> EntityProfile:
 
 def _view_recipes(explored: Explored, state: Recipes) -> EntityRecipes:
     if not state.entity:
-        raise ConfigError("The address names no entity; expected one such as /recipes/water.")
+        raise ConfigError("The address has no entity; expected an address such as /recipes/water.")
     return _recipes(explored.opened.split, state, RECIPES_A_PAGE)
 
 
@@ -158,7 +158,7 @@ def _recipes(split: Split, state: Recipes, size: int) -> EntityRecipes:
 
 
 def near_by_words(words: EntityFeatures, entity: int, limit: int = NEAREST) -> list[tuple[int, float]]:
-    """Return ids and cosines of the entities with the most similar word vectors; empty if the entity has no vector."""
+    """Return ids and cosines by word vector similarity; empty for an entity without a vector."""
     if not words.known[entity]:
         return []
     cosines: NDArray[np.float32] = words.unit_vectors @ words.unit_vectors[entity]
@@ -167,8 +167,8 @@ def near_by_words(words: EntityFeatures, entity: int, limit: int = NEAREST) -> l
     return [(other, float(cosines[other])) for other in order[: limit + 1].tolist() if other != entity][:limit]
 
 
-def _alike(labels: tuple[str, ...], found: list[tuple[int, float]]) -> tuple[AlikeEntity, ...]:
-    return tuple(AlikeEntity(labels[other], cosine) for other, cosine in found)
+def _alike(labels: tuple[str, ...], neighbours: list[tuple[int, float]]) -> tuple[AlikeEntity, ...]:
+    return tuple(AlikeEntity(labels[other], cosine) for other, cosine in neighbours)
 
 
 def _exported(explored: Explored) -> Iterator[Entity]:
@@ -176,7 +176,7 @@ def _exported(explored: Explored) -> Iterator[Entity]:
 
 
 def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
-    """Yield pages for entities with more recipes than their own page lists."""
+    """Yield pages for entities with more than :data:`LISTED` recipes."""
     graph = explored.opened.graph
     counts = zip(graph.recipe_counts.tolist(), graph.use_counts.tolist(), strict=True)
     uses: tuple[Use, ...] = ("makes", "uses")

@@ -1,4 +1,4 @@
-"""An episode: the table, the agents' reasons for each pick, and picks at an edited table."""
+"""An episode: the table, the scores behind each action, and actions at an edited table."""
 
 from collections.abc import Iterator
 
@@ -18,22 +18,22 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.tasks import TaskPart
 
-DRAWS = 5
+LISTED_SEEDS = 5
 """Offered draws of distractors, as in the evaluation."""
 MOST_ROWS = 160
-"""Rows of slots on a page; for large tables and many agents only the best slots of each pick are shown."""
+"""Maximum rows of slots on a page; large pages show only the best slots of each action."""
 
 
 class Episode(State):
-    """Agents at a task's table, possibly with another goal, table or hand, by labels.
+    """Agents at the table of a task, optionally with edited goal, table or selection, by labels.
 
     Attributes:
         run: the agent; by default the first.
         other: agents for comparison.
-        depth: fewest attempts that solve the task; 0 for the agent's training depth.
+        depth: depth of the task; 0 for the training depth of the agent.
         task: number of the task in its depth and part.
-        distractor_seed: draw of distractors.
-        distractors: number of distractors; below 0 for as many as in training.
+        distractor_seed: number of the distractor seed.
+        distractors: distractors on the table; negative for the training setting.
     """
 
     run: str = ""
@@ -54,17 +54,17 @@ class Episode(State):
 
     @property
     def is_edited(self) -> bool:
-        """Whether goal, table or hand are edited."""
+        """Whether goal, table or selection are edited."""
         return bool(self.goal or self.labels or self.selection)
 
 
 class AgentAtTable(Record):
-    """An agent's picks, the weights in use and the number of the scorer's folds; or the problem that prevents picks."""
+    """The actions of an agent, the checkpoint, and the scorer folds; or the problem that prevents actions."""
 
     run: str
     checkpoint: str
     folds: Count
-    found: ExplainedTable | None
+    explained: ExplainedTable | None
     problem: str = ""
 
 
@@ -72,10 +72,10 @@ class EpisodeView(Record):
     """Agents at a table; all are compared with the first.
 
     Attributes:
-        tasks: number of tasks for the depth and part.
-        terminations: endings from the first agent's evaluation, by draw; empty without episodes for the task and number
-            of distractors.
-        selection: the entity that is held at first.
+        tasks: task count for the depth and part.
+        terminations: termination reasons in the evaluation of the first agent, by distractor seed; empty without
+            matching episodes.
+        selection: the initially selected entity.
     """
 
     part: TaskPart
@@ -95,14 +95,14 @@ class EpisodeView(Record):
 
     @property
     def first(self) -> ExplainedTable:
-        """The first agent's picks."""
-        actions = self.agents[0].found
+        """The actions of the first agent."""
+        actions = self.agents[0].explained
         assert actions is not None, "a problem of the first agent is an error"
         return actions
 
 
 class ShownEpisode(Record):
-    """An episode with the choices on its page: agents, draws, training distractors, slots in each pick."""
+    """An episode with page choices: agents, distractor seeds, training distractors, shown slots."""
 
     runs: tuple[str, ...]
     distractor_seeds: Count
@@ -118,12 +118,12 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
     world = world_of(explored, settings_of(explored, tasks, state.part, state.depth, distractors))
     others = dict(followed(explored, other) for other in state.other if other)
     whole("task", state.task, 0, len(world.tasks) - 1)
-    task, first_picks = world.tasks[state.task], _picks(run, world, state)
-    agents = [_agent(first, run, first_picks)]
+    task, explained = world.tasks[state.task], _explained(run, world, state)
+    agents = [_agent(first, run, explained)]
     for name, other in others.items():
         if name != first:
             try:
-                agents.append(_agent(name, other, _picks(other, world, state)))
+                agents.append(_agent(name, other, _explained(other, world, state)))
             except (ArtefactError, ConfigError) as error:
                 agents.append(AgentAtTable(name, "", 0, None, str(error)))
     episode = EpisodeView(
@@ -137,13 +137,13 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
         start=task.start,
         plans=task.plans,
         is_edited=state.is_edited,
-        goal=first_picks.episode.goal,
-        table=first_picks.table,
-        selection=first_picks.episode.steps[0].selection,
+        goal=explained.episode.goal,
+        table=explained.table,
+        selection=explained.episode.steps[0].selection,
         agents=tuple(agents),
     )
-    steps = sum(len(agent.found.episode.steps) for agent in agents if agent.found)
-    distractor_seeds, most_slots = max(DRAWS, len(episode.terminations)), max(MOST_ROWS // steps, 4)
+    steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
+    distractor_seeds, most_slots = max(LISTED_SEEDS, len(episode.terminations)), max(MOST_ROWS // steps, 4)
     return ShownEpisode(tuple(explored.runs), distractor_seeds, tasks.distractors, most_slots, episode)
 
 
@@ -152,7 +152,7 @@ def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable
     return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, actions)
 
 
-def _picks(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
+def _explained(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
     explainer, graph = run.explainer(world), world.graph
     if not state.is_edited:
         return explainer.task(state.task, state.distractor_seed)

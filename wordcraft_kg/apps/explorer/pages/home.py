@@ -19,7 +19,7 @@ class Home(State):
 
 
 class ModelLine(Record):
-    """A model: command, training data, dose in words (empty for all train recipes), and number of folds."""
+    """A model: command, training data, train sample in words (empty for all train recipes), and folds."""
 
     name: str
     command: str
@@ -32,8 +32,8 @@ class ModelLine(Record):
 class Overview(Record):
     """A graph with models and runs.
 
-    ``reachable`` entities belong to the base or follow from the base; the ``furthest`` need most ``layers``, which are
-    rounds of crafting.
+    ``reachable`` entities belong to the base or follow from the base; ``layers`` are crafting rounds; the ``furthest``
+    entities need most rounds.
     """
 
     graph: str

@@ -29,7 +29,7 @@ class Link(State):
 
 
 class LinkProfile(ScoredLink):
-    """A link by a model, with the ranks of both ends, recipes, and the best candidates for either end."""
+    """A link by a model, with ranks, recipes, and the best candidates for both ends."""
 
     head: str
     relation: Relation
@@ -50,14 +50,14 @@ def _view(explored: Explored, state: Link) -> LinkProfile:
     if state.head and state.tail:
         head, relation, tail = graph.id_of(state.head), RELATIONS.index(state.relation), graph.id_of(state.tail)
     elif state.head or state.tail:
-        raise ConfigError("A link has a head and a tail; one of them is missing.")
+        raise ConfigError("A link has a head and a tail; one end is missing.")
     else:
         triples = split.held_out("test") if len(split.held_out("test")) else graph.triples
         if not len(triples):
-            raise ConfigError("The graph has no recipe, and so no link.")
+            raise ConfigError("The graph has no recipes, so there is no example link.")
         head, relation, tail = triples[0].tolist()
     tails, heads = predictor.slot(head, relation, "tail"), predictor.slot(tail, relation, "head")
-    link = predictor.judged(tails, tail)
+    link = predictor.ranked(tails, tail)
     return LinkProfile(
         head=graph.entities[head],
         relation=RELATIONS[relation],

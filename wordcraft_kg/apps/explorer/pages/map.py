@@ -1,4 +1,4 @@
-"""The map: entities that are crafted together lie together, with the links of a chosen entity."""
+"""The map: a layout by shared recipes, with the links of a chosen entity."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.reports import charts
 
 PLACED = 1_000
-"""Maximum number of placed entities, the most used ones: time and memory of the layout grow by the square."""
+"""Maximum number of placed entities, by uses: layout time and memory grow quadratically."""
 GUESTS = 60
 """Maximum number of guests: a chosen entity and neighbours without a place."""
 LISTED = 60
@@ -38,9 +38,9 @@ PULL = 6.0
 ROUNDS = 100
 """Rounds of the layout; the picture hardly changes afterwards."""
 SIZES = (5, 15, 40, 100)
-"""Numbers of uses from which on a dot is larger."""
+"""Use counts for larger dots."""
 SHADES = 4
-"""Colours of layers, besides that of the base."""
+"""Layer colours, in addition to the base colour."""
 
 
 class Map(State):
@@ -168,10 +168,10 @@ def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
 
 
 def _places(number: int, links: Ids, group_of: Ids) -> Ids:
-    """Lay out entities by the forces of ForceAtlas2, and fill the map evenly; shape (number, 2), whole numbers.
+    """Lay out entities with ForceAtlas2, and fill the map evenly; shape (number, 2), whole numbers.
 
-    A link weighs less the more links its ends have, since entities that are used everywhere would draw all together,
-    and more within a group, to separate groups.
+    Links of frequent entities have smaller weights, since frequent entities would pull all others together. Links
+    within a group have larger weights, to separate groups.
 
     Source: Jacomy et al. 2014, "ForceAtlas2, a continuous graph layout algorithm".
     """
@@ -187,7 +187,7 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     weighted.add_weighted_edges_from((a, b, w) for (a, b), w in zip(links.tolist(), weight.tolist(), strict=True))
     layout = nx.forceatlas2_layout(weighted, max_iter=ROUNDS, weight="weight", seed=0)
     places = np.array([layout[entity] for entity in range(number)])
-    # Half by place and half by rank: true distances leave most of the map empty, ranks alone hide what lies apart.
+    # Mean of position and rank: true distances leave the map mostly empty, ranks alone hide gaps.
     low, high = places.min(axis=0), places.max(axis=0)
     rank = places.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable") / (number - 1)
     even = ((places - low) / np.where(high > low, high - low, 1) + rank) / 2
@@ -228,12 +228,12 @@ def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
 
 
 def _guest(places: EntityMap, entity: int) -> Spot:
-    """Return a spot for an entity without a place: in the middle of its neighbours, and a little aside."""
+    """Return a spot for an unplaced entity: near the mean of the neighbours."""
     graph = places.graph
     neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
     near = [places.number_of[one] for one in neighbours if one in places.number_of]
     middle = places.places[near].mean(axis=0) if near else np.array([WIDTH / 2, HEIGHT / 2])
-    # Aside by the golden angle, so that guests with the same partners do not hide each other.
+    # Offset by the golden angle, so that guests with equal partners do not overlap.
     angle = 2.4 * entity
     aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
     x, y = (middle + aside).clip(0, [WIDTH, HEIGHT]).round().astype(int).tolist()
@@ -249,7 +249,7 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
     dots = [
         charts.Dot(
             label=spot.entity,
-            # A static site has no map for each choice, but a page of each entity.
+            # A static site has entity pages, but no map for each entity.
             href=address(PAGE, Map(entity=spot.entity, colour=state.colour))
             or address(entity.PAGE, entity.Entity(entity=spot.entity)),
             x=spot.x,
@@ -277,7 +277,7 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:
-    """Return class, name and size for each coloured group, and for all further groups together."""
+    """Return class, name and size for each coloured group, and for all other groups."""
     shown = [(charts.colour_of(number), group.name, group.size) for number, group in enumerate(view.groups)]
     others = sum(size for _, _, size in shown[charts.COLOURS :])
     return shown[: charts.COLOURS] + ([("series-other", "other groups", others)] if others else [])

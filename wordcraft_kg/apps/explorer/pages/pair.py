@@ -2,7 +2,7 @@
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State, nowhere
-from wordcraft_kg.apps.explorer.predictor import JudgedLink, PlacedRecipe, placed_recipes, recipes_giving
+from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, RankedLink, placed_recipes, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipe, view_open_recipe
@@ -23,7 +23,7 @@ class Pair(State):
 class PairProfile(Record):
     """A pair with recipes, a model's score of ``a combinesWith b``, and the predicted results, best first.
 
-    Link and results are None without a model, the results also if the model scores only links.
+    Link and results are None without a model; results are None for link scorers.
     """
 
     a: str
@@ -31,7 +31,7 @@ class PairProfile(Record):
     makes: tuple[PlacedRecipe, ...]
     model: str
     has_seen_the_test_recipes: bool
-    link: JudgedLink | None
+    link: RankedLink | None
     results: tuple[ScoredRecipe, ...] | None
 
 
@@ -40,10 +40,10 @@ def _view(explored: Explored, state: Pair) -> PairProfile:
     if not a and not b:
         recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
         if not len(recipes):
-            raise ConfigError("The graph has no recipe, and so no pair that makes something.")
+            raise ConfigError("The graph has no recipe, so there is no example pair.")
         a, b = graph.labels(recipes[0, :2].tolist())
     elif not a or not b:
-        raise ConfigError("A pair has two ingredients, which may be the same; one of them is missing.")
+        raise ConfigError("A pair has two ingredients, which may be equal; one ingredient is missing.")
     one, other = graph.id_of(a), graph.id_of(b)
     makes = placed_recipes(split, recipes_giving(graph, one, COMBINES_WITH, other))
     if not explored.models:
@@ -52,7 +52,7 @@ def _view(explored: Explored, state: Pair) -> PairProfile:
     if predictor.scores_recipes:
         scoring = explored.once(("recipe scores", predictor.name), lambda: RecipeScoring.of(predictor.scoring))
         results = view_open_recipe(scoring, RecipeQuery(a, b, None), RESULTS).top
-    link = predictor.judged(predictor.slot(one, COMBINES_WITH, "tail"), other)
+    link = predictor.ranked(predictor.slot(one, COMBINES_WITH, "tail"), other)
     return PairProfile(a, b, makes, predictor.name, predictor.has_seen_the_test_recipes, link, results)
 
 

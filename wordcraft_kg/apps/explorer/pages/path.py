@@ -33,7 +33,7 @@ class Path(State):
 
 
 class PathStep(Record):
-    """A craft, numbered in the order of execution; layers are as late as the uses allow, with the goal in the last."""
+    """A craft, numbered in execution order; layers are as late as possible, with the goal in the last layer."""
 
     number: Count
     recipe: Recipe
@@ -53,10 +53,10 @@ class PathView(Record):
 
     Attributes:
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
-        cost: number of crafts if nothing is made only once, in words, since it may have thousands of digits.
+        cost: crafts without reuse, in words, since the number may have thousands of digits.
         parts: number of crafts by part of the recipe, for parts with any.
         drawn: the last steps, at most :data:`DRAWN`, in the order of execution.
-        blocked: some recipes of an impossible goal, of ``recipes``.
+        blocked: some of the ``recipes`` for an impossible goal.
         sources: some missing entities without a recipe; empty if recipes form a cycle.
     """
 
@@ -163,11 +163,11 @@ def _sources(planner: Planner, goal: int) -> list[int]:
 def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
     if not view.drawn:
         return {}
-    things = []
+    crafts = []
     for step in view.drawn:
         one, other, result = step.recipe
         styles = {"goal": result == view.entity, "held": step.part != "train"}
-        things.append(
+        crafts.append(
             charts.Made(
                 label=result,
                 href=address(PAGE, Path(entity=result)),
@@ -177,7 +177,7 @@ def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
                 title=f"{one} + {other} → {result} ({step.part})",
             )
         )
-    return {"layers": charts.layered(things, view.base, f"Crafts that lead to {view.entity}, in layers")}
+    return {"layers": charts.layered(crafts, view.base, f"Crafts that lead to {view.entity}, in layers")}
 
 
 def _exported(explored: Explored) -> Iterator[Path]:

@@ -1,4 +1,4 @@
-"""A model's ranks for all triples, with filters and orders."""
+"""Model ranks for all triples, with filters and orders."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ Knowledge = Literal["unseen", "learned", "all"]
 class RankFilter(State):
     """Ranking queries, by open side, part and training status of the triple, and entity; empty texts filter nothing.
 
-    ``known`` tells whether the triple is in the model's training data; of two models, both or neither.
+    ``known`` selects training triples, other triples, or all; with two models, the status must be equal.
     """
 
     relation: Relation | Literal[""] = ""
@@ -61,7 +61,7 @@ class Predictions(Queries):
 class RankedQuery(Record):
     """A query for head or tail in a true triple, with the filtered, realistic rank and the best candidate.
 
-    ``known`` is the part with recipes for the triple, ``learned`` the triple's presence in the training data.
+    ``known`` is the part with recipes for the triple; ``learned`` marks training triples.
     """
 
     head: str
@@ -77,7 +77,7 @@ class RankedQuery(Record):
 
 
 class RankSample(Record):
-    """Numbers of ranked and existing triples: unseen test triples, and further triples."""
+    """Counts of ranked and existing triples: unseen test triples, and other triples."""
 
     unseen: Count
     unseen_of: Count
@@ -91,7 +91,7 @@ class RankSample(Record):
 
 
 class LinkRanks(Record):
-    """Some of a model's ranks; metrics and ``learned``, the number of learned triples, cover all chosen queries."""
+    """A page of ranks; metrics and ``learned``, the count of training triples, cover all chosen queries."""
 
     model: str
     has_seen_the_test_recipes: bool
@@ -140,7 +140,7 @@ class RankedTriples:
 
 
 def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
-    """Rank all triples in the graph, learned or not; large numbers are sampled, unseen test triples separately."""
+    """Rank all triples in the graph; large graphs are sampled, with a separate sample for unseen test triples."""
     split = predictor.split
     graph = split.graph
     unseen = split.held_out("test")
@@ -157,7 +157,7 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
 
 
 def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1) -> LinkRanks:
-    """List a page with a model's ranks, and figures for all chosen queries."""
+    """Return a page of ranks, and metrics for all chosen queries."""
     ranks = ranked.ranks[ranked.mask(chosen)]
     shown = paging(len(ranks), page, ROWS_A_PAGE)
     rows = ranks.iloc[_order(ranks, order)[shown.rows]]

@@ -42,17 +42,17 @@ class Run(State):
 
 
 class PartSuccess(Record):
-    """Success rate: from the evaluation with a 95 % interval over tasks, or from the curve's last point."""
+    """Success rate: from the evaluation with a 95 % interval over tasks, or from the last curve point."""
 
     mean: Share
     ci: tuple[float, float] | None
 
 
 class RunRow(Record):
-    """An agent's run, with the last mixing weights for first and second pick, by source.
+    """A run of an agent, with the last mixing weights for first and second action, by source.
 
     Attributes:
-        status: None before the beginning or if unreadable.
+        status: None before the start and for unreadable runs.
         problem: reason for an unreadable folder.
         kg: the scorer's training data.
         steps: environment steps so far, of ``planned``.
@@ -72,7 +72,7 @@ class RunRow(Record):
 
     @property
     def is_live(self) -> bool:
-        """Whether the run trains according to the record, or is about to begin."""
+        """Whether the run trains according to the record, or is starting."""
         return self.status == "running" or (self.status is None and not self.problem)
 
 
@@ -94,10 +94,10 @@ class RunView(Record):
 
     Attributes:
         checkpoint: the last weights; empty if there are none yet.
-        waits_for: condition for picks or all figures; empty for complete runs.
+        waits_for: condition for actions or further metrics; empty for complete runs.
         seconds: duration so far; None before the first line.
         steps_per_second: speed between the last two lines, or of the whole training; None if unknown.
-        outcomes: share of each ending, by part; empty before the evaluation.
+        outcomes: shares of termination reasons, by part; empty before the evaluation.
     """
 
     row: RunRow
@@ -128,7 +128,7 @@ def _view_run(explored: Explored, state: Run) -> RunView:
     name, run = followed(explored, state.run)
     row = _row(name, run)
     if row.status is None:
-        waits = "It has not begun yet: its folder has no record." if row.is_live else ""
+        waits = "The run has not started: the folder has no record." if row.is_live else ""
         return RunView(row, waits_for=waits)
     records = run.records()
     last = records.metrics[-1] if records.metrics else None
@@ -159,7 +159,7 @@ def _row(name: str, run: FollowedRun) -> RunRow:
     try:
         records = run.records()
     except ArtefactError as error:
-        # A training that is about to begin has a folder without a record.
+        # A starting run has a folder without a record.
         has_begun = (run.folder / RUN_FILE).exists() or not run.folder.is_dir()
         return RunRow(name, None, str(error) if has_begun else "")
     config = records.config
@@ -205,14 +205,12 @@ def _waits_for(records: AgentRun) -> str:
         return ""
     if not records.checkpoint:
         if status == "running":
-            return (
-                f"It can be asked as soon as it has a checkpoint: it writes one when it begins and every {every} steps."
-            )
-        return "It ended without a checkpoint, so it cannot be asked. Train it again."
+            return f"Episodes need a checkpoint, which the run writes at the start and every {every} steps."
+        return "The run ended without a checkpoint. Train the agent again."
     if status == "running":
-        return f"It answers with the weights of {records.checkpoint}, renewed every {every} steps."
-    again = "Repeat the command that trains it: it goes on and ends with the evaluation."
-    return f"It answers with the weights of {records.checkpoint}. {again}"
+        return f"Episodes use the weights of {records.checkpoint}; new weights follow every {every} steps."
+    again = "Repeat the training command to resume and evaluate."
+    return f"Episodes use the weights of {records.checkpoint}. {again}"
 
 
 def _any_is_live(explored: Explored, _: Runs) -> bool:
@@ -222,7 +220,7 @@ def _any_is_live(explored: Explored, _: Runs) -> bool:
 def _draw(view: RunView, *_: object) -> dict[str, object]:
     name = view.row.name
     figures = dict(view.training)
-    figures.pop("test_success", None)  # has a picture of its own
+    figures.pop("test_success", None)  # has a separate picture
     return {
         "success": picture_of_success({name: view.curves}) if view.curves else "",
         "lambdas": picture_of_lambdas(name, view.lambdas) if view.lambdas else "",

@@ -1,4 +1,4 @@
-"""All tasks for a depth and part, page by page, with an agent's results."""
+"""All tasks for a depth and part, page by page, with the results of an agent."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -29,11 +29,11 @@ from wordcraft_kg.graphs.tasks import TaskPart, TaskSet
 
 TASKS_A_PAGE = 50
 Won = Literal["any", "always", "sometimes", "never"]
-"""Share of the draws of distractors in which a task was solved."""
+"""Share of distractor seeds with a solved task."""
 
 
 class Tasks(State):
-    """Tasks by part and depth (0: the agent's), goal, and an agent's result, by default the first agent's."""
+    """Tasks by part, depth (0: training depth), goal, and result of an agent, by default the first."""
 
     part: AskedPart = ""
     depth: AskedDepth = 0
@@ -44,7 +44,7 @@ class Tasks(State):
 
 
 class ListedTask(Record):
-    """A task with number, plans, and won and played draws; None without results."""
+    """A task with number, plans, won and played distractor seeds; None without results."""
 
     number: Count
     goal: str
@@ -59,8 +59,8 @@ class TaskTable(Record):
 
     Attributes:
         is_complete: False for a random sample.
-        mixed: number of tasks outside all parts.
-        counts: number of the goal's tasks by result; empty without results.
+        mixed: tasks outside all parts.
+        counts: task counts by result; empty without results.
     """
 
     part: TaskPart
@@ -76,7 +76,7 @@ class TaskTable(Record):
 
 
 class ShownTasks(Record):
-    """Tasks with an agent's name, the reason for missing results (or empty), and the default part."""
+    """Tasks with the agent name, the reason for missing results (or empty), and the default part."""
 
     run: str
     runs: tuple[str, ...]
@@ -87,14 +87,14 @@ class ShownTasks(Record):
 
 @dataclass(frozen=True)
 class TaskResults:
-    """An agent's won and played draws for N tasks, shape (N,), int64."""
+    """Won and played distractor seeds for N tasks, shape (N,), int64."""
 
     won: Ids
     distractor_seeds: Ids
 
     @classmethod
     def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
-        """Find the tasks of an evaluation in a set; an unknown entity is an ArtefactError."""
+        """Match evaluated tasks with a task set; an unknown entity is an ArtefactError."""
         nothing, width = tasks.graph.num_entities, tasks.starts.shape[1]
         keys = np.column_stack([tasks.goals, tasks.starts])
         number = {key.tobytes(): place for place, key in enumerate(keys)}
@@ -105,7 +105,7 @@ class TaskResults:
             try:
                 goal, *start = (tasks.graph.id_of(label) for label in (played.goal, *played.start))
             except UnknownEntityError as error:
-                raise ArtefactError(f"the run's episodes are of another graph: {error}") from None
+                raise ArtefactError(f"the episodes of the run belong to another graph: {error}") from None
             padding = [nothing] * (width - len(start))
             place = number.get(np.array([goal, *sorted(start), *padding], dtype=np.int64).tobytes())
             if place is not None:
@@ -131,9 +131,9 @@ def view_task_table(
 ) -> TaskTable:
     """List tasks page by page, optionally filtered by goal or by an agent's result."""
     results = results or TaskResults(*np.zeros((2, len(tasks)), dtype=np.int64))
-    is_asked = np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
-    kinds: tuple[Won, ...] = ("always", "sometimes", "never") if results.distractor_seeds[is_asked].any() else ()
-    chosen = np.flatnonzero(is_asked & results.where(won))
+    is_chosen = np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
+    kinds: tuple[Won, ...] = ("always", "sometimes", "never") if results.distractor_seeds[is_chosen].any() else ()
+    chosen = np.flatnonzero(is_chosen & results.where(won))
     shown = paging(len(chosen), page, TASKS_A_PAGE)
     return TaskTable(
         part=tasks.part,
@@ -143,7 +143,7 @@ def view_task_table(
         mixed=tasks.mixed,
         goal=goal,
         won=won,
-        counts={kind: int((is_asked & results.where(kind)).sum()) for kind in kinds},
+        counts={kind: int((is_chosen & results.where(kind)).sum()) for kind in kinds},
         paging=shown,
         rows=tuple(_listed(tasks, results, number) for number in chosen[shown.rows].tolist()),
     )
@@ -168,11 +168,11 @@ def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
 
 
 def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
-    """Return why there are no results of an agent on some tasks; an empty text if there are."""
+    """Return the reason for missing results; empty if there are results."""
     try:
         records = run.records()
         if records.evaluation is None:
-            return f"{name} is {records.run.status}: how often it solves each task comes with its evaluation."
+            return f"{name} is {records.run.status}: results per task follow the evaluation."
         if records.config.tasks.depth != tasks.depth:
             return f"{name} was evaluated on tasks of depth {records.config.tasks.depth}."
         if tasks.part not in records.evaluation.success:

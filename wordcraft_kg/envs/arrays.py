@@ -17,31 +17,31 @@ Array = NDArray[Any]
 
 
 class Arrays:
-    """NumPy's arrays.
+    """Array operations on the CPU, by NumPy; a subclass provides the same operations by torch on a device.
 
     Attributes:
-        xp: the functions that both libraries share.
-        on_device: whether arrays are on a device. Reading a value there waits for pending work, so all rows are
-            computed, and masks select the valid rows.
+        xp: the module ``numpy`` (in the subclass ``torch``), for functions that both libraries have.
+        on_device: whether arrays are on a device. Reading a value from a device waits for pending work, so there all
+            rows are computed, and masks select the valid rows.
     """
 
     xp: Any = np
     on_device = False
 
     def array(self, values: NDArray[Any]) -> Array:
-        """Convert NumPy values."""
+        """Convert a NumPy array to this library's array."""
         return np.ascontiguousarray(values)
 
     def numpy(self, values: Array) -> NDArray[Any]:
-        """Return a copy as a NumPy array."""
+        """Copy an array to a NumPy array."""
         return np.array(values)
 
     def copy(self, values: Array) -> Array:
-        """Return a copy."""
+        """Copy an array."""
         return values.copy()
 
     def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
-        """Return an array of one value."""
+        """Return an array with the same value everywhere."""
         return np.full(shape, value, dtype=dtype)
 
     def empty(self, shape: tuple[int, ...]) -> Array:
@@ -49,21 +49,21 @@ class Arrays:
         return np.empty(shape, dtype=np.int64)
 
     def cast(self, values: Array, dtype: str) -> Array:
-        """Convert values to another type."""
+        """Convert an array to a data type, given by name, such as ``float32``."""
         return values.astype(dtype)
 
     def sorted_rows(self, values: Array) -> Array:
-        """Return a matrix with each row sorted."""
+        """Return a matrix with the values sorted within each row."""
         rows = np.array(values, order="C")  # three times as fast as sorting a transposed view
         rows.sort(axis=1)
         return rows
 
     def take_rows(self, values: Array, rows: Array) -> Array:
-        """Return some rows."""
+        """Return the rows with the given indices."""
         return values.take(rows, axis=0)  # several times as fast as an index
 
     def rows(self, mask: Array) -> Array:
-        """Return the rows to compute: where the mask is True, or all rows on a device."""
+        """Return the row indices to compute: the rows where the mask is True, or all rows on a device."""
         return mask.nonzero()[0]
 
 
@@ -111,5 +111,5 @@ class _TorchArrays(Arrays):
 
 
 def arrays_of(device: str) -> Arrays:
-    """Return the arrays of ``cpu`` (NumPy), a torch device such as ``cuda``, or ``torch:cpu`` (torch on the CPU)."""
+    """Return the array operations for ``cpu`` (NumPy), a torch device such as ``cuda``, or ``torch:cpu`` (torch)."""
     return Arrays() if device == "cpu" else _TorchArrays(device.removeprefix("torch:"))

@@ -1,4 +1,4 @@
-"""Batched crafting environments: the semantics of :mod:`wordcraft_kg.envs.wordcraft`, in arrays.
+"""Batched crafting environments: the rules in :mod:`wordcraft_kg.envs.wordcraft`, on arrays for N environments.
 
 :mod:`~wordcraft_kg.envs.draws` draws the start of episodes, this module computes steps. Both run on NumPy and torch,
 see :mod:`~wordcraft_kg.envs.arrays`.
@@ -25,15 +25,15 @@ _DENSE_LIMIT = 4_096  # entities up to which pairs are looked up in a square tab
 
 
 class Step(NamedTuple):
-    """The outcome of a step in all environments, shape (N,) each.
+    """The outcome of one action in each of N environments; all arrays have shape (N,).
 
     Attributes:
-        reward: float32.
+        reward: float32, including shaped rewards.
         over: whether the step ended the episode.
-        outcome: int8; names in :data:`OUTCOMES`.
-        by_plan: whether the last pair of a plan made the goal.
+        outcome: int8, index into :data:`OUTCOMES`, the names of outcomes.
+        by_plan: whether the goal was made by the last pair of one of the task's plans.
         illegal: whether the action chose an empty slot.
-        task: the episode's task index.
+        task: index into the world's tasks.
     """
 
     reward: Array
@@ -48,16 +48,16 @@ class State(NamedTuple):
     """The state of N environments, never modified by a step. Shape (N,), int64, unless stated otherwise.
 
     Attributes:
-        engine: the engine.
+        engine: the engine that made this state.
         keys: hashes of seed and environment, from which episodes are drawn.
-        ahead: the next episodes, drawn ahead; a cache without influence on results.
-        age: steps since the last draw, counted on a device only.
-        goal: id.
+        ahead: a cache of the next episodes, drawn in advance, without influence on results.
+        age: steps since episodes were last drawn, counted on a device only.
+        goal: id of the entity to make.
         task: index into the world's tasks.
-        selection: id of the selected entity.
-        attempts_left: 0 after the end of an episode.
-        wide: shape (N, num_slots + 1), ids: the table, and a spare column for writing nothing.
-        count: entities on the table.
+        selection: id of the entity chosen first in the current attempt, or of nothing.
+        attempts_left: attempts left in the episode; 0 after the end.
+        wide: shape (N, num_slots + 1), ids: the table, and a spare last column, a target for writes without effect.
+        count: number of entities on the table, int64.
         episode: number of the next episode.
     """
 
@@ -75,22 +75,22 @@ class State(NamedTuple):
 
     @property
     def world(self) -> World:
-        """Graph, tasks and settings."""
+        """The engine's world: graph, tasks and settings."""
         return self.engine.world
 
     @property
     def num_envs(self) -> int:
-        """N."""
+        """Number of environments, N."""
         return self.engine.num_envs
 
     @property
     def nothing(self) -> int:
-        """Id of nothing."""
+        """The id for an empty slot or no selection, equal to the number of entities."""
         return self.engine.nothing
 
     @property
     def table(self) -> Array:
-        """Shape (N, num_slots), int64, ids; empty slots hold the id of nothing."""
+        """The entity in each slot, shape (N, num_slots), int64, ids; empty slots hold the id of nothing."""
         return self.wide[:, :-1]
 
     def action_masks(self) -> Array:
@@ -102,11 +102,11 @@ class State(NamedTuple):
         return self.engine.arrays.cast(numbers * self.count, "int64")
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """Return NumPy copies by name, for :meth:`restored`."""
+        """Return the state as NumPy copies by name, for :meth:`restored`."""
         return {name: self.engine.arrays.numpy(getattr(self, name)) for name in _SAVED}
 
     def restored(self, saved: Mapping[str, NDArray[Any]]) -> "State":
-        """Return the :meth:`saved` state for an equal engine and seed, or raise a :class:`ConfigError`."""
+        """Return the :meth:`saved` state, from an equal engine and seed; a :class:`ConfigError` for other shapes."""
         for name in _SAVED:
             expected = tuple(getattr(self, name).shape)
             if name not in saved or tuple(saved[name].shape) != expected:
@@ -148,15 +148,17 @@ class _PairNumbers:
 
 
 class BatchEngine:
-    """N environments in step, as pure functions of a state; when an episode ends, the next episode begins.
+    """N crafting environments that step together, as pure functions on a :class:`State`.
+
+    When an episode ends, the environment begins the next episode.
 
     Attributes:
         world: graph, tasks and settings.
-        num_envs: N.
-        num_slots: table size.
-        nothing: id of "nothing".
-        arrays: library and device for all arrays.
-        pairs: pair numbers, ``num_pairs`` for pairs without a result.
+        num_envs: number of environments, N.
+        num_slots: number of slots on the table.
+        nothing: the id for an empty slot or no selection, equal to the number of entities.
+        arrays: array operations by NumPy or torch.
+        pairs: function from two arrays of ids to pair numbers; ``num_pairs`` for pairs without a result.
 
     Example:
         >>> engine = BatchEngine(World("kitchen", WordCraftConfig(num_distractors=2)), 4)
@@ -171,10 +173,10 @@ class BatchEngine:
 
         Args:
             world: graph, tasks and settings.
-            num_envs: N, 1 or more.
+            num_envs: number of environments, 1 or more.
             device: ``cpu``, or a torch device such as ``cuda``; ``torch:cpu`` runs the code for devices on the CPU.
-            first_env: number of the first environment, which determines draws: two engines for environments 0 to 63 and
-                64 to 127 draw the same episodes as one engine for 128.
+            first_env: number of the first environment, which seeds the random draws: two engines for environments 0 to
+                63 and 64 to 127 draw the same episodes as one engine for 128.
 
         Raises:
             ConfigError: for a number out of range, or a missing device.
@@ -196,17 +198,18 @@ class BatchEngine:
     # --- episodes ----------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int = 0) -> State:
-        """Begin a seed's first episode in every environment; a negative seed raises a :class:`ConfigError`."""
+        """Begin the first episode of a seed in every environment; a negative seed raises a :class:`ConfigError`."""
         return self._begin(self._keys(seed), self.arrays.full((self.num_envs,), 0))
 
     def restart(self, state: State) -> State:
-        """Begin the next episode in every environment."""
+        """Abandon the current episodes and begin the next episode in every environment."""
         return self._begin(state.keys, state.episode)
 
     def pose(self, tasks: Array, episode: int = 0, *, seed: int = 0) -> State:
-        """Begin given tasks (N,), for evaluation; :meth:`step` then continues with drawn tasks.
+        """Begin an episode with a given task in each environment, for evaluation.
 
-        Distractors depend only on seed, environment, ``episode`` and task.
+        ``tasks`` are task indices, shape (N,). After these episodes, :meth:`step` continues with drawn tasks.
+        Distractors depend only on seed, environment number, ``episode`` and task.
         """
         keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
         tasks = self.arrays.array(np.array(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
@@ -259,20 +262,20 @@ class BatchEngine:
     # --- steps -------------------------------------------------------------------------------------------------------
 
     def step(self, state: State, actions: Array) -> tuple[State, Step]:
-        """Choose a slot in every environment; the next episode begins in the step that ends an episode.
+        """Choose a slot in each environment; the next episode begins in the step that ends an episode.
 
         Args:
-            state: the state before, unchanged.
-            actions: shape (N,), integers; checked on the CPU only.
+            state: the state before the action, which stays unchanged.
+            actions: slots, shape (N,), integers; checked on the CPU only.
 
         Raises:
-            ActionError: outside the action space, or for an empty slot if ``illegal_action`` is ``raise``.
+            ActionError: for a number that is not a slot, or for an empty slot if ``illegal_action`` is ``raise``.
         """
         now, done = self._step(state, actions, is_replaced=True)
         return self._begin_where(done.over, state, now), done
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
-        """Like :meth:`step`, but environments stay unchanged after the end of the episode."""
+        """Like :meth:`step`, but an environment without attempts left stays unchanged and begins no new episode."""
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
         now, done = self._step(state, actions, is_replaced=False)

@@ -45,16 +45,17 @@ class WordCraftConfig:
     """Settings for a crafting environment.
 
     Attributes:
-        part: tasks of ``train``, ``valid``, ``test`` or ``all``.
+        part: the part of the split with the tasks: ``train``, ``valid``, ``test``, or ``all``.
         depth: fewest attempts that solve a task, 1 to 5.
         num_distractors: entities on the table that no plan needs; 1, 2 and 8 in the paper.
         max_attempts: attempts in an episode; None means ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
-        distractor_weighting: weights for drawing without replacement: ``use`` is 1 + the number of train recipes with
-            the entity, ``uniform`` is equal.
-        distractor_policy: ``any``, or ``no_shortcut``: no distractor opens another way to the goal.
-        task_weighting: draw a ``task`` uniformly, or a ``goal`` and then a task.
-        ambiguity: ``all`` results of a pair, or only the ``last`` by label (as in the paper's released code).
+        distractor_weighting: weights of entities for drawing distractors without replacement: ``use`` is 1 + the number
+            of train recipes with the entity, ``uniform`` is equal.
+        distractor_policy: ``any``, or ``no_shortcut``: no distractor opens an additional way to the goal.
+        task_weighting: draw a ``task`` uniformly, or first a ``goal`` and then a task with this goal.
+        ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in the paper's released
+            code).
         illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an error.
         num_tasks: how many tasks to draw at depth 3 and above, and at depth 2 in large graphs.
         task_seed: random seed for these tasks.

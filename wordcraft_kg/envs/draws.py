@@ -1,4 +1,4 @@
-"""Draw the start for many episodes: tasks, distractors, and places on the table.
+"""Draws of the tasks and starting tables for many episodes at once.
 
 Random numbers are hashes of (seed, environment, episode, draw). So an environment sees the same episodes in any
 process, with NumPy or torch, in any batch, and episodes can be drawn ahead.
@@ -22,7 +22,7 @@ _PLACES = 1 << 20
 
 
 def mixed(x: Array) -> Array:
-    """Hash 64-bit integers with the finaliser of SplitMix64 (Steele et al. 2014); products wrap around."""
+    """Hash 64-bit integers with the finaliser of SplitMix64 (Steele et al. 2014); products wrap around at 64 bits."""
     x = x ^ ((x >> 30) & 0x3FFFFFFFF)
     x *= -4658895280553007687
     x ^= (x >> 27) & 0x1FFFFFFFFF
@@ -32,13 +32,15 @@ def mixed(x: Array) -> Array:
 
 
 class Draws:
-    """Draws a world's episodes. A *key* is the hash of (seed, environment, episode); R keys draw R tables.
+    """Draws tasks and starting tables for a world's episodes.
 
-    Ids have 32 bits, which halves memory traffic, and tables are columns; ``width`` is the largest initial table.
+    A *key* is the hash of (seed, environment, episode) and determines all draws of the episode; R keys draw R tables.
+    Ids have 32 bits, which halves memory traffic, and tables are columns; ``width`` is the number of slots of the
+    largest starting table.
     """
 
     def __init__(self, world: World, arrays: Arrays):
-        """Prepare the look-up tables."""
+        """Prepare the look-up tables for a world."""
         self.world, self.arrays, tasks = world, arrays, world.tasks
         self.width = world.config.depth + 1 + world.config.num_distractors
         self._starts, self._goals, self._made = (
@@ -50,12 +52,12 @@ class Draws:
         self._guards = Guards(world, arrays)
 
     def env_keys(self, seed: int, first: int, count: int) -> Array:
-        """Return parts of keys for environments ``first``, ``first + 1``, ..., shape (count,)."""
+        """Return hashes of seed and environment for environments ``first``, ``first + 1``, ..., shape (count,)."""
         words = np.random.SeedSequence(whole("seed", seed, 0)).generate_state(1, np.uint64).view(np.int64)
         return mixed(self.arrays.array(np.arange(first, first + count) * _STRIDE + words))
 
     def keys(self, env_keys: Array, episodes: Array) -> Array:
-        """Return keys for episodes."""
+        """Return episode keys, from :meth:`env_keys` and episode numbers in equal shapes."""
         return mixed(env_keys + episodes * _EPISODE_STRIDE)
 
     def _numbers(self, keys: Array, first: int, count: int) -> Array:
@@ -69,7 +71,7 @@ class Draws:
         return numbers[:count]
 
     def tasks(self, keys: Array) -> Array:
-        """Draw tasks by their weights, shape (R,)."""
+        """Draw a task index for each key, by task weights: shape (R,)."""
         number, amount = self._numbers(keys, 0, 1)[0], len(self.world.tasks)
         if self.world.config.task_weighting == "task":
             return (number * amount) >> 31
@@ -77,7 +79,7 @@ class Draws:
         return self.arrays.xp.searchsorted(self._task_ends, share, side="right").clip(max=amount - 1)
 
     def tables(self, keys: Array, tasks: Array) -> Array:
-        """Draw the tables of tasks, shape (R, width): ids, shuffled, empty slots last."""
+        """Draw a starting table for each key and task: entity ids, shape (R, width), shuffled, empty slots last."""
         size = len(keys) if self.arrays.on_device else _CHUNK
         pieces = [self._tables(keys[i : i + size], tasks[i : i + size]) for i in range(0, len(keys), size)]
         return self.arrays.xp.concatenate(pieces)
@@ -171,14 +173,14 @@ class Draws:
 
 
 class Ahead:
-    """A cache with the next episodes in N environments, ``size`` episodes at a time.
+    """A cache with the next episodes for N environments: ``size`` tasks and starting tables each, drawn in advance.
 
     On the CPU, missing episodes are drawn on demand. On a device, control flow may not depend on data: episodes are
     drawn at once, and a caller requests only cached episodes.
     """
 
     def __init__(self, draws: Draws, keys: Array, episodes: Array):
-        """Begin with the given episode numbers, shape (N,)."""
+        """Begin the cache at the given episode numbers, shape (N,); ``keys`` are :meth:`Draws.env_keys`."""
         arrays, count = draws.arrays, len(keys)
         self.draws, self.keys, self.size = draws, keys, _AHEAD if count <= _MANY else _AHEAD_OF_MANY
         self._tables = arrays.full((count, self.size, draws.width), 0, "int32")
@@ -198,7 +200,7 @@ class Ahead:
         self._first[rows] = episodes
 
     def take(self, rows: Array, episodes: Array) -> tuple[Array, Array]:
-        """Return table (R, width) and task (R,) for one episode in each given environment."""
+        """Return starting tables (R, width) and task indices (R,) for R environments and their episode numbers."""
         arrays, index = self.draws.arrays, episodes - self._first[rows]
         if not arrays.on_device and len(spent := (index != index % self.size).nonzero()[0]):
             self._draw(rows[spent], episodes[spent])

@@ -1,4 +1,4 @@
-"""Evaluation tables, shared by agents, scripted players and text agents."""
+"""Evaluation tables: the fixed starting tables that agents, scripted players and text agents share."""
 
 import numpy as np
 
@@ -14,12 +14,12 @@ EVALUATION_SEED = 0
 
 
 def distance_of(amount: int, limit: int | None) -> int:
-    """Return the spacing of played tasks, so that at most ``limit`` are played; 1 for all."""
+    """Return the step between evaluated tasks: at most ``limit`` out of ``amount`` are evaluated; 1 evaluates all."""
     return 1 if limit is None else -(-amount // limit)
 
 
 class EvaluationTables:
-    """Evaluation tables, one at a time, in any order.
+    """The fixed starting table for each task and distractor seed of a world, drawn on demand in any order.
 
     Example:
         >>> tables = EvaluationTables(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -28,15 +28,15 @@ class EvaluationTables:
     """
 
     def __init__(self, world: World):
-        """Prepare the draws in a world."""
+        """Prepare drawing for the tasks and settings of a world."""
         self.world = world
         self._draws = Draws(world, arrays_of("cpu"))
 
     def table(self, task: int, distractor_seed: int = 0) -> list[int]:
-        """Return the ids on a task's table, slot by slot, for one ``distractor_seed`` of distractors.
+        """Return the entity ids on a task's starting table in slot order, for a task index and a distractor seed.
 
         Raises:
-            ConfigError: for an unknown task or draw.
+            ConfigError: for an unknown task, or a distractor seed out of range.
         """
         amount, draws = len(self.world.tasks), self._draws
         whole("task", task, 0, amount - 1)

@@ -1,4 +1,4 @@
-"""Guarded recipes, which no distractor may complete, checked for many tables at once."""
+"""Guarded recipes, which distractors must not complete, checked for many tables at once."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ _ROOM = 32  # places in the filter per ingredient: more give fewer false alarms,
 
 
 class Guards:
-    """Guarded recipes for each goal, as marks on ingredients.
+    """A check whether distractors complete a guarded recipe for the goal, by bit marks on ingredients.
 
     The *marks* of an entity are an integer: bit k is set if the entity is the first ingredient of the goal's guarded
     recipe k, bit k + 31 for the second ingredient; marks combine with a bitwise or. One look-up per entity checks up to
@@ -23,11 +23,12 @@ class Guards:
     Most tables are far from completing a guarded recipe. A *filter* finds the tables at risk, in a table of marks small
     enough for the processor's cache: ingredients share places and recipes share 15 bits, so no risk is missed.
 
-    Tables of R environments are checked together: ``tasks`` has shape (R,), ``candidates`` (K, R).
+    Tables of R environments are checked together: ``tasks`` holds task indices, shape (R,), and ``candidates`` the ids
+    of K possible distractors per table, shape (K, R).
     """
 
     def __init__(self, world: World, arrays: Arrays):
-        """Mark the guarded recipes' ingredients, and the start of each task with possible products."""
+        """Mark the ingredients of guarded recipes, and each task's starting ingredients with all products."""
         self.arrays = arrays
         recipes = world.graph.recipes[world.guarded_recipes]
         recipes = recipes[np.argsort(recipes[:, 2], kind="stable")]
@@ -68,7 +69,7 @@ class Guards:
         return bool(self._tables)
 
     def at_risk(self, candidates: Array, tasks: Array) -> Array:
-        """Return which tables may complete a guarded recipe with all candidates, shape (R,)."""
+        """Return whether all candidates of a table together may complete a guarded recipe, shape (R,), bool."""
         if not self:
             return self.arrays.full((candidates.shape[1],), 0, "bool")
         marks = self._filter[(self._rows[tasks] + candidates) & self._mask]
@@ -78,9 +79,9 @@ class Guards:
         return _completed(theirs, self._near_folded[tasks], _FILTER_BITS) != 0
 
     def refuse(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
-        """Refuse candidates, in order, that complete a recipe with the start or its products.
+        """Refuse, in order, candidates that complete a guarded recipe with the starting ingredients or products.
 
-        ``allowed`` (K, R), bool, is updated in place and returned.
+        ``allowed``, shape (K, R), bool, is set to False for refused candidates in place, and returned.
         """
         keys = self._rows[tasks] + candidates
         places = _find(self.arrays.xp, self._keys, keys)

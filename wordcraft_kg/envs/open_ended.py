@@ -1,4 +1,4 @@
-"""The open-ended world: discover entities from the base, with limited attempts."""
+"""The open-ended environment: discover entities from the base entities, with limited attempts and without a goal."""
 
 from collections.abc import Iterable
 from typing import Any, get_args
@@ -21,17 +21,17 @@ SHOWN = 48  # latest known entities in a picture
 
 
 class Discovery:
-    """The known entities in an open-ended game.
+    """The state of an open-ended game: known entities and tried pairs.
 
     Attributes:
         base: ids known at the start, ascending.
-        reachable: how many entities can become known.
+        reachable: number of entities that can become known, including the base.
         known: known ids in order of discovery, as the keys of a dictionary.
         tried: pairs ``(a, b)`` with ``a <= b`` that were combined.
     """
 
     def __init__(self, graph: RecipeGraph, base: Iterable[Entity] | None = None):
-        """Prepare a graph; ``base`` (ids or labels) replaces the graph's base.
+        """Prepare a game on a graph; ``base`` (ids or labels known at the start) replaces the graph's base entities.
 
         Raises:
             ConfigError: for an unknown entity, or a base from which nothing can be made.
@@ -51,7 +51,7 @@ class Discovery:
         self.restart()
 
     def restart(self) -> None:
-        """Reset to the base."""
+        """Forget everything except the base entities."""
         self.known: dict[int, None] = dict.fromkeys(self.base)
         self.tried: set[tuple[int, int]] = set()
 
@@ -61,7 +61,7 @@ class Discovery:
         return len(self.known) == self.reachable
 
     def combine(self, one: int, other: int) -> tuple[tuple[int, ...], bool]:
-        """Combine two known entities; return new results and whether the pair was tried before."""
+        """Combine two known entities; return the ids of new results, and whether the pair was tried before."""
         pair = (one, other) if one <= other else (other, one)
         repeated = pair in self.tried
         self.tried.add(pair)
@@ -71,7 +71,7 @@ class Discovery:
 
 
 class OpenEndedEnv(gym.Env[Observation, Any]):
-    """Discover entities from the base: the paper's outlook, ``WordCraft-OpenEnded-v0``.
+    """Discover entities without a goal: ``WordCraft-OpenEnded-v0``, proposed in the paper's outlook.
 
     ## Description
     The agent starts with the base entities and combines two known entities in each attempt. All results become known
@@ -80,7 +80,8 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     ## Action space
     ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order, possibly equal. An unknown entity
     wastes the attempt and sets ``info["illegal_action"]``; with ``illegal_action="raise"`` it raises an error. An
-    action outside the space always raises an error. ``action_masks`` returns the known entities, once per choice.
+    action outside the space always raises an error. ``action_masks`` returns the mask of known entities for each of the
+    two choices.
 
     ## Observation space
     ``Dict`` of masks by entity id, fresh arrays each time.
@@ -92,7 +93,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     | attempts_left | () | attempts left, including the current attempt |
 
     ## Rewards
-    Entities that the attempt made known.
+    The number of entities that the attempt made known.
 
     ## Starting state
     The base entities are known; nothing is random. ``reset`` takes no options.
@@ -105,9 +106,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     ``repeated`` (whether the pair was combined earlier in the episode).
 
     ## Arguments
-    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; ``max_attempts`` the budget;
-    ``base`` ids or labels known at the start, by default the graph's base; ``illegal_action`` is ``waste`` or
-    ``raise``.
+    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; ``max_attempts`` is the number
+    of attempts in an episode; ``base`` holds ids or labels known at the start, by default the graph's base;
+    ``illegal_action`` is ``waste`` or ``raise``.
 
     ## Version history
     v0: first version.
@@ -124,7 +125,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         illegal_action: IllegalAction = "waste",
         render_mode: str | None = None,
     ):
-        """Open the graph."""
+        """Open the graph; see the class for the arguments."""
         check_mode(render_mode)
         one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode
@@ -146,7 +147,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode."""
+        """Begin an episode with the base entities."""
         super().reset(seed=seed)
         if options:
             raise ConfigError(f"unknown reset option '{min(options)}'; this environment takes none.")
@@ -157,7 +158,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         return self._seen(()), self._info((), repeated=False, illegal=False)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Combine two entities."""
+        """Combine two entities, given by id."""
         if self._outcome != "in_progress":
             raise EpisodeError(
                 "call reset() before step()." if self._outcome == "not_begun" else "the episode is over; call reset()."
@@ -179,7 +180,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         return self._seen(new), float(len(new)), over, False, info
 
     def action_masks(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which entities are known, shape (E,), once per choice."""
+        """Return the mask of known entities, shape (E,), bool, twice: for the first and the second chosen entity."""
         known = self._mask(self.discovery.known).astype(bool)
         return known, known.copy()
 

@@ -1,6 +1,6 @@
 """Pictures for ``render_mode="rgb_array"``, drawn with pygame (extra ``render``).
 
-An environment describes a state as a :class:`Scene`. pygame is imported when the first picture is drawn.
+An environment describes its state as a :class:`Scene`. pygame is imported when the first picture is drawn.
 """
 
 import os
@@ -35,7 +35,7 @@ COLOURS: dict[Mark, tuple[_Colour, _Colour]] = {
 
 
 class Tile(NamedTuple):
-    """A table slot."""
+    """A slot of the table in a picture: the entity's label, a mark for the frame, and the slot's number."""
 
     label: str
     mark: Mark = "plain"
@@ -43,9 +43,9 @@ class Tile(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Facts in a row, each a heading with a tile or a text, and the table in rows of ``_COLUMNS`` tiles.
+    """The content of a picture: facts in a row, each a heading with a tile or a text, and the table.
 
-    All scenes of an environment have equally many tiles.
+    The table has rows of ``_COLUMNS`` tiles. All scenes of an environment have equally many tiles.
     """
 
     facts: Sequence[tuple[str, Tile | str]]
@@ -53,7 +53,7 @@ class Scene(NamedTuple):
 
 
 def check_mode(mode: str | None) -> None:
-    """Check a render mode.
+    """Check the name of a render mode.
 
     Raises:
         ConfigError: for an unknown mode.
@@ -66,14 +66,14 @@ def check_mode(mode: str | None) -> None:
 
 
 def rendered(mode: str | None, words: Callable[[], str], scene: Callable[[], Scene]) -> str | Picture | None:
-    """Return a state in words (``ansi``), as a picture (``rgb_array``), or not at all (None)."""
+    """Render an environment's state: in words (mode ``ansi``), as a picture (``rgb_array``), or None without a mode."""
     if mode is None:
         return None
     return words() if mode == "ansi" else picture(scene())
 
 
 def picture(scene: Scene) -> Picture:
-    """Draw a scene: shape (height, width, 3), uint8."""
+    """Draw a scene; return the pixels, shape (height, width, 3), uint8."""
     pygame = _pygame()
     rows = -(-len(scene.tiles) // _COLUMNS)
     width = 2 * MARGIN + _COLUMNS * (TILE[0] + _GAP) - _GAP

@@ -28,7 +28,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     """
 
     def __init__(self, num_envs: int, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
-        """Prepare N environments; with the arguments of the single environment."""
+        """Prepare N environments; ``graph`` and ``settings`` are as for the single environment."""
         if render_mode is not None:
             raise ConfigError(f"`render_mode` {render_mode!r}: expected None; many environments are not rendered.")
         self.render_mode = None
@@ -46,7 +46,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Restart all environments; one seed seeds a stream per environment, None continues the streams."""
+        """Restart all environments; a seed gives each environment a separate random stream, None continues these."""
         if isinstance(seed, list | tuple | np.ndarray):
             raise ConfigError("`seed`: expected one integer, which seeds a separate stream for each environment.")
         if options:
@@ -62,7 +62,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Choose a slot in each environment."""
+        """Choose a slot in each environment; ``actions`` has shape (N,)."""
         self._state, done = self.engine.step(self.state, actions)
         infos = self._infos(done.outcome, done.by_plan, done.illegal, done.task)
         over = np.zeros(self.num_envs, dtype=bool)
@@ -74,7 +74,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
 
     @property
     def state(self) -> State:
-        """The engine's state; an EpisodeError before the first reset."""
+        """The batched state; an EpisodeError before the first :meth:`reset`."""
         if self._state is None:
             raise EpisodeError("call reset() before step().")
         return self._state

@@ -1,4 +1,4 @@
-"""The crafting environment, one episode at a time: the readable reference for the semantics."""
+"""The crafting environment, one episode at a time: the readable reference for the rules."""
 
 import operator
 from bisect import bisect_right
@@ -24,7 +24,7 @@ _DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
 
 
 def observation_space(num_entities: int, num_slots: int, attempts: int) -> spaces.Dict:
-    """Return the observation space: ids and masks; ``num_entities`` is the id of nothing."""
+    """Return the crafting environment's observation space: ids and masks; ``num_entities`` is the id of nothing."""
     return spaces.Dict(
         {
             "goal": spaces.Discrete(num_entities),
@@ -38,10 +38,10 @@ def observation_space(num_entities: int, num_slots: int, attempts: int) -> space
 
 @dataclass
 class State:
-    """The state of an episode, in ids: ``table`` without empty slots, ``selection`` the selected entity.
+    """The state of an episode, in ids: ``table`` has no empty slots, ``selection`` is the first entity of an attempt.
 
-    ``task`` is -1 before the first episode; ``outcome`` is ``not_begun``, ``in_progress``, ``goal`` or
-    ``out_of_attempts``.
+    ``task`` is an index into the world's tasks, -1 before the first episode; ``outcome`` is ``not_begun``,
+    ``in_progress``, ``goal`` or ``out_of_attempts``.
     """
 
     task: int
@@ -56,9 +56,10 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     """Make a goal by combining entities on a table: the paper's task, ``WordCraft-v0``.
 
     ## Description
-    An episode poses a goal and puts the starting ingredients on the table, shuffled among distractors. An action
-    chooses an entity; two actions make an attempt. All results of the pair join the table (each once), and nothing is
-    used up. All graph recipes apply, in every part.
+    An episode poses a goal, an entity to make, and puts the starting ingredients on the table, shuffled among
+    distractors, which the task does not need. An action chooses an entity; two actions make an attempt. All results of
+    the pair join the table (each once), and nothing is used up. All graph recipes apply, for train, valid and test
+    tasks alike.
 
     ## Action space
     ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot wastes the attempt:
@@ -83,10 +84,10 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     depends on shaping.
 
     ## Starting state
-    A task from the part, and distractors drawn without replacement. Goal, starting ingredients and intermediates of the
-    task's plans are never distractors. In the train part no distractor completes a held-out recipe for the goal with
-    the starting ingredients or their products. ``reset(options={"task": 3})`` poses a given task of ``tasks``;
-    ``"table"`` sets the entities in the first slots, by id or label.
+    A task from the chosen part of the split, and distractors drawn without replacement. Goal, starting ingredients and
+    intermediates of the task's plans are never distractors. In the train part no distractor completes a held-out recipe
+    for the goal with the starting ingredients or their products. ``reset(options={"task": 3})`` poses a given task of
+    ``tasks``; ``"table"`` sets the entities in the first slots, by id or label.
 
     ## Episode end
     *Terminated* when the goal is made or no attempt is left: the budget is observed, so nothing is bootstrapped.
@@ -94,9 +95,10 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     pair of a plan made the goal. Never truncated; add ``gymnasium.wrappers.TimeLimit`` for truncation.
 
     ## Arguments
-    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; the others are those of
-    :class:`~wordcraft_kg.envs.config.WordCraftConfig`. If ``graph`` is a :class:`~wordcraft_kg.envs.world.World`, which
-    has settings and may be shared between environments, further settings are refused.
+    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; further arguments are the
+    settings in :class:`~wordcraft_kg.envs.config.WordCraftConfig`. If ``graph`` is a
+    :class:`~wordcraft_kg.envs.world.World`, which has settings and may be shared between environments, further settings
+    are refused.
 
     ## Version history
     v0: first version. docs/environment.md lists the differences from the environment of Jiang et al. 2020.
@@ -109,7 +111,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
         Raises:
             ConfigError: for an unknown setting, a value out of range, or settings next to a world.
-            TaskError: if the graph has no such task.
+            TaskError: if the graph has no task for these settings.
         """
         check_mode(render_mode)
         self.render_mode = render_mode
@@ -154,7 +156,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return self._seen(), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Choose the entity in a slot."""
+        """Choose the entity in a slot; every second action completes an attempt."""
         state = self.state
         if state.outcome != "in_progress":
             is_new = state.outcome == "not_begun"
@@ -187,7 +189,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     @property
     def task(self) -> Task:
-        """The current task."""
+        """The task of the current episode."""
         return self.tasks[self.state.task]
 
     # --- rules -------------------------------------------------------------------------------------------------------

@@ -61,12 +61,12 @@ def prompt_hash() -> str:
 
 
 def prompt_text(name: str, **values: object) -> str:
-    """Return a text from :data:`PROMPTS`, filled with values."""
+    """Return the text named ``name`` in :data:`PROMPTS`, filled with values."""
     return PROMPTS[name].format(**values)
 
 
 def numbered(labels: Iterable[str]) -> str:
-    """Return numbered labels.
+    """Return labels as one text, numbered from 1.
 
     Example:
         >>> numbered(["water", "earth"])
@@ -76,7 +76,7 @@ def numbered(labels: Iterable[str]) -> str:
 
 
 def combined(pair: Sequence[str], made: Sequence[str], otherwise: str = NOTHING) -> str:
-    """Return an attempt and its result as text.
+    """Return a pair of ingredients and the results as one text; ``otherwise`` replaces missing results.
 
     Example:
         >>> combined(("water", "earth"), ("mud",))
@@ -87,16 +87,16 @@ def combined(pair: Sequence[str], made: Sequence[str], otherwise: str = NOTHING)
 
 
 def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]:
-    """Return the labels on the table, slot by slot."""
+    """Return the labels of the entities on an observed table, in slot order, without empty slots."""
     return env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
 
 
 def results_of(env: WordCraftEnv, one: Entity, other: Entity) -> tuple[str, ...]:
-    """Return all results for a pair, possibly empty."""
+    """Return the labels of all results for a pair of entities; empty if the pair makes nothing."""
     a, b = sorted(map(env.world.graph.id_of, (one, other)))
     return env.world.graph.labels(env.world.outcomes.get((a, b), ()))
 
 
 def characters(graph: RecipeGraph) -> frozenset[str]:
-    """Return all characters in prompts about a graph."""
+    """Return all characters that prompts about a graph may contain."""
     return frozenset("0123456789").union(*PROMPTS.values(), *graph.entities)

@@ -1,4 +1,4 @@
-"""Tasks, outcomes, distractors and sizes, shared by the readable and the batched environment."""
+"""The world behind an environment: tasks, outcomes, distractors and sizes."""
 
 from collections.abc import Callable, Hashable, Mapping
 from itertools import combinations_with_replacement
@@ -24,7 +24,7 @@ _T = TypeVar("_T")
 
 
 def open_world_graph(graph: GraphLike) -> OpenedGraph:
-    """Return an environment's graph and split."""
+    """Open a graph with the split, for an environment."""
     if isinstance(graph, OpenedGraph):
         return graph
     if isinstance(graph, RecipeGraph):
@@ -55,17 +55,17 @@ _TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
 
 
 class World:
-    """A graph, a split and environment settings, with the derived tasks and look-up tables; immutable.
+    """A recipe graph, a split and environment settings, with the tasks and look-up tables derived from them; immutable.
 
     Variants of a world share everything that the changed settings do not affect.
 
     Attributes:
         graph: the recipe graph; all recipes apply in every part.
-        split: the split.
-        config: the settings.
-        nothing: id of nothing, the number of entities.
-        max_results: most results of a pair.
-        max_distractors: most distractors for which every task's table has room.
+        split: the train, valid and test recipes.
+        config: the environment settings.
+        nothing: the id for an empty slot or no selection, equal to the number of entities.
+        max_results: largest number of results of a pair.
+        max_distractors: largest number of distractors that the graph's entities allow for every task.
         num_slots: table size: starting ingredients, distractors, and room for all results of all attempts.
 
     Example:
@@ -79,7 +79,7 @@ class World:
 
         Raises:
             ConfigError: for too many distractors.
-            TaskError: if the graph has no such task.
+            TaskError: if the graph has no task for these settings.
         """
         opened = graph if isinstance(graph, World) else open_world_graph(graph)
         self.graph: RecipeGraph = opened.graph
@@ -101,7 +101,7 @@ class World:
 
     @classmethod
     def of(cls, graph: "GraphLike | World", settings: Mapping[str, Any]) -> "World":
-        """Return an environment's world, given or new; settings in addition to a world raise a :class:`ConfigError`."""
+        """Return the given world, or a new world; settings next to a given world raise a :class:`ConfigError`."""
         if not isinstance(graph, World):
             return cls(graph, WordCraftConfig.of(settings))
         if settings:
@@ -110,7 +110,7 @@ class World:
         return graph
 
     def variant(self, **changes: Any) -> "World":
-        """Return a world with changed settings."""
+        """Return a world with the same graph and some changed settings."""
         return World(self, self.config.variant(**changes))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "World":
@@ -118,12 +118,12 @@ class World:
 
     @_derived_from()
     def search(self) -> PlanSearch:
-        """The graph's plan search."""
+        """The search for plans in the graph."""
         return PlanSearch(self.graph)
 
     @_derived_from(*_TASKS)
     def tasks(self) -> TaskSet:
-        """The tasks to draw from."""
+        """The tasks for the settings, from which episodes are drawn."""
         config = self.config
         return make_tasks(
             self.graph,
@@ -138,7 +138,7 @@ class World:
 
     @_derived_from("ambiguity")
     def outcomes(self) -> Mapping[tuple[int, int], tuple[int, ...]]:
-        """Results by pair ``(a, b)`` with ``a <= b``, ascending."""
+        """The results of each pair of ids ``(a, b)`` with ``a <= b``, ascending."""
         outcomes = self.graph.outcomes
         if self.config.ambiguity == "last":
             return {pair: results[-1:] for pair, results in outcomes.items()}
@@ -146,7 +146,7 @@ class World:
 
     @_derived_from("distractor_weighting")
     def distractor_weights(self) -> Ids:
-        """Distractor weights, shape (E,), int64."""
+        """The weight of each entity when distractors are drawn, shape (E,), int64."""
         weights = np.ones(self.nothing, dtype=np.int64)
         if self.config.distractor_weighting == "use":
             a, b, _ = self.split.recipes("train").T
@@ -156,10 +156,10 @@ class World:
 
     @_derived_from("distractor_policy", "part")
     def guarded_recipes(self) -> NDArray[np.bool_]:
-        """Recipes for the goal that no distractor may complete, shape (num_recipes,).
+        """A mask of recipes that no distractor may complete if the result is the goal, shape (num_recipes,).
 
-        With ``no_shortcut`` all recipes; otherwise, in the train part, the held-out recipes, so that training never
-        shows a test pair with the goal.
+        With the policy ``no_shortcut`` all recipes are guarded; otherwise, in the train part, the held-out recipes, so
+        that training never shows a test pair with the goal.
         """
         if self.config.distractor_policy == "no_shortcut":
             return np.ones(self.graph.num_recipes, dtype=bool)
@@ -169,7 +169,10 @@ class World:
 
     @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
     def makeable(self) -> Ids:
-        """Products of each task's start before the last attempt, shape (N, W), padded; empty if nothing is guarded."""
+        """Ids makeable from each task's starting ingredients before the last attempt, shape (N, W), padded.
+
+        The array is empty if no recipe is guarded.
+        """
         rows: list[list[int]] = []
         outcomes = self.outcomes
         for start in self.tasks.starts.tolist() if self.guarded_recipes.any() else [[]] * len(self.tasks):
@@ -185,13 +188,13 @@ class World:
         return frozen(padded(rows, self.nothing))
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
-        """Return whether distractors open another way to the goal within the attempts."""
+        """Return whether distractors (ids) open an additional way to the goal of a task (index) within the attempts."""
         start = frozenset(entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing)
         goal, attempts, search = int(self.tasks.goals[task]), self.config.attempts, self.search
         return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:
-        """Raise a :class:`ConfigError` after too many draws with a shortcut."""
+        """Raise a :class:`ConfigError` if drawing distractors without a shortcut has failed too often."""
         if tries > SHORTCUT_TRIES:
             raise ConfigError(
                 f"`num_distractors` {self.config.num_distractors}: found no distractors without a shortcut to "

@@ -29,14 +29,14 @@ class _Ids(_Masked, gym.ObservationWrapper[dict[str, Any], Any, dict[str, Any]])
 
 
 class FeatureObservation(_Ids):
-    """Replaces ids by entity vectors, for libraries that need float boxes; nothing is a zero vector.
+    """Replaces ids in observations by entity vectors, for libraries that need float boxes.
 
-    ``goal`` and ``selection`` have shape (D,), ``table`` (num_slots, D), ``attempts_left`` is a float of shape (1,);
-    other keys are unchanged.
+    An empty slot becomes a zero vector. ``goal`` and ``selection`` have shape (D,), ``table`` (num_slots, D),
+    ``attempts_left`` is a float of shape (1,); further keys are unchanged.
     """
 
     def __init__(self, env: gym.Env[Any, Any], vectors: NDArray[np.floating[Any]]):
-        """Wrap an environment with vectors, shape (E, D), by entity id; another shape raises a :class:`ConfigError`."""
+        """Wrap an environment; ``vectors`` has one row for each entity id: shape (E, D), or a :class:`ConfigError`."""
         super().__init__(env)
         world = _world(env)
         vectors = np.asarray(vectors, dtype=np.float32)
@@ -54,18 +54,18 @@ class FeatureObservation(_Ids):
         self.observation_space = spaces.Dict({**known, **boxes})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Look up the vectors."""
+        """Replace the ids in an observation by vectors."""
         vectors = {key: self.vectors[observation[key]] for key in _ID_KEYS}
         left = np.array([observation["attempts_left"]], dtype=np.float32)
         return {**observation, **vectors, "attempts_left": left}
 
 
 class SlotSource(Protocol):
-    """A scorer of slots, such as a source in :mod:`wordcraft_kg.models.policies.sources`."""
+    """Interface of a source: a function that scores slots, see :mod:`wordcraft_kg.models.policies.sources`."""
 
     @property
     def name(self) -> str:
-        """Key of the scores in observations."""
+        """Name of the source, the key of the scores in observations."""
         ...
 
     graph_hash: str
@@ -110,10 +110,11 @@ class _Scores:
 
 
 class KGScoreObservation(_Ids):
-    """Adds scores from sources by name, each of shape (num_slots,): the values that a policy mixes.
+    """Adds knowledge-graph scores to observations, as arrays by source name, each of shape (num_slots,).
 
-    ``u_i = L(e_i, combinesWith, e_held)`` scores a slot with the selected entity, and is 0 without a selection; ``v_i =
-    L(e_i, componentOf, e_goal)`` scores a slot with the goal. Both are 0 for empty slots.
+    A policy mixes these values. L is a scorer's score for a triple. ``u_i = L(e_i, combinesWith, e_held)`` scores the
+    entity in slot i with the selected entity, and is 0 without a selection; ``v_i = L(e_i, componentOf, e_goal)``
+    scores this entity with the goal. Both are 0 for empty slots.
 
     Source: Jiang et al. 2020, section "Knowledge-guided policy".
     """
@@ -133,7 +134,7 @@ class KGScoreObservation(_Ids):
         self.observation_space = spaces.Dict({**_id_spaces(env), **self._scores.spaces((world.num_slots,))})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Add the scores."""
+        """Add the scores to an observation."""
         return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("state").task)}
 
 
@@ -141,7 +142,7 @@ class VectorKGScoreObservation(VectorWrapper):
     """:class:`KGScoreObservation` for the vector environment: scores have shape (N, num_slots)."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], sources: Sequence[SlotSource]):
-        """Wrap an environment with sources for the same graph."""
+        """Wrap a vector environment with sources for the same graph; see :class:`KGScoreObservation`."""
         super().__init__(env)
         world = _world(env)
         self._scores = _Scores(world, sources)
@@ -168,10 +169,11 @@ class VectorKGScoreObservation(VectorWrapper):
 
 
 class TaskObservation(_Ids):
-    """Adds ``task``, the task's number, which a policy with a cross-fitted scorer needs.
+    """Adds ``task``, the number of the episode's task, which a policy with a cross-fitted scorer needs.
 
-    For tasks with train recipes this is an index into ``world.tasks``; for all others, and always on the test part, the
-    number of train tasks. So a policy is trained and evaluated with equal observation spaces.
+    A cross-fitted scorer has a model for each fold of the train recipes; the task selects the model. For tasks with
+    train recipes this is an index into ``world.tasks``; for all further tasks, and always on the test part, the number
+    of train tasks. So a policy is trained and evaluated with equal observation spaces.
     """
 
     def __init__(self, env: gym.Env[Any, Any]):
@@ -183,7 +185,7 @@ class TaskObservation(_Ids):
         self.observation_space = spaces.Dict({**_id_spaces(env), "task": spaces.Discrete(self._other + 1)})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Add the number."""
+        """Add the task's number to an observation."""
         number = self.env.get_wrapper_attr("state").task if self._is_known else self._other
         return {**observation, "task": np.int64(number)}
 
@@ -211,13 +213,16 @@ class TextObservation(_Masked):
         return self._text(observation), info
 
     def step(self, action: Any) -> tuple[str, Any, bool, bool, dict[str, Any]]:
-        """Choose an entity, or combine two entities in the open-ended world."""
+        """Choose an entity, or combine two entities in an open-ended environment."""
         chosen = self.parse(action) if isinstance(action, str) else action
         observation, reward, terminated, truncated, info = self.env.step(chosen)
         return self._text(observation), reward, terminated, truncated, info
 
     def parse(self, written: str) -> Any:
-        """Parse an action, a slot or (open-ended) two ids; unknown or ambiguous text raises an :class:`ActionError`."""
+        """Parse an action in words: a slot, or two entity ids in an open-ended environment.
+
+        Unknown or ambiguous text raises an :class:`ActionError`.
+        """
         labels = self._graph.labels(self._ids)
         if self._is_open:
             return [self._ids[place] for place in read_pair(written, labels)]

@@ -1,4 +1,4 @@
-"""Baselines without learning: facts, counts, neighbours and votes."""
+"""Baseline scorers without learning: known facts, counts, similar neighbours and votes."""
 
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
 
 
 class SymbolicScorer(Scorer):
-    """Scores 1 for given triples, shape (T, 3), and 0 otherwise: a knowledge graph without generalisation."""
+    """A scorer without generalisation: 1 for given triples, ids of shape (T, 3), and 0 for all further triples."""
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         super().__init__(graph.entities, graph.hash, **kwargs)
@@ -39,9 +39,9 @@ class SymbolicScorer(Scorer):
 
 
 class FrequencyScorer(Scorer):
-    """Scores a triple by how often head and tail occur in known triples (T, 3) with the same relation.
+    """Scores a triple by how often head and tail occur in known triples, shape (T, 3), with the same relation.
 
-    Candidates for an open slot rank by training frequency: the baseline for link predictors.
+    Candidates for a missing head or tail rank by training frequency: the usual baseline for link prediction.
     """
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
@@ -57,18 +57,19 @@ class FrequencyScorer(Scorer):
 
 
 class NeighbourScorer(TableScorer):
-    """Scores a triple by links between entities similar to head and tail.
+    """Scores a triple by known links between entities that are similar to its head and its tail.
 
-    With ``A_r`` the known links in relation r, ``score_r = S A_r + A_r S``, where ``S`` are cosines between rows of
-    ``[A_combinesWith, A_componentOf, A_componentOf transposed]`` with a zero diagonal. A neighbour shared by n entities
-    weighs ``n ** -power``; the power was chosen on validation splits (``benchmarks/link_quality.py neighbours``). All
-    matrices are dense, (E, 3 E), for graphs up to a few thousand entities.
+    With ``A_r`` the 0/1 matrix of known links in relation r, shape (E, E) for E entities, ``score_r = S A_r + A_r S``,
+    where ``S`` holds the cosines between rows of ``[A_combinesWith, A_componentOf, A_componentOf transposed]`` with a
+    zero diagonal. A neighbour shared by n entities weighs ``n ** -power``; the power was chosen on validation splits
+    (``benchmarks/link_quality.py neighbours``). All matrices are dense, (E, 3 E), for graphs up to a few thousand
+    entities.
 
     Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here with two relations.
     """
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any):
-        """Score all triples from the known triples, shape (T, 3).
+        """Score all triples of a graph from known triples, ids of shape (T, 3).
 
         Raises:
             ConfigError: if the graph has too many entities.
@@ -90,14 +91,15 @@ _UNSEEN = 0.01
 
 
 class VoteScorer(Scorer):
-    """Scores a recipe by counting, for each ingredient, known recipes with the same result.
+    """Scores a recipe by the number of known recipes with the same result that use each ingredient.
 
     With ``n_xc`` the number of known recipes that make c from x, and ``m_c`` the number that make c, ::
 
         score(a, b -> c) = log((n_ac + eps) (n_bc + eps) / (m_c + 1)).
 
-    As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive Bayes. For self pairs the second factor
-    is ``eps``: no entity votes twice. Triple scores sum over the open part of the recipe::
+    As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive Bayes. If an entity is paired with the
+    same entity, the second factor is ``eps``: no entity votes twice. Scores of triples sum over the missing entity of
+    the recipe::
 
         score(a, combinesWith, b) = log sum over c of exp score(a, b -> c)
         score(x, componentOf, c) = log sum over b of exp(score(x, combinesWith, b) + score(x, b -> c))
@@ -107,7 +109,7 @@ class VoteScorer(Scorer):
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, *, unseen: float = _UNSEEN, **kwargs: Any):
-        """Count votes from known recipes, shape (n, 3); ``unseen`` is ``eps``, above 0."""
+        """Count votes from known recipes, ids (n, 3): ingredients and result; ``unseen`` is ``eps``, above 0."""
         super().__init__(graph.entities, graph.hash, **kwargs)
         self.unseen = unseen
         one, other, result = recipes.T
@@ -120,13 +122,13 @@ class VoteScorer(Scorer):
         self._made = torch.tensor(np.bincount(result, minlength=size), dtype=torch.float64, device=self.device)
 
     def votes(self, ingredients: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Count known recipes by ingredient and result; float64, broadcast shape."""
+        """Return the number of known recipes that make each result from each ingredient; float64, ids broadcast."""
         keys = self.entity_ids(ingredients) * len(self.entities) + self.entity_ids(results)
         rows = torch.searchsorted(self._keys, keys)
         return torch.where(self._keys[rows] == keys, self._counts[rows], 0.0)
 
     def score_recipes(self, one: EntityIds, other: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Score recipes by ids or labels, which broadcast; unordered ingredients, float32."""
+        """Score recipes, float32; ids or labels broadcast, and the order of the ingredients is irrelevant."""
         a, b, c = self.entity_ids(one), self.entity_ids(other), self.entity_ids(results)
         second = torch.where(a == b, 0.0, self.votes(b, c))
         weight = (self.votes(a, c) + self.unseen) * (second + self.unseen) / (self._made[c] + 1)

@@ -1,15 +1,16 @@
-"""Probabilities from scores, fitted to out-of-sample scores.
+"""Calibration: probabilities for triples, fitted to scores of models that were trained without these triples.
 
-Scores enter as log-odds of percentile ranks among all pairs of different entities outside the train triples, so models
-with different scales are comparable. Each relation has a curve for pairs of different entities and another curve for
-self pairs,
+Train recipes are cut into folds; each fold has a model trained without the fold. A score enters as the log-odds t of
+its percentile rank among all pairs of different entities outside the train triples, so models with different scales are
+comparable. Each relation has a curve for pairs of different entities and a second curve for self pairs (an entity with
+the same entity),
 
 ``P(true | log-odds t) = σ(α + Σ_i β_i s_i(t))``, where ``s_i`` is the part of t within the i-th segment of the axis and
 ``β_i >= 0``, so probabilities never decrease with the score.
 
-A fold's model has not seen the fold's triples, which are a share c of all true unseen triples. Recipes outside train
-look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The whole model has seen
-the folds' triples; by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the remaining triples.
+A fold's model has not seen the fold's triples, which are a share c of all true unseen triples. Recipes outside the
+train part of the split look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``.
+The whole model has seen the folds' triples; by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the remaining triples.
 
 A softmax turns recipe scores into a distribution over results, given that the pair makes something; the temperature
 maximises the likelihood of the folds' recipes (Guo et al. 2017).
@@ -60,14 +61,15 @@ _Floats = NDArray[np.float64]
 
 
 class Curve(Record, frozen=True, kw_only=True):
-    """Triple probabilities as a function of rank log-odds, for the whole model.
+    """The probability that a triple is true, as a function of its score's rank log-odds, for the whole model.
 
     Attributes:
-        intercept: α, for triples outside the train triples.
-        slopes: β by segment (see :data:`SEGMENTS`); a single slope for the whole axis; empty for the base rate.
-        rate: base rate.
-        true: number of true fold triples in the fit.
-        cells: number of triples in the fit.
+        intercept: α of the model trained on all folds, for triples outside the train triples.
+        slopes: β by segment (see :data:`SEGMENTS`); a single slope for the whole axis, or empty if only the base rate
+            was fitted.
+        rate: base rate, the share of true triples without knowledge of scores.
+        true: number of true triples in the fit.
+        cells: number of all triples in the fit, true or not.
         reason: why only the base rate was fitted, else empty.
     """
 
@@ -79,19 +81,19 @@ class Curve(Record, frozen=True, kw_only=True):
     reason: str = ""
 
     def probability(self, log_odds: _Floats) -> _Floats:
-        """Return probabilities, same shape as the rank log-odds."""
+        """Return the probabilities for rank log-odds; same shape as the argument."""
         return np.asarray(expit(self.intercept + _segments(log_odds, len(self.slopes)) @ np.array(self.slopes)))
 
 
 class RelationCurves(Record, frozen=True, kw_only=True):
-    """Calibration for a relation.
+    """Calibration for a relation: maps scores to rank log-odds, and rank log-odds to probabilities.
 
     Attributes:
-        known_share: c, the known share of true triples unseen by a fold's model.
-        scores: quantiles of the whole model's scores, ascending.
-        rank_log_odds: log-odds of the scores' percentile ranks.
+        known_share: c, the share of known triples among all true triples that a fold's model has not seen.
+        scores: quantiles of the scores by the model trained on all folds, ascending.
+        rank_log_odds: log-odds of the percentile rank of each quantile in ``scores``.
         distinct: curve for pairs of different entities.
-        itself: curve for self pairs.
+        itself: curve for self pairs (an entity with the same entity).
     """
 
     known_share: Share
@@ -102,10 +104,10 @@ class RelationCurves(Record, frozen=True, kw_only=True):
 
 
 class Probabilities(Record, frozen=True, kw_only=True):
-    """``calibration.json``: maps scores to probabilities for triples outside training.
+    """The file ``calibration.json``: maps a model's scores to probabilities for triples outside the training data.
 
     Attributes:
-        relations: curves by relation id.
+        relations: curves for combinesWith and componentOf, by relation id.
         temperature: recipe scores are divided by this number before the softmax; None without recipe scores.
     """
 
@@ -115,9 +117,9 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
     @classmethod
     def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
-        """Fit probabilities for the scorer ``whole`` to the fold models' scores.
+        """Fit probabilities for ``whole``, trained on all folds, to ``seen``: score histograms by fold model.
 
-        Only the number of recipes outside train is used.
+        From recipes outside the train part of the split, only the number is used.
         """
         size, train = len(whole.entities), folds.triples()
         true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
@@ -137,7 +139,7 @@ class Probabilities(Record, frozen=True, kw_only=True):
         return cls(relations=(curves[0], curves[1]), temperature=_temperature(seen))
 
     def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        """Return probabilities for scores of the whole model, float32; arguments broadcast."""
+        """Return probabilities, float32, for triples and the whole model's ``scores``; arguments broadcast."""
         together = torch.broadcast_tensors(scores, heads, relations, tails)
         values, one, kinds, other = (part.cpu().numpy() for part in together)
         probabilities = np.empty(values.shape)
@@ -151,13 +153,14 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Seen:
-    """Histograms of out-of-sample scores.
+    """Histograms of the scores that a fold's model gives to triples outside its training data.
 
     Attributes:
-        true: shape (2, 2, B): fold triples by relation, self pair (0 or 1) and rank log-odds.
+        true: shape (2, 2, B): number of the fold's triples by relation, self pair (0 or 1) and bin of rank log-odds.
         others: as ``true``, for triples outside the train triples; weighted if sampled.
-        results: shape (N, E): scores of all results for a sample of fold pairs; None without recipe scores.
-        right: shape (N, E), bool: correct results.
+        results: shape (N, E): scores of all E entities as results, for N sampled pairs from the fold; None without
+            recipe scores.
+        right: shape (N, E), bool: whether the entity is a correct result of the pair.
     """
 
     true: _Floats
@@ -167,7 +170,7 @@ class Seen:
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
-    """Count a fold model's scores on unseen triples; ``seed`` samples pairs. Recipes outside train are not used."""
+    """Count a fold model's scores of unseen triples, without recipes outside train; ``seed`` is for sampling pairs."""
     size = len(scorer.entities)
     train, trained_on = folds.triples(), folds.triples([fold])
     own = train[~is_in(train, trained_on, size)]
@@ -192,11 +195,11 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
 
 
 def known_share(folds: Folds, relation: int) -> float:
-    """Return c, the share of fold triples among all true triples unseen by the fold's model.
+    """Return c, the share of the fold's triples among all true triples that the fold's model has not seen.
 
-    The number of new triples falls as a power p of the number of train recipes, measured without a fold and without
-    two folds: ``c = m / (m + m')`` with m the mean number of new triples per fold and ``m' = m (outside / n_fold) (K /
-    (K - 1))^-p``. Only the number of recipes outside train is used.
+    The number of new triples falls as a power p of the number of train recipes, measured without a fold and without two
+    folds: ``c = m / (m + m')`` with m the mean number of new triples per fold and ``m' = m (outside / n_fold) (K / (K -
+    1))^-p``. From recipes outside the train part of the split, only the number is used.
     """
     graph, count = folds.split.graph, folds.count
     train = folds.seen()
@@ -217,13 +220,13 @@ def known_share(folds: Folds, relation: int) -> float:
 
 
 def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
-    """Fit a curve to histograms, or the base rate if scores are uninformative.
+    """Fit a probability curve to histograms of scores, or only the base rate if the scores are uninformative.
 
     Args:
-        true: shape (K, B), true triples by fold and rank log-odds.
+        true: shape (K, B), number of true triples by fold and bin of rank log-odds.
         others: shape (K, B), remaining triples, including unknown true triples.
-        share: c.
-        slopes: number of segments.
+        share: c, the share of known triples among all true unseen triples.
+        slopes: number of segments of the axis with separate slopes.
     """
     known, total = float(true.sum()), float(true.sum() + others.sum())
     shift = math.log1p(-share)
@@ -305,7 +308,7 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
 
 
 def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
-    """Return log-odds of percentile ranks among given scores, ties halved; 0 is the median."""
+    """Return the log-odds of the scores' percentile ranks within ``among``; ties count half, and 0 is the median."""
     ordered, count = np.sort(among), len(among)
     above = count - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
     rank = np.clip((above + 0.5) / (count + 1), 0.5 / (count + 1), 1 - 0.5 / (count + 1))

@@ -1,4 +1,4 @@
-"""Score settings and limits; imports no torch."""
+"""Limits on the size of score tables, and names of score settings; this module imports no torch."""
 
 from typing import Literal
 
@@ -17,12 +17,12 @@ TABLE_LIMIT = 2**28
 
 
 def table_bytes(num_entities: int) -> int:
-    """Return the number of bytes in a score table."""
+    """Return the number of bytes in a score table for all pairs of entities in both relations."""
     return len(RELATIONS) * num_entities**2 * 4
 
 
 def check_table(what: str, num_entities: int) -> None:
-    """Raise ConfigError if a score table is too large."""
+    """Raise ConfigError if a score table for so many entities is too large; ``what`` names the scorer."""
     needed = table_bytes(num_entities)
     if needed > TABLE_LIMIT:
         raise ConfigError(
@@ -36,7 +36,7 @@ _MAX_DENSE = 4_000
 
 
 def check_dense(what: str, num_entities: int) -> None:
-    """Raise ConfigError if a graph is too large for dense kernels."""
+    """Raise ConfigError if dense kernels for so many entities are too large; ``what`` names the scorer."""
     if num_entities > _MAX_DENSE:
         raise ConfigError(
             f"{what} compares all pairs of {num_entities:,} entities; expected at most {_MAX_DENSE:,}. Use ComplEx "

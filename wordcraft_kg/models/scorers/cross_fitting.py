@@ -1,7 +1,8 @@
-"""Cross-fitting: out-of-sample scores for train recipes.
+"""Cross-fitting: scores for train recipes from models that were trained without these recipes.
 
-Scorers remember training recipes, so agents that learn from in-sample scores overrate the scorer. The train recipes
-are cut into folds (:mod:`wordcraft_kg.graphs.folds`); each fold has a model trained on the remaining folds.
+Scorers remember their training recipes, so an agent that learns from scores for the same recipes overrates the scorer.
+The train recipes are cut into folds (:mod:`wordcraft_kg.graphs.folds`); each fold has a model trained on the remaining
+folds.
 
 Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov et al. 2018.
 """
@@ -30,14 +31,14 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
 class Fold(Record, frozen=True, kw_only=True):
-    """A model trained without a fold.
+    """Record of a model that was trained on the train recipes without one fold.
 
     Attributes:
-        trained_on: training triples' hash, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
+        trained_on: hash of the training triples, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
         triples: number of training triples.
-        queries: number of queries for unseen fold triples, all or a sample.
+        queries: number of ranking queries on the fold's triples outside the training triples, all or a sample.
         mrr: filtered MRR on these queries; None without queries.
-        in_sample_mrr: the whole model's MRR on the same queries.
+        in_sample_mrr: MRR on the same queries by the model trained on all train recipes.
     """
 
     trained_on: Hash
@@ -48,11 +49,11 @@ class Fold(Record, frozen=True, kw_only=True):
 
 
 class FoldsRecord(Record, frozen=True, kw_only=True):
-    """``folds.json``: a model folder's folds.
+    """The file ``folds.json``: describes the folds of a model folder and the model trained without each fold.
 
     Attributes:
-        seed: fold seed.
-        hash: hash for split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
+        seed: seed for the random assignment of recipes to folds.
+        hash: hash of the split and the folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
         folds: a record per fold.
     """
 
@@ -68,17 +69,17 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
     @property
     def queries(self) -> int:
-        """Number of queries, summed over folds."""
+        """Number of ranking queries, summed over folds."""
         return sum(fold.queries for fold in self.folds)
 
     @property
     def mrr(self) -> float | None:
-        """Out-of-sample MRR on train triples, which forecasts the test MRR."""
+        """Mean reciprocal rank on train triples of left-out folds; forecasts the MRR on test triples."""
         return self._mean([fold.mrr for fold in self.folds])
 
     @property
     def in_sample_mrr(self) -> float | None:
-        """In-sample MRR on the same triples."""
+        """Mean reciprocal rank on the same triples by the model trained on all train recipes."""
         return self._mean([fold.in_sample_mrr for fold in self.folds])
 
     def _mean(self, values: Sequence[float | None]) -> float | None:
@@ -87,18 +88,20 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
 
 class CrossFitted(Scorer):
-    """A scorer trained on all train recipes, with a model per left-out fold.
+    """A scorer trained on all train recipes, together with K scorers that are each trained without one of K folds.
 
-    Scores and tables come from ``whole``. Agents that learn on train tasks use :meth:`left_out`, through sources made
-    with tasks: :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
+    Scores and tables come from the scorer ``whole``. Agents that learn on train tasks need scores from
+    :meth:`left_out`; knowledge sources made with tasks choose the right fold, see
+    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
 
     Attributes:
         whole: scorer trained on all train recipes.
-        record: fold record.
-        of_recipe: fold by recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` outside train.
-        probabilities: score calibration; None in older folders.
-        train_results: results in the train sample, see :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None
-            for unchanged train recipes.
+        record: seed, hash and metrics of the folds.
+        of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes
+            outside train.
+        probabilities: maps scores to probabilities; None in folders from older versions.
+        train_results: result ids of the training recipes if some were left out or made wrong, see
+            :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None for unchanged train recipes.
     """
 
     def __init__(
@@ -110,7 +113,7 @@ class CrossFitted(Scorer):
         probabilities: Probabilities | None = None,
         train_results: Ids | None = None,
     ):
-        """Combine the whole scorer with a function per fold that makes the model without this fold."""
+        """Combine ``whole`` with ``folds``: one function per fold that returns the scorer trained without this fold."""
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
         self._whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
@@ -140,7 +143,7 @@ class CrossFitted(Scorer):
         return self.whole.table(relation)
 
     def probability(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
-        """Return the probability that a recipe outside train gives each triple; see :meth:`score`.
+        """Return the probability that a recipe outside train gives each triple; arguments as in :meth:`score`.
 
         See :mod:`~wordcraft_kg.models.scorers.calibration`. Raises ConfigError if the folder has no calibration.
         """
@@ -150,7 +153,7 @@ class CrossFitted(Scorer):
         return self.probabilities.predict(self._score(*ids), *ids)
 
     def result_probabilities(self, ingredients: EntityIds, others: EntityIds) -> torch.Tensor:
-        """Return distributions over results, given that a pair makes something: broadcast shape plus an axis of E.
+        """Return each pair's distribution over results, if the pair makes anything: broadcast shape plus axis E.
 
         Raises ConfigError if the scorer cannot score recipes, or the folder has no calibration.
         """
@@ -162,13 +165,13 @@ class CrossFitted(Scorer):
         return torch.softmax(scores / temperature, dim=-1)
 
     def left_out(self, fold: int) -> Scorer:
-        """Return the scorer trained without a fold."""
+        """Return the scorer trained on all folds except the given fold, by its number from 0."""
         if fold not in self._made:
             self._made[fold] = self._makers[fold]()
         return self._made[fold]
 
     def train_sample(self, graph: RecipeGraph) -> TrainSample:
-        """Return the whole scorer's training recipes; GraphMismatchError if the number of recipes differs."""
+        """Return the training recipes of ``whole``; GraphMismatchError if the number of recipes differs."""
         if len(self.of_recipe) != graph.num_recipes:
             raise GraphMismatchError(
                 f"{self.name} has folds for {len(self.of_recipe):,} recipes but '{graph.name}' has "
@@ -179,7 +182,7 @@ class CrossFitted(Scorer):
         return TrainSample(graph, self.train_results)
 
     def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
-        """Return the training triples without a fold, shape (T, 3).
+        """Return the training triples of the model trained without a fold, shape (T, 3).
 
         Raises:
             LeakError: if the fold's model was not trained on the recipes outside the fold.
@@ -197,7 +200,7 @@ class CrossFitted(Scorer):
         return triples
 
     def check_split(self, split: Split) -> None:
-        """Raise GraphMismatchError unless the folds belong to a split."""
+        """Raise GraphMismatchError unless the folds were made from the given split."""
         if len(self.of_recipe) == split.graph.num_recipes:
             folds_hash = Folds(split, self.count, self.record.seed, self.of_recipe).hash
             if folds_hash == self.record.hash and ((self.of_recipe != OUTSIDE) == split.is_in("train")).all():
@@ -209,9 +212,10 @@ class CrossFitted(Scorer):
 
 
 def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) -> CrossFitted:
-    """Cross-fit a scorer on the train recipes of a split.
+    """Train a scorer on all train recipes of a split, and one scorer for each left-out fold.
 
-    ``make`` makes a scorer for the split's graph from recipes, shape (n, 3), without further information.
+    ``make`` returns a scorer for the split's graph; it receives training recipes, ids of shape (n, 3), and nothing
+    else.
 
     Raises:
         ConfigError: for fewer than two or too many folds, or a split without test part.
@@ -247,14 +251,14 @@ def whole_of(scorer: TripleScorer) -> TripleScorer:
 
 
 def folds_of(scorer: TripleScorer) -> CrossFitted | None:
-    """Return a cross-fitted scorer unchanged, None for scorers without folds."""
+    """Return the scorer if it is cross-fitted (has one model per left-out fold), otherwise None."""
     return scorer if isinstance(scorer, CrossFitted) else None
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
-    """Return a mask, shape (K + 2, num_recipes), with the training recipes of each model, given folds by recipe.
+    """Return a mask of each model's training recipes, shape (K + 2, num_recipes), given the fold of each recipe.
 
-    Models: the whole model, a model per left-out fold, and an empty model.
+    Rows: the model trained on all K folds, the K models trained without one fold, and an empty model without recipes.
     """
     train = of_recipe != OUTSIDE
     folds = range(int(of_recipe.max(initial=OUTSIDE)) + 1)
@@ -262,10 +266,11 @@ def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
 
 
 def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return for each task, shape (N,), a model trained without the recipes in the task's plans.
+    """Return, for each of N tasks, the number of a model trained without the recipes in the task's plans; shape (N,).
 
-    Models are rows of :func:`seen_by_models`: 0 for tasks without train recipes, 1 + fold for train recipes from a
-    single fold, K + 1 (the empty model) for recipes from several folds. ``of_recipe`` contains folds by recipe.
+    A plan lists the recipes that make the task's goal. Numbers are rows of :func:`seen_by_models`: 0 for tasks without
+    train recipes, 1 + fold if all train recipes are in a single fold, K + 1 (the empty model) for several folds.
+    ``of_recipe`` contains the fold of each recipe.
 
     Raises:
         LeakError: if a model has seen a task's recipe.

@@ -1,4 +1,4 @@
-"""Stored link scorers: score tables, and factors for graphs too large for a table."""
+"""Scorers that models are saved as: score tables, and matrix factors for graphs too large for a table."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ _NAMES = [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
 
 
 class TableScorer(StoredScorer):
-    """Looks up scores in a table, shape (R, E, E), by relation, head and tail."""
+    """A scorer with a table of all scores, shape (R, E, E): by relation, head and tail, for E entities."""
 
     kind: ClassVar[str] = "table"
 
@@ -42,7 +42,7 @@ class TableScorer(StoredScorer):
 
     @classmethod
     def of(cls, scorer: Scorer) -> "TableScorer":
-        """Tabulate a scorer's scores."""
+        """Compute the table of all scores by any scorer, and return the table as a scorer."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name)
 
@@ -65,10 +65,10 @@ class _Bilinear(StoredScorer):
 
 
 class FactorsScorer(_Bilinear):
-    """Computes pair scores in relation r as ``left_r[head] · right_r[tail]`` on demand.
+    """A scorer that computes the score of a pair in relation r as ``left_r[head] · right_r[tail]``, without a table.
 
-    All bilinear scorers have this form (RESCAL, DistMult, ComplEx, a low-rank kernel). Factors have shape (E, m), where
-    m may differ between relations.
+    All bilinear scorers have this form (RESCAL, DistMult, ComplEx, a low-rank kernel). Factors have shape (E, m) for E
+    entities; m may differ between relations.
     """
 
     kind: ClassVar[str] = "factors"
@@ -121,7 +121,7 @@ class FactorsScorer(_Bilinear):
 
 
 class ComplExScorer(_Bilinear):
-    """Computes ComplEx scores on demand, from ``{entity,relation}_{real,imag}``, shapes (E, d) and (R, d).
+    """A ComplEx model: scores from complex embeddings ``{entity,relation}_{real,imag}``, shapes (E, d) and (R, d).
 
     Source: Trouillon et al. 2016; Jiang et al. 2020, Eq. 1.
     """
@@ -154,7 +154,7 @@ class ComplExScorer(_Bilinear):
         check_shapes(tensors, {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")})
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return real and imaginary parts for all embeddings."""
+        """Return the real and imaginary parts of entity and relation embeddings, by name."""
         parts = {"entity": self.entity, "relation": self.relation}
         return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
 

@@ -1,4 +1,4 @@
-"""Entity features: word vectors, one-hot or random."""
+"""Entity features, the input vectors of models: word vectors of the labels, one-hot or random vectors."""
 
 import codecs
 import gzip
@@ -41,15 +41,15 @@ _MAX_FLOAT = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True)
 class EntityFeatures:
-    """A vector for each entity of a list.
+    """Feature vectors: one vector of length D for each of E entities.
 
     Attributes:
         source: where the vectors come from.
         vectors: shape (E, D), float32, read-only; zeros for unknown entities.
-        known: shape (E,), bool: the label, or a word in the label, has a vector.
+        known: shape (E,), bool: True if the label, or a word in the label, has a vector.
         words: distinct lower-case words in all labels, sorted; empty for sources without words.
         missing_words: words without a vector, sorted, except in labels that have a vector as a whole.
-        is_one_hot: row i is the i-th unit vector, so models may look rows up.
+        is_one_hot: True if row i is the i-th unit vector; models may then replace products by look-ups.
     """
 
     source: str
@@ -64,7 +64,7 @@ class EntityFeatures:
 
     @cached_property
     def unit_vectors(self) -> NDArray[np.float32]:
-        """Vectors of length 1, for cosines by dot product; zeros stay zeros."""
+        """Vectors scaled to length 1, so that dot products are cosines; zero vectors stay zero."""
         norms = np.linalg.norm(self.vectors, axis=1, keepdims=True)
         unit: NDArray[np.float32] = self.vectors / np.maximum(norms, np.finfo(np.float32).tiny)
         unit.flags.writeable = False
@@ -72,7 +72,7 @@ class EntityFeatures:
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 over shape and little-endian bytes, for run records."""
+        """SHA-256 hash of the vectors (shape and little-endian bytes), for run records."""
         digest = hashlib.sha256(json.dumps(self.vectors.shape).encode())
         digest.update(self.vectors.astype("<f4").tobytes())
         return digest.hexdigest()
@@ -81,12 +81,12 @@ class EntityFeatures:
 def make_features(
     spec: str, labels: Sequence[str], *, pooling: Pooling = "mean", allow_missing: bool = False, seed: int = 0
 ) -> EntityFeatures:
-    """Return entity features by name or from a file.
+    """Return a feature vector for each entity label; ``spec`` names built-in features or a file of vectors.
 
     - ``glove``: the built-in vectors, see :func:`glove_features`;
     - ``one-hot``: row i is the i-th unit vector, D = E;
     - ``random``: Laplace noise, mean 0, standard deviation .4, D = 300; row i depends only on the seed and i;
-    - ``shuffled:<any spec>``: randomly permuted rows: distinct entities without meaning;
+    - ``shuffled:<any spec>``: rows in random order: distinct vectors that do not fit the labels' meanings;
     - a text file, optionally gzipped, with lines ``word v1 ... vD`` (GloVe) and an optional header ``count D``
       (word2vec; a first line with two whole numbers always counts as header); words may contain spaces;
     - an ``.npy`` file, float array, shape (N, D), with N labels, a label per line, in ``<same stem>.labels.txt`` or
@@ -97,15 +97,15 @@ def make_features(
     case. If a word has several vectors, the first is used.
 
     Args:
-        spec: features, as above.
+        spec: name or file of the features, as above.
         labels: entity labels in id order.
-        pooling: mean, or element-wise maximum, over a label's words.
+        pooling: mean, or element-wise maximum, of the vectors of a label's words.
         allow_missing: use zeros even if more than a tenth of the entities lack a vector.
-        seed: for ``random`` and ``shuffled:``, 0 or more.
+        seed: random seed for ``random`` and ``shuffled:``, 0 or more.
 
     Raises:
         ConfigError: for an invalid argument, an unknown ``spec``, a damaged file (with the line), too large one-hot
-            vectors, or too few known entities.
+            vectors, or too few entities with a vector.
 
     Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released code.
     """
@@ -132,7 +132,7 @@ def make_features(
 
 
 def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFeatures:
-    """Return GloVe vectors (6B tokens, 50 dimensions), pooled over each label's known words in lower case.
+    """Return GloVe vectors (trained on 6B tokens, 50 dimensions), pooled over the known lower-case words of each label.
 
     Source: Pennington et al. 2014, "GloVe: Global vectors for word representation"; the vectors are public domain.
     """

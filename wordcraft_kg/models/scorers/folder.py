@@ -1,4 +1,4 @@
-"""Loading scorers from model folders, and writing scorers."""
+"""Load scorers from model folders, and write scorers into model folders."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -44,7 +44,7 @@ SCORERS: Registry[type[StoredScorer]] = Registry(
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
-    """``vocabulary.json``: scorer kind, graph hash, and labels for tensor rows in id order."""
+    """The file ``vocabulary.json``: scorer kind, graph hash, and labels of the tensors' rows in id order."""
 
     format: Literal["wordcraft-kg vocabulary 1"] = "wordcraft-kg vocabulary 1"
     scorer: str
@@ -57,7 +57,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     """Load a scorer from a model folder.
 
     Args:
-        folder: folder written by a training command, ``elicit`` or ``save_scorer``.
+        folder: model folder, written by a training command, the command ``elicit`` or ``save_scorer``.
         graph: if given, the scorer must belong to this graph.
         device: torch device.
 
@@ -132,10 +132,10 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
 def make_scorer(
     kind: str, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
 ) -> Scorer:
-    """Make a scorer from its kind in :data:`SCORERS` and tensors; small factored scorers become tables.
+    """Make a scorer from the name of its kind, a key of :data:`SCORERS`, and its tensors; small factors become a table.
 
-    ``settings`` are ``device`` and ``name``. Raises KeyError for a missing tensor, ValueError for a tensor that does
-    not fit the entities.
+    ``settings`` are the scorer's ``device`` and ``name``. Raises KeyError for a missing tensor, ValueError for a tensor
+    that does not fit the entities.
     """
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
     is_small = table_bytes(len(entities)) <= TABLE_LIMIT
@@ -146,9 +146,9 @@ Tensors = Mapping[str, torch.Tensor]
 
 
 def stored(scorer: TripleScorer) -> StoredScorer:
-    """Return the stored form of a scorer; a cross-fitted scorer is stored without folds.
+    """Return a scorer with the same scores that can be written to a folder; models of left-out folds are dropped.
 
-    Scorers without a stored form become a table, or factors above the table limit.
+    A scorer that is no :class:`StoredScorer` becomes a score table, or matrix factors if the table would be too large.
 
     Raises:
         ConfigError: if neither is possible, or a score is not finite.
@@ -181,7 +181,7 @@ def stored(scorer: TripleScorer) -> StoredScorer:
 
 
 def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) -> None:
-    """Write a scorer's tensors and vocabulary."""
+    """Write a scorer's tensors, and a vocabulary with the scorer's kind and the graph's labels, into a folder."""
     vocabulary = Vocabulary(scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS)
     write_atomically(folder / WEIGHTS, safetensors.torch.save(copied(dict(tensors))))
     write_atomically(folder / VOCABULARY, dump_json(as_values(vocabulary)))
@@ -190,7 +190,7 @@ def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) 
 def write_folds(
     folder: Path, folds: Folds, whole: Scorer, kind: str, part: Callable[[int], tuple[str, Tensors]]
 ) -> FoldsRecord:
-    """Write the fold files and return the fold record.
+    """Write the models trained without each fold, and return the record of the folds.
 
     ``part`` returns the training triples' hash and the tensors for the model without a given fold; ``whole`` is the
     scorer trained on all train recipes, ``kind`` the kind of the fold scorers.

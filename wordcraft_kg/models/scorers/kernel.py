@@ -24,7 +24,7 @@ TEXT = 0.2
 
 
 def profiles(recipes: Ids, num_entities: int) -> Any:
-    """Return how recipes (n, 3) use each entity: unit rows in a sparse matrix, shape (E, M).
+    """Return a profile of each entity, its uses in recipes (n, 3): unit rows in a sparse matrix, shape (E, M).
 
     With C the symmetric combinesWith links, P the componentOf links (ingredient, result) and R the contexts (partner,
     result), rows are ``[C | P | Pᵀ | 2 R]``, damped and normalised; zeros for entities without recipes.
@@ -51,15 +51,16 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
 
 
 def cosines(vectors: Tensor) -> Tensor:
-    """Return row cosines, shape (E, E); 0 for zero rows."""
+    """Return the cosines between all pairs of rows, shape (E, E); 0 for zero rows."""
     unit = torch.nn.functional.normalize(vectors, dim=1)
     return unit @ unit.T
 
 
 def similarity(recipes: Ids, text: Tensor) -> Tensor:
-    """Return ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E); ``text`` are word cosines.
+    """Return the similarities of entities ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E).
 
-    Positive semi-definite without words; vectors with few dimensions may cause negative eigenvalues.
+    ``recipes`` (n, 3) give the profiles, ``text`` holds word cosines (E, E). The matrix is positive semi-definite
+    without words; vectors with few dimensions may cause negative eigenvalues.
     """
     rows = profiles(recipes, len(text))
     structure = torch.from_numpy((rows @ rows.T).toarray().astype(np.float32))
@@ -67,13 +68,13 @@ def similarity(recipes: Ids, text: Tensor) -> Tensor:
 
 
 def normalised(kernel: Tensor) -> Tensor:
-    """Return ``k(x, y) / √(k(x, x) k(y, y))``; 0 for entities without any similarity."""
+    """Return a kernel scaled to diagonal 1, ``k(x, y) / √(k(x, x) k(y, y))``; 0 for entities without any similarity."""
     scale = kernel.diagonal().clamp(min=1e-9).rsqrt()
     return scale[:, None] * kernel * scale
 
 
 def check_vectors(vectors: NDArray[np.floating] | None, num_entities: int) -> None:
-    """Raise ConfigError unless word vectors have one row per entity."""
+    """Raise ConfigError unless ``vectors`` is None or has one row of word-vector values for each entity."""
     if vectors is not None and (vectors.ndim != 2 or len(vectors) != num_entities):
         raise ConfigError(
             f"`vectors` have shape {vectors.shape}; expected {num_entities:,} rows, a row per entity. Make vectors "
@@ -88,15 +89,15 @@ COMPLETION = 0.5
 
 
 def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen: Tensor | None = None) -> Tensor:
-    """Return the ridge regression on links with the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
+    """Fit links by ridge regression with the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``; return (E, E).
 
     With ``k = V diag(w) Vᵀ`` the solution is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not E² x E².
     Entities outside ``seen`` are only predicted, ``K A Kᵀ``: missing links give no negative evidence.
 
     Args:
-        kernel: shape (E, E), symmetric; negative eigenvalues count as 0.
-        links: Y, shape (E, E).
-        ridge: λ.
+        kernel: k, similarities of entities, shape (E, E), symmetric; negative eigenvalues count as 0.
+        links: Y, shape (E, E), 1 for known links and 0 otherwise.
+        ridge: λ, the strength of the regularisation.
         seen: ids of training entities; all by default.
 
     Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel ridge regression";
@@ -112,17 +113,17 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen
 
 
 def completion(recipes: Ids, num_entities: int) -> Tensor:
-    """Score pairs by pairs with the same result, shape (E, E); ``recipes`` are (n, 3).
+    """Score all pairs as ingredients by known pairs with the same result, shape (E, E); ``recipes`` are (n, 3).
 
-    With ``R_c`` the degree-normalised symmetric matrix for pairs that make c, the score is ``Σ_c R_c³``: if a + y,
-    x + y and x + b make c, then a + b may as well.
+    With ``R_c`` the degree-normalised symmetric matrix for pairs that make c, the score is ``Σ_c R_c³``: if a + y, x +
+    y and x + b make c, then a + b may as well.
     """
     nodes, pairs = completion_paths(recipes, num_entities)
     return torch.from_numpy((nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32))
 
 
 def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
-    """Return sparse G and R with ``completion = Gᵀ R³ G``.
+    """Return :func:`completion` in factored form: sparse G and R with ``completion = Gᵀ R³ G``.
 
     A node is an entity as ingredient for a single result: ``G[node, entity]`` is 1, shape (N, E); R, shape (N, N), is
     block diagonal with all ``R_c``.
@@ -143,7 +144,7 @@ def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
-    """Return combinesWith and componentOf links in recipes, shape (E, E) each, row = head, 1 or 0."""
+    """Return combinesWith and componentOf links of recipes: shape (E, E) each, row = head, 1 for links, else 0."""
     triples = recipe_triples(recipes)
     tables = torch.zeros(2, num_entities, num_entities)
     heads, relations, tails = torch.from_numpy(triples.copy()).T
@@ -152,9 +153,9 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
 
 
 def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """Score all combinesWith and componentOf links, shape (E, E) each, row = head.
+    """Score all combinesWith and componentOf links by a similarity kernel, shape (E, E) each, row = head.
 
-    Training and standardisation use only the entities in ``seen``, by default all.
+    The regression and the scaling of scores use only the entity ids in ``seen``, by default all entities.
     """
     size = len(kernel)
 
@@ -169,17 +170,17 @@ def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> t
 
 
 class KernelScorer(TableScorer):
-    """Closed-form link prediction without training.
+    """A scorer for links by kernel ridge regression: a closed-form solution without training steps.
 
-    combinesWith is the standardised kernel regression plus half the standardised completion, componentOf the
-    standardised regression. The scorer uses whole recipes: do not pass test recipes.
+    The combinesWith score is the standardised :func:`kernel_regression` plus half the standardised :func:`completion`;
+    the componentOf score is the standardised regression. The recipes are training data: do not pass test recipes.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):
-        """Precompute the score table from training recipes (n, 3), such as ``split.recipes("train")``.
+        """Compute the score table from training recipes, ids (n, 3), such as ``split.recipes("train")``.
 
-        ``vectors`` are the entities' word vectors, shape (E, D), zeros for unknown words; ``kwargs`` are ``device``
-        and ``name``. Raises ConfigError if the graph is too large, or the vectors do not fit.
+        ``vectors`` are the entities' word vectors, shape (E, D), zeros for unknown words; ``kwargs`` are ``device`` and
+        ``name``. Raises ConfigError if the graph is too large, or the vectors do not fit.
         """
         size = graph.num_entities
         check_table("the recipe kernel as a table", size)

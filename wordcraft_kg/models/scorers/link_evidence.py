@@ -1,14 +1,14 @@
-"""Supporting evidence for a link: similar training links, with their recipes.
+"""Evidence for a link: the most similar links in the training data, with the recipes that contain these links.
 
 Links (h', r, t) with a head similar to h, and links (h, r, t') with a tail similar to t, support (h, r, t)::
 
     evidence(h, r, t) = Σ_h' cos₊(h, h')³ + Σ_t' cos₊(t, t')³
 
 over the training links, with non-negative cosines from :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`.
-docs/link-prediction.md measures faithfulness.
+docs/link-prediction.md measures whether this evidence is faithful to the scores.
 
 Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest neighbors"; Hanawa et al.
-2021, "Evaluation of similarity-based explanations"), restricted to neighbours with a common end.
+2021, "Evaluation of similarity-based explanations"), restricted to links that share the head or the tail.
 """
 
 import numpy as np
@@ -28,13 +28,13 @@ RECIPES = 3
 
 
 class LinkWitness(Record):
-    """A training link that supports another link with the same relation and a common end.
+    """A training link that supports a scored link: same relation, and the same head or the same tail.
 
     Attributes:
-        weight: similarity to the supported link, 1 for equality.
-        share: share of the total evidence.
+        weight: similarity to the scored link, 1 for equality.
+        share: this weight as a share of the total weight of all supporting links.
         recipes: training recipes with this link, at most :data:`RECIPES`.
-        more: number of further recipes.
+        more: number of further training recipes with this link.
     """
 
     head: str
@@ -47,11 +47,12 @@ class LinkWitness(Record):
 
 
 class LinkReason(Record):
-    """A scorer's evidence for a link.
+    """The evidence for a scored link: training recipes with the link, and similar training links.
 
     Attributes:
-        learned_from: training recipes with this link, at most :data:`RECIPES`; if any, the score is in-sample.
-        more: number of further recipes.
+        learned_from: training recipes with this link, at most :data:`RECIPES`; if any, the scorer was trained on the
+            link.
+        more: number of further training recipes with this link.
         evidence: total weight over all supporting links, listed or not.
         witnesses: supporting links, largest weight first.
     """
@@ -63,15 +64,15 @@ class LinkReason(Record):
 
     @property
     def is_in_sample(self) -> bool:
-        """The scorer was trained on the link."""
+        """Whether the scorer was trained on the link."""
         return bool(self.learned_from)
 
 
 class LinkEvidence:
-    """Finds training links and recipes that support a link.
+    """Finds the training links, and the recipes with these links, that support a scored link.
 
     Attributes:
-        roles: entity similarities.
+        roles: similarities of entities by the scorer's scores.
         recipes: shape (n, 3), training recipes.
 
     Raises:
@@ -90,9 +91,10 @@ class LinkEvidence:
         self.entities = scorer.entities
 
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
-        """Return supporting links of a link, shape (n, 3), and their weights, shape (n,).
+        """Return the training links that support a given link, shape (n, 3), and the weight of each, shape (n,).
 
-        The given link is excluded. combinesWith self links are supported in a single direction.
+        The given link is excluded. For an entity combined with the same entity, each supporting link counts in a single
+        direction only.
         """
         triples, weights = [], []
         sides: tuple[Side, ...] = ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
@@ -109,7 +111,7 @@ class LinkEvidence:
         return np.concatenate(triples), np.concatenate(weights)
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:
-        """Return the entities on a side of training links with a given entity on the opposite side; ascending."""
+        """Return the ids on ``side`` of training links with ``entity`` on the opposite side; ascending."""
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
             return np.unique(np.concatenate([b[a == entity], a[b == entity]]))
@@ -118,7 +120,7 @@ class LinkEvidence:
         return np.unique(result[(a == entity) | (b == entity)])
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
-        """Return at most ``limit`` supporting links of a link, and the recipes with the link."""
+        """Return the evidence for a link, with at most ``limit`` supporting links and recipes with the link."""
         triples, weights = self.weights(head, relation, tail)
         total = float(weights.sum())
         witnesses = []
@@ -131,7 +133,7 @@ class LinkEvidence:
         return LinkReason(*self._listed(head, relation, tail), total, tuple(witnesses))
 
     def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
-        """Return the training recipes with a link: rows of :attr:`recipes`, ascending."""
+        """Return the training recipes that contain a link, as ascending row numbers of :attr:`recipes`."""
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
             return np.flatnonzero(((a == head) & (b == tail)) | ((a == tail) & (b == head)))

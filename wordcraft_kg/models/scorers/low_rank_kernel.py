@@ -1,4 +1,4 @@
-"""The recipe kernel for large graphs, in factored form."""
+"""The recipe kernel for large graphs: matrix factors replace tables of all pairs of entities."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -46,11 +46,11 @@ _Product = Callable[[_Block], _Block]
 
 @dataclass(frozen=True)
 class SparseSimilarity:
-    """The kernel :func:`~wordcraft_kg.models.scorers.kernel.similarity` without its matrix.
+    """The similarities of :func:`~wordcraft_kg.models.scorers.kernel.similarity`, without a table of all pairs.
 
     Attributes:
-        shared: profile columns with two or more entities, sparse, shape (E, M).
-        own: squared length over each entity's remaining columns, shape (E,), which add to the diagonal only.
+        shared: entity profiles, only the columns with two or more entities, sparse, shape (E, M).
+        own: squared length of each profile in the remaining columns, shape (E,); added to the diagonal only.
         words: unit word vectors, shape (E, D), zeros for unknown words; D is 0 without vectors.
     """
 
@@ -60,7 +60,7 @@ class SparseSimilarity:
 
     @classmethod
     def of(cls, recipes: Ids, num_entities: int, vectors: NDArray[np.floating] | None = None) -> "SparseSimilarity":
-        """Return the similarity for recipes, shape (n, 3), and optional word vectors, shape (E, D).
+        """Return the similarities of entities, from recipes (n, 3) and optional word vectors (E, D).
 
         Raises:
             ConfigError: if the vectors do not fit the entities.
@@ -75,7 +75,7 @@ class SparseSimilarity:
         return cls(shared, own, torch.nn.functional.normalize(words, dim=1))
 
     def times(self, block: _Block) -> _Block:
-        """Return the kernel times a block, shape (E, m).
+        """Return the product of the kernel matrix (E, E) with a dense matrix, shape (E, m).
 
         Negative word cosines count as positive: conjugate gradients need a positive semi-definite kernel. Both forms
         rank equally well.
@@ -103,7 +103,7 @@ class SparseSimilarity:
 
 
 def smoothed(kernel: SparseSimilarity, block: _Block, ridge: float = SMOOTHING) -> _Block:
-    """Return ``K (K + λ)⁻¹ B``, shape (E, m), by conjugate gradients on all columns.
+    """Return ``K (K + λ)⁻¹ B``, shape (E, m), by conjugate gradients; K is the kernel, B ``block``, λ ``ridge``.
 
     Source: Hestenes and Stiefel 1952.
     """
@@ -124,10 +124,11 @@ def smoothed(kernel: SparseSimilarity, block: _Block, ridge: float = SMOOTHING) 
 
 
 def two_step(kernel: SparseSimilarity, links: Any) -> _Product:
-    """Return the product with ``P Y P``, ``P = K (K + λ)⁻¹``: ridge regression over heads, then over tails.
+    """Return a function that multiplies a matrix by ``P Y P``, with ``P = K (K + λ)⁻¹`` from the kernel K.
 
-    Replaces :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, where the filter ``w w' / (w w' + λ)`` needs
-    all eigenvectors. ``links`` is Y, sparse, shape (E, E), row = head.
+    This is ridge regression over heads, then over tails. It replaces
+    :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, where the filter ``w w' / (w w' + λ)`` needs all
+    eigenvectors. ``links`` is Y, sparse, shape (E, E), row = head.
 
     Source: Pahikkala et al. 2014, "A two-step learning approach for solving full and almost full cold start problems in
     dyadic prediction"; Stock et al. 2018.
@@ -136,7 +137,7 @@ def two_step(kernel: SparseSimilarity, links: Any) -> _Product:
 
 
 def spread(image: _Block) -> float:
-    """Estimate the root mean square entry in a matrix M from ``M Ω`` with standard normal Ω.
+    """Estimate the root mean square of the entries of a matrix M from ``image``, M times a standard normal matrix.
 
     Source: Hutchinson 1990.
     """
@@ -144,7 +145,7 @@ def spread(image: _Block) -> float:
 
 
 class Term(NamedTuple):
-    """A matrix, shape (E, E), as products, with a weight in the sum after scaling to root mean square 1."""
+    """A matrix (E, E) in a weighted sum, given by products; scaled to root mean square 1 before weighting."""
 
     weight: float
     product: _Product
@@ -152,9 +153,9 @@ class Term(NamedTuple):
 
 
 def factored_sum(terms: Sequence[Term], drawn: _Block) -> tuple[_Block, _Block]:
-    """Return ``left`` and ``right``, shape (E, m), with ``left rightᵀ`` close to the best approximation at rank m.
+    """Return factors ``left`` and ``right``, shape (E, m): ``left rightᵀ`` approximates the weighted sum of matrices.
 
-    ``drawn`` are standard normal directions, shape (E, m).
+    The error is close to that of the best approximation of rank m. ``drawn`` is a standard normal matrix, shape (E, m).
 
     Source: Halko, Martinsson and Tropp 2011, "Finding structure with randomness", algorithm 4.4.
     """
@@ -172,11 +173,11 @@ def factored_sum(terms: Sequence[Term], drawn: _Block) -> tuple[_Block, _Block]:
 
 
 class LowRankKernelScorer(FactorsScorer):
-    """Approximates :class:`KernelScorer` by low-rank factors, for graphs too large for a table.
+    """Approximates :class:`KernelScorer` by low-rank matrix factors, for graphs too large for a score table.
 
-    Two-step regression and completion are scaled by root mean square; a seeded randomised singular value decomposition
-    factors the sum. Truncating the kernel would lose more, because the kernel spectrum is flat. combinesWith is only
-    nearly symmetric: the loss may differ between (a, b) and (b, a).
+    The scores of the two-step regression and of the completion are scaled to root mean square 1; a seeded randomised
+    singular value decomposition factors their sum. Truncating the kernel would lose more, because the kernel spectrum
+    is flat. combinesWith scores are only nearly symmetric: the error may differ between (a, b) and (b, a).
     """
 
     def __init__(
@@ -189,10 +190,10 @@ class LowRankKernelScorer(FactorsScorer):
         seed: int = 0,
         **kwargs: Any,
     ):
-        """Factor the scores by relation.
+        """Compute the factors of the scores in each relation.
 
-        Arguments as for :class:`KernelScorer`, plus the number of factors ``rank`` and a ``seed`` for random
-        directions. Raises ConfigError for an invalid rank, or vectors that do not fit.
+        Arguments as for :class:`KernelScorer`, plus ``rank``, the length m of the factors, and a ``seed`` for the
+        random matrix. Raises ConfigError for an invalid rank, or vectors that do not fit.
         """
         from scipy import sparse
 
@@ -221,7 +222,7 @@ class LowRankKernelScorer(FactorsScorer):
 def kernel_scorer(
     graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any
 ) -> KernelScorer | LowRankKernelScorer:
-    """Return the recipe kernel as a table within :data:`TABLE_LIMIT`, as factors above.
+    """Return a recipe-kernel scorer: a score table up to :data:`TABLE_LIMIT`, low-rank factors for larger graphs.
 
     Example:
         >>> opened = open_graph("kitchen")

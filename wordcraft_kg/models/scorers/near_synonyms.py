@@ -1,6 +1,6 @@
 """Test recipes that reword a train recipe: an ingredient is replaced by a near-synonym.
 
-Models may solve such recipes by synonyms alone, so reports show figures with and without near-synonyms.
+A model may solve such recipes by synonyms alone, so reports show metrics with and without near-synonyms.
 """
 
 import numpy as np
@@ -19,10 +19,10 @@ NEAR_SYNONYM = 0.7
 
 @stage("looking for near-synonyms")
 def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:
-    """Return a mask for test recipes that reword a train recipe, shape (num_recipes,).
+    """Return a mask of the test recipes that reword a train recipe, shape (num_recipes,).
 
     Test recipe {a, b} -> c counts if a train recipe {a', b} -> c exists with cos(a, a') >= ``threshold``; ``features``
-    are in id order.
+    holds the word vectors of the entities.
     """
     graph = split.graph
     unit = features.unit_vectors
@@ -39,8 +39,8 @@ def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: floa
 
 
 def near_synonym_triples(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> NDArray[np.bool_]:
-    """Return a mask for triples from near-synonym recipes, shape (T,).
+    """Return a mask of the triples that a recipe in the mask ``recipes`` gives, shape (T,) for triples (T, 3).
 
-    Triples from several test recipes count as well, so the remaining triples contain no near-synonyms.
+    A triple counts even if further recipes give the triple, so the remaining triples contain no near-synonyms.
     """
     return is_in(triples, recipe_triples(graph.recipes[recipes]), graph.num_entities)

@@ -1,7 +1,7 @@
-"""Recipe-based features for a pair and a goal, and the small ranker on top.
+"""Features of a pair of ingredients and a goal, from known recipes, and a small neural network that scores them.
 
-Policies score many tables at each step, so slow parts are precomputed tables; the evidence, which depends on three
-entities, sums over the few recipes with results most similar to the goal.
+Policies score many tables of entities at each step, so features of two entities are looked up in arrays. The evidence
+depends on three entities; its sum runs over the few recipes with results most similar to the goal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -57,12 +57,13 @@ _WORDS_POWER = 4
 
 
 class Support(NamedTuple):
-    """A recipe that supports another recipe.
+    """A known recipe that supports another recipe, with its weight.
 
     Attributes:
-        recipe: ids.
-        weight: similarity, 1 for equality: the product of k over ingredients (in the better order) and result.
-        share: share of the total evidence.
+        recipe: ids of both ingredients and the result.
+        weight: similarity of the recipes, 1 for equality: the product of the entity similarities of both ingredients
+            (in the better order) and the result.
+        share: weight as a share of the sum of all weights.
     """
 
     recipe: tuple[int, int, int]
@@ -71,23 +72,24 @@ class Support(NamedTuple):
 
 
 class RecipeKnowledge(nn.Module):
-    """Tables for scoring any pair and goal, for M models, and their rankers.
+    """Arrays and networks for scoring any pair of ingredients with any goal, for M models (one per left-out fold).
 
-    Row E is the empty slot. The evidence is
-    ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]`` over the recipes r with results most
-    similar to c, with the squared normalised similarity k.
+    Row E of an array is the empty slot. The evidence is ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r)
+    k(b, a_r)]`` over the recipes r with results most similar to c, with the squared normalised similarity k.
 
     Attributes:
-        parts: shape (M, E + 1, E + 1, 2), half: componentOf by ingredient and goal, from the kernel and the link
-            ranker.
-        pairs: shape (M, E + 1, E + 1, 2), half: combinesWith from the kernel and the link ranker.
+        parts: shape (M, E + 1, E + 1, 2), half: componentOf scores by ingredient and goal, from the recipe kernel and
+            from the link ranker, a learned link scorer.
+        pairs: shape (M, E + 1, E + 1, 2), half: combinesWith scores of pairs, likewise.
         numbers: shape (M, E + 1, E + 1), int32: number of a known pair, 0 for unknown pairs.
         results: shape (M, N + 1, L), int32: results by known pair, padded with E.
         alike: shape (M, E + 1, E + 1), half: k.
         words: shape (E + 1, E + 1), half: word cosines.
-        counts: shape (M, E + 1, 2): log(1 + recipes) that use, and that make, an entity.
+        counts: shape (M, E + 1, 2): log(1 + n), with n the number of recipes that use an entity, and that make an
+            entity.
         supporting: shape (M, E + 1, R, 3), int16: recipes with results most similar to a goal, padded with E.
-        first, first_bias, second, bias: the rankers, shapes (M, F, H), (M, H), (M, H) and (M,).
+        first, first_bias, second, bias: weights of the networks, with F features and H hidden units: shapes (M, F, H),
+            (M, H), (M, H) and (M,).
     """
 
     parts: Tensor
@@ -114,7 +116,7 @@ class RecipeKnowledge(nn.Module):
 
     @classmethod
     def stacked(cls, models: Sequence["RecipeKnowledge"]) -> Self:
-        """Stack models along the first axis."""
+        """Combine the knowledge of several models along the first axis of each array."""
         nothing = models[0].num_entities
         shape = [max(model.results.shape[axis] for model in models) for axis in (1, 2)]
 
@@ -132,17 +134,18 @@ class RecipeKnowledge(nn.Module):
         return cls({name: joined(name) for name in BUFFERS})
 
     def constants(self) -> dict[str, Tensor]:
-        """Return the buffers by name."""
+        """Return the arrays and the network weights by name."""
         return {name: getattr(self, name) for name in BUFFERS}
 
     def with_ranker(self, weights: Mapping[str, Tensor]) -> Self:
-        """Return a single model's knowledge with a new ranker."""
+        """Return the same knowledge with new network weights; for a single model."""
         return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return slot-pair features, shape (F, B, P), in the order of :func:`pairs_of`.
+        """Return F features for each of P pairs of slots, shape (F, B, P); pairs in the order of :func:`pairs_of`.
 
-        ``goal`` (B,), ``table`` (B, A) with E for empty slots, and ``model`` (B,) are int64.
+        Ids are int64: ``goal`` (B,), ``table`` (B, A) with E for empty slots, and the number of the ``model`` to use
+        (B,).
         """
         width = self.num_entities + 1
         slots = table.shape[1]
@@ -197,7 +200,7 @@ class RecipeKnowledge(nn.Module):
         return self._words_alike
 
     def supporting_recipes(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Support]:
-        """Return up to ``limit`` recipes that support ``a + b -> goal`` by a model, largest share first."""
+        """Return up to ``limit`` training recipes of a model that support ``a + b -> goal``, largest share first."""
         supporting, alike = self.supporting[model, goal].long(), self.alike[model]
         one, other, result = supporting.T
         like_goal = alike[goal, result].float()
@@ -213,7 +216,7 @@ class RecipeKnowledge(nn.Module):
         ]
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return slot-pair scores for the goal, shape (B, A, A), nats; -inf for empty slots."""
+        """Score all pairs of slots as recipes for the goal: shape (B, A, A), in nats; -inf for empty slots."""
         features = self.features(goal, table, model).transpose(0, 1)
         first = self.first.transpose(1, 2).index_select(0, model)
         hidden = torch.baddbmm(self.first_bias.index_select(0, model)[:, :, None], first, features).relu_()
@@ -238,10 +241,10 @@ BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "
 def knowledge_of(
     recipes: Ids, kernel: Tensor, text: Tensor, tables: tuple[Tensor, Tensor], links: tuple[Tensor, Tensor]
 ) -> RecipeKnowledge:
-    """Return a model's knowledge from training recipes (n, 3), with a zero ranker.
+    """Return the knowledge of one model from its training recipes (n, 3); network weights are zero.
 
-    All tables have shape (E, E): ``kernel`` are similarities, ``text`` word cosines, ``tables`` combinesWith and
-    componentOf from the kernel, ``links`` the same from the link ranker.
+    All tables have shape (E, E): ``kernel`` holds similarities, ``text`` word cosines, ``tables`` combinesWith and
+    componentOf scores by the recipe kernel, ``links`` the same by the link ranker (a learned link scorer).
     """
     size = len(text)
     alike = normalised(kernel) ** 2
@@ -283,7 +286,7 @@ def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
 
 
 def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return the slots in each pair, shape (P,) each, with ``one <= other``."""
+    """Return the first and the second slot of each pair of slots, shape (P,) each, with first <= second."""
     one, other = torch.triu_indices(slots, slots, device=device)
     return one, other
 

@@ -18,28 +18,28 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class TripleScorer(Protocol):
-    """Scores triples in a recipe graph; higher scores mean more plausible, on any scale.
+    """Interface of all scorers of triples in a recipe graph; a higher score means more plausible, on any scale.
 
     Attributes:
-        graph_hash: the graph's content hash.
-        entities: labels in id order.
+        graph_hash: content hash of the recipe graph.
+        entities: entity labels in id order.
     """
 
     graph_hash: str
     entities: tuple[str, ...]
 
     def score(self, heads: "EntityIds", relations: "RelationIds", tails: "EntityIds") -> "torch.Tensor":
-        """Score triples; ids broadcast. Returns float32 on the scorer's device."""
+        """Score triples by ids or labels, which broadcast. Returns float32 on the scorer's device."""
         ...
 
     def table(self, relation: "int | str") -> "torch.Tensor":
-        """Return scores for all pairs: shape (E, E), float32, row = head, column = tail."""
+        """Return the scores of all pairs in a relation: shape (E, E), float32, row = head, column = tail."""
         ...
 
 
 @runtime_checkable
 class FactoredScorer(TripleScorer, Protocol):
-    """A scorer that computes all pairs by a matrix product, without a table."""
+    """Interface of scorers that compute the scores of all pairs by a product of two matrices, without a table."""
 
     def factors(self, relation: "int | str") -> "tuple[torch.Tensor, torch.Tensor]":
         """Return ``left`` and ``right``, shape (E, m), float32: a pair scores ``left[head] · right[tail]``."""
@@ -47,7 +47,7 @@ class FactoredScorer(TripleScorer, Protocol):
 
 
 def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
-    """Raise GraphMismatchError if a scorer belongs to another graph."""
+    """Raise GraphMismatchError if a scorer was made for a different graph."""
     if scorer.graph_hash != graph.hash:
         raise GraphMismatchError(
             f"{getattr(scorer, 'name', 'the scorer')} was trained on graph {scorer.graph_hash[:12]} "

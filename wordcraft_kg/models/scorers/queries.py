@@ -1,4 +1,4 @@
-"""Scorer queries: triples or recipes with at most a single open slot, from arguments or a file."""
+"""Queries to a scorer: triples or recipes with at most one entity left open, from command arguments or a file."""
 
 import csv
 import io
@@ -41,7 +41,7 @@ class _Slots:
 
 @dataclass(frozen=True)
 class Query(_Slots):
-    """A triple as labels; head or tail may be open (None). ``line`` is the line in the file, from 1."""
+    """A query for a triple, as labels; head or tail may be open (None). ``line`` is the file's line, from 1."""
 
     head: str | None
     relation: str
@@ -50,11 +50,11 @@ class Query(_Slots):
 
     @classmethod
     def of(cls, head: str, relation: str, tail: str, entities: Collection[str], *, line: int | None = None) -> "Query":
-        """Check a typed query: :data:`OPEN` or an empty string is an open slot, unless an entity has this label.
+        """Make a query from typed labels; :data:`OPEN` or an empty string leaves a slot open, unless it is a label.
 
         Raises:
             UnknownEntityError: for an unknown entity or relation, with the nearest names.
-            ConfigError: if both slots are open.
+            ConfigError: if both head and tail are open.
         """
         slots = _slots((head, tail), entities)
         if slots == [None, None]:
@@ -73,7 +73,7 @@ class Query(_Slots):
 
 @dataclass(frozen=True)
 class RecipeQuery(_Slots):
-    """A recipe as labels with at most a single open slot (None). ``line`` is the line in the file, from 1."""
+    """A query for a recipe, as labels; at most one may be open (None). ``line`` is the file's line, from 1."""
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -82,11 +82,11 @@ class RecipeQuery(_Slots):
 
     @classmethod
     def of(cls, a: str, b: str, result: str, entities: Collection[str], *, line: int | None = None) -> "RecipeQuery":
-        """Check a typed query; open slots as in :meth:`Query.of`.
+        """Make a query from typed labels; open slots as in :meth:`Query.of`.
 
         Raises:
             UnknownEntityError: for an unknown entity, with the nearest labels.
-            ConfigError: if several slots are open.
+            ConfigError: if several labels are open.
         """
         slots = _slots((a, b, result), entities)
         if slots.count(None) > 1:
@@ -104,15 +104,15 @@ class RecipeQuery(_Slots):
 def parse_query(
     words: Sequence[str], entities: Collection[str], allowed: Collection[str] | None = None
 ) -> Query | RecipeQuery:
-    """Parse a query from command line arguments.
+    """Parse a query for a triple or a recipe from command line arguments.
 
-    A triple is ``head relation [tail]``. A recipe is ``a + b``, ``a + b c`` or ``a + b = c``, in any number of
-    arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split. Queries may name entities in
-    ``allowed``, by default all graph entities.
+    A triple is ``head relation [tail]``; a query without tail ranks all tails. A recipe is ``a + b``, ``a + b c`` or
+    ``a + b = c``, in any number of arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split. A
+    query may name the entities in ``allowed``, by default ``entities``.
 
     Raises:
         UnknownEntityError: for an unknown entity or relation, with the nearest names.
-        ConfigError: if the words are neither triple nor recipe, or several slots are open.
+        ConfigError: if the arguments are neither triple nor recipe, or several entities are open.
     """
     allowed = entities if allowed is None else allowed
     pieces = [] if any(word in RELATIONS for word in words) else list(_pieces(words, entities))

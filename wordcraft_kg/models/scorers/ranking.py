@@ -1,4 +1,4 @@
-"""Filtered ranking on test triples: ranks, metrics with intervals, slices and calibration."""
+"""Ranks of the true answers to test triples, metrics with intervals, metrics by relation, and calibration."""
 
 from typing import Annotated
 
@@ -26,12 +26,12 @@ CELLS = 2**23
 
 
 class RankingMetrics(Record, omit_defaults=True):
-    """Metrics over ranked queries; without queries, only ``queries`` is set.
+    """Link prediction metrics over a set of ranked queries; without queries, only ``queries`` is set.
 
     Attributes:
-        queries: number of queries.
+        queries: number of queries, triples with the head or the tail left open.
         mrr: mean reciprocal rank.
-        hits_at_1, hits_at_3, hits_at_10: share of ranks up to k.
+        hits_at_1, hits_at_3, hits_at_10: share of queries with rank at most k.
         mean_rank: mean rank, from 1.
         amri: adjusted mean rank index, 0 for a random order and 1 for a perfect order (Berrendorf et al. 2020).
         mrr_ci: 95 % interval of ``mrr``, if computed.
@@ -48,7 +48,7 @@ class RankingMetrics(Record, omit_defaults=True):
 
 
 class CalibrationBin(Record):
-    """Queries with similar confidence: mean confidence, and accuracy for the best candidate."""
+    """Queries with similar confidence: mean confidence, accuracy of the best candidates, and number of queries."""
 
     confidence: Share
     accuracy: Share
@@ -56,21 +56,21 @@ class CalibrationBin(Record):
 
 
 class Calibration(Record):
-    """Expected calibration error, and equal-sized bins by confidence."""
+    """Expected calibration error, and the queries in bins of equal size, sorted by confidence."""
 
     ece: Share
     bins: tuple[CalibrationBin, ...]
 
 
 def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
-    """Return a uniform sample without replacement, in the given order; all triples if at most ``size``."""
+    """Return a sample of triples without replacement, in the given order; all triples if there are at most ``size``."""
     if len(triples) <= size:
         return triples
     return triples[np.sort(np.random.default_rng(seed).permutation(len(triples))[:size])]
 
 
 def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
-    """Return the triples ranked after training: at most 20,000, fewer above 26,000 entities."""
+    """Return the sample of triples that is ranked after training: at most 20,000, fewer above 26,000 entities."""
     return sampled(triples, min(20_000, max(1_000, 2**29 // graph.num_entities)))
 
 
@@ -82,14 +82,14 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
 
     Args:
         scorer: the scorer to evaluate.
-        triples: shape (T, 3), the queries.
-        known: shape (K, 3), all true triples, train and test.
+        triples: shape (T, 3), the triples to rank.
+        known: shape (K, 3), all true triples of train and test recipes.
 
     Returns:
         2 T rows, first all tail queries, then all head queries, in the given order. Columns: head, relation, tail
         (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates (number of
-        competing entities, including the true entity), score (for the true entity), top (best candidate) and
-        confidence (softmax share for ``top``).
+        competing entities, including the true entity), score (for the true entity), top (best candidate) and confidence
+        (softmax share for ``top``).
 
     Raises:
         ArtefactError: if a score is not finite.
@@ -165,12 +165,12 @@ def _ranges(left: Ids, right: Ids) -> Ids:
 
 
 def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
-    """Return the mean reciprocal rank; needs a ranked query."""
+    """Return the mean reciprocal rank over the rows of :func:`rank_triples`; needs at least one row."""
     return float(np.mean(1 / ranks["rank"].to_numpy(dtype=float)))
 
 
 def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics:
-    """Return metrics over ranked queries for a rank column."""
+    """Return metrics over the rows of :func:`rank_triples`, from the ranks in a column."""
     rank = ranks[column].to_numpy(dtype=float)
     if not len(rank):
         return RankingMetrics(0)
@@ -187,14 +187,14 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
 
 
 def random_reciprocal_ranks(ranks: pd.DataFrame) -> NDArray[np.float64]:
-    """Return the expected reciprocal rank by query in a random order, ``H_n / n`` for n candidates."""
+    """Return each query's expected reciprocal rank in a random order of its n candidates, ``H_n / n``."""
     n = ranks["candidates"].to_numpy(dtype=np.int64)
     harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max(initial=1) + 1))])
     return np.asarray(harmonic[n] / n)
 
 
 def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
-    """Return exact expected metrics for a random order."""
+    """Return the exact expected metrics for random orders of the candidates."""
     n = ranks["candidates"].to_numpy(dtype=float)
     if not len(n):
         return RankingMetrics(0)
@@ -210,7 +210,7 @@ def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
 
 
 def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
-    """Return for each triple (T, 3) the index of the first pair with a recipe that gives the triple; shape (T,).
+    """Return, for each triple (T, 3), the index of the first ingredient pair with a recipe that gives the triple; (T,).
 
     Queries from the same pair are dependent (mirrored combinesWith triples most), so intervals resample pairs. Only
     recipes in the mask ``recipes``, shape (num_recipes,), count.
@@ -230,7 +230,7 @@ def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
 
 
 def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000, seed: int = 0) -> RankingMetrics:
-    """Return :func:`ranking_metrics` with ``mrr_ci``, a 95 % bootstrap interval over recipes."""
+    """Return :func:`ranking_metrics` with ``mrr_ci``, a 95 % bootstrap interval that resamples ``clusters``."""
     metrics = ranking_metrics(ranks)
     if not metrics.queries:
         return metrics
@@ -239,9 +239,9 @@ def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000,
 
 
 def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
-    """Compare the best candidate's softmax confidence with accuracy.
+    """Compare the softmax confidence of each query's best candidate with the accuracy of these candidates.
 
-    Most unseen triples have several plausible answers, so values near 1 are not expected.
+    Most unseen triples have several plausible answers, so confidences near 1 are not expected.
     """
     confidence = ranks["confidence"].to_numpy(dtype=float)
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"])
@@ -255,7 +255,7 @@ def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
-    """Return masks for the standard slices: all, each relation, each relation and side."""
+    """Return masks of the rows for metrics by relation: all, each relation, each relation with each side."""
     relation, side = ranks["relation"].to_numpy(), ranks["side"].to_numpy()
     masks = {"all": np.ones(len(ranks), dtype=bool)}
     masks |= {name: relation == i for i, name in enumerate(RELATIONS)}

@@ -1,4 +1,4 @@
-"""Recipe-level scores, and supporting train recipes."""
+"""Scores for whole recipes, and the train recipes that support a score."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Protocol, runtime_checkable
@@ -25,7 +25,7 @@ _DTYPES = {
 
 
 class Witness(Record):
-    """A recipe that supports another recipe, see :class:`~wordcraft_kg.models.scorers.pair_features.Support`."""
+    """A supporting recipe as labels, see :class:`~wordcraft_kg.models.scorers.pair_features.Support`."""
 
     ingredient_a: str
     ingredient_b: str
@@ -35,45 +35,46 @@ class Witness(Record):
 
     @classmethod
     def of(cls, supporting: Support, entities: Sequence[str]) -> "Witness":
-        """Replace ids by labels."""
+        """Return the supporting recipe with labels in place of ids."""
         a, b, result = (entities[entity] for entity in supporting.recipe)
         return cls(a, b, result, supporting.weight, supporting.share)
 
     @property
     def recipe(self) -> Recipe:
-        """The recipe as a value."""
+        """The supporting recipe without its weight."""
         return Recipe(self.ingredient_a, self.ingredient_b, self.result)
 
 
 @runtime_checkable
 class RecipeScores(TripleScorer, Protocol):
-    """A scorer with recipe scores; ``recipes``, shape (n, 3), are the training recipes."""
+    """Interface of scorers that also score whole recipes; ``recipes``, ids (n, 3), are the training recipes."""
 
     recipes: Tensor
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Score unordered pairs with a result; ids broadcast."""
+        """Score recipes, two ingredients in any order and a result; ids or labels broadcast."""
         ...
 
     def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return recipes that support a recipe, largest share first."""
+        """Return at most ``limit`` training recipes that support a recipe, largest share of the evidence first."""
         ...
 
 
 class RecipeScorer(StoredScorer):
-    """Learned recipe and link scorer: rankers on out-of-sample features.
+    """A learned scorer for recipes and links: small networks (rankers) on features from known recipes.
 
-    Recipe scores are in nats: the log-odds, up to a constant, that this pair makes the goal, given that some pair on
-    the table does. Link scores come from the link ranker.
+    The networks learn from features of recipes outside each fold's training data. Recipe scores are in nats: the
+    log-odds, up to a constant, that a pair of ingredients makes the goal, given that some pair on the table does. Link
+    scores come from the link ranker.
 
     Attributes:
-        knowledge: tables and rankers.
+        knowledge: feature arrays and the recipe ranker.
         recipes: shape (n, 3), training recipes.
-        link_rankers: link-ranker weights by relation, for entities outside the graph.
+        link_rankers: weights of the link ranker by relation, for entities outside the graph.
 
     Raises:
         KeyError: if a tensor is missing.
-        ValueError: if a tensor has another shape or type than the entities require.
+        ValueError: if a tensor has a shape or type that does not fit the entities.
     """
 
     kind: ClassVar[str] = "recipes"
@@ -86,7 +87,7 @@ class RecipeScorer(StoredScorer):
         self.link_rankers = {relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS}
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return tensors that restore the scorer."""
+        """Return all tensors of the scorer by name; :meth:`restored` makes the scorer from these tensors."""
         links = {
             f"{relation}.{name}": weights
             for relation, ranker in self.link_rankers.items()
@@ -103,7 +104,7 @@ class RecipeScorer(StoredScorer):
         return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Score recipes by ids or labels (single, sequence or tensor), which broadcast; float32, nats.
+        """Score recipes, two ingredients in any order and a result; float32, in nats.
 
         Raises:
             UnknownEntityError: for an unknown label or id.
@@ -119,7 +120,7 @@ class RecipeScorer(StoredScorer):
     def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
         """Return at most ``limit`` train recipes that support a recipe, largest evidence share first.
 
-        Train recipes are part of their own evidence. The score has further features, see
+        A train recipe supports itself. The recipe score depends on further features, see
         :data:`~wordcraft_kg.models.scorers.pair_features.FEATURES`.
 
         Raises:

@@ -1,4 +1,4 @@
-"""Entity similarities by scores: as heads and as tails in each relation."""
+"""Similarities between entities by a model's scores for each entity as head and as tail."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,15 +17,16 @@ _Rows = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class EntityRoles:
-    """Entity similarities by role: head or tail in a relation.
+    """Similarities between entities by role; a role is the head or the tail of a relation.
 
-    A role represents each entity by a row (as tail: column) of scores with all entities, centred by row and column;
-    uncentred rows mainly show which entities score high overall. Only row products matter, so factors can replace
-    tables: :attr:`units` are then different coordinates for the same vectors.
+    In a role, an entity is represented by its row (as head) or column (as tail) of scores with all entities, centred by
+    row and column; uncentred rows mainly show which entities score high overall. Only row products matter, so factors
+    can replace tables: :attr:`units` are then different coordinates for the same vectors.
 
     Attributes:
-        units: by relation and side (head, tail), unit rows (0 for entities without scores), shape (E, m).
-        lengths: shape (E, 4), float32: row lengths relative to the role's root mean square.
+        units: unit vectors by relation and side (head, tail), shape (E, m); 0 for entities without scores.
+        lengths: shape (E, 4), float32: length of each entity's vector in each role, relative to the root mean square
+            over the role.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")
@@ -39,10 +40,10 @@ class EntityRoles:
 
     @classmethod
     def of(cls, scorer: TripleScorer) -> "EntityRoles":
-        """Compute roles from a score table or from factors.
+        """Compute the similarities from a scorer's table or factors.
 
         Raises:
-            ConfigError: for too many pairs without factors.
+            ConfigError: if the graph is too large for a table and the scorer has no factors.
         """
         size = len(scorer.entities)
         units, lengths = [], []
@@ -58,12 +59,12 @@ class EntityRoles:
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))  # type: ignore[arg-type]
 
     def alike(self, entity: int, relation: int, side: Side) -> _Rows:
-        """Return cosines between an entity and all entities in a role, shape (E,)."""
+        """Return the cosines between an entity and all entities, in the role given by relation and side; shape (E,)."""
         rows = self.units[relation][side == "tail"]
         return np.asarray(rows @ rows[entity])
 
     def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
-        """Return the nearest entities over all roles with cosines, nearest first; each role weighs the same."""
+        """Return the most similar entity ids with cosines over all roles, nearest first; roles weigh the same."""
         weights = self.lengths * self.lengths[entity] / np.maximum(self._total * self._total[entity], 1e-12)[:, None]
         cosines = np.stack([self.alike(entity, relation, side) for relation, side in ROLES], axis=1)
         means = (weights * cosines).sum(axis=1)
@@ -80,7 +81,7 @@ ROLES: tuple[tuple[int, Side], ...] = tuple((relation, side) for relation in (0,
 
 
 def centred(scores: NDArray[Any]) -> NDArray[Any]:
-    """Centre a score table, shape (E, E), by row and column."""
+    """Subtract row means and column means from a score table, shape (E, E)."""
     by_row = scores - scores.mean(axis=1, keepdims=True)
     return np.asarray(by_row - by_row.mean(axis=0))
 

@@ -1,4 +1,4 @@
-"""Scores on a common scale, for mixing scorers and relations."""
+"""Scores on a common scale, so that the scores of several scorers and relations can be mixed."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -23,19 +23,19 @@ def scaled_table(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> Tensor:
-    """Return scaled scores for all pairs in a relation: shape (E, E), row = head.
+    """Return the scaled scores of all pairs of entities in a relation: shape (E, E), row = head.
 
     Args:
         scorer: any scorer.
         relation: relation id.
-        scale: ``standardise`` standardises scores, ``ranks`` ranks among all pairs, ``log-softmax`` the log-softmax
-            over heads for each tail; ``none`` keeps raw scores.
-        self_edges: ``keep`` all self edges, keep self edges in ``observed``, or ``drop`` all. Dropped scores become the
-            mean over pairs of different entities.
+        scale: ``standardise`` (mean 0, deviation 1), ``ranks`` (percentile ranks among all pairs), ``log-softmax``
+            (over heads, for each tail) or ``none`` (raw scores).
+        self_edges: scores of an entity with itself: ``keep`` all, keep only pairs in ``observed``, or ``drop`` all.
+            Dropped scores become the mean over pairs of different entities.
         observed: the scorer's training triples, shape (T, 3).
 
     Raises:
-        ConfigError: for an unknown scale or kind of self edges, or ``observed`` without triples.
+        ConfigError: for an unknown scale or kind of self edges, or for ``self_edges`` ``observed`` without triples.
     """
     one_of("scale", scale, get_args(Scale))
     one_of("self_edges", self_edges, get_args(SelfEdges))
@@ -61,12 +61,12 @@ FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "none")
 
 @dataclass(frozen=True)
 class ScaledFactors:
-    """Scaled scores for a relation as factors: ``left[head] · right[tail] - shift``.
+    """Scaled scores of a relation as matrix factors: a pair scores ``left[head] · right[tail] - shift``.
 
     Attributes:
-        left, right: shape (E, m).
-        shift: shape ().
-        dropped: shape (E,), bool: entities with self score ``itself``, shape ().
+        left, right: factors, shape (E, m).
+        shift: the same for all pairs, shape ().
+        dropped: shape (E,), bool: entities that score ``itself``, shape (), when paired with themselves.
     """
 
     left: Tensor
@@ -84,13 +84,13 @@ def scaled_factors(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> ScaledFactors:
-    """Return :func:`scaled_table` in factored form; mean and deviation follow from the factors' moments.
+    """Return :func:`scaled_table` as factors; mean and deviation follow from the factors' moments.
 
     With X and Y the factors, scores sum to ``Σ x · Σ y`` and squared scores to the sum over all entries in ``XᵀX *
     YᵀY``, both without self pairs.
 
     Raises:
-        ConfigError: for a scale that needs a table, or ``observed`` without triples.
+        ConfigError: for a scale that needs a table, or for ``self_edges`` ``observed`` without triples.
     """
     one_of("scale", scale, FACTORED_SCALES)
     one_of("self_edges", self_edges, get_args(SelfEdges))

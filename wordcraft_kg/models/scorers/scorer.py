@@ -1,4 +1,4 @@
-"""The scorer base class; a new scorer implements ``_score``."""
+"""The base class of scorers; a new scorer implements the method ``_score`` for ids."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -21,11 +21,11 @@ RelationIds = int | str | Tensor
 
 
 class Scorer(ABC):
-    """Vocabulary and id handling shared by all scorers.
+    """Base class of scorers, which rate how plausible triples are: stores entity labels and converts labels to ids.
 
     Attributes:
-        entities: labels in id order.
-        graph_hash: the graph's content hash.
+        entities: entity labels in id order.
+        graph_hash: content hash of the scorer's recipe graph.
         device: torch device for computation and results.
         name: name in reports.
     """
@@ -39,17 +39,17 @@ class Scorer(ABC):
 
     @property
     def whole(self) -> "Scorer":
-        """The scorer trained on all train recipes: ``self`` unless cross-fitted."""
+        """The scorer trained on all train recipes: ``self``, unless the scorer also has models for left-out folds."""
         return self
 
     @property
     def folds(self) -> "CrossFitted | None":
-        """``self`` if cross-fitted, else None."""
+        """``self`` if the scorer is cross-fitted (has one model per left-out fold), else None."""
         return None
 
     @property
     def observed(self) -> Ids | None:
-        """Triples that count as true for this scorer, shape (T, 3); None for the training triples."""
+        """Triples that count as observed in training, shape (T, 3); None for the triples of the training recipes."""
         return None
 
     @abstractmethod
@@ -57,7 +57,7 @@ class Scorer(ABC):
         """Score broadcastable int64 ids within range; float32."""
 
     def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> Tensor:
-        """Score triples by ids or labels (single, sequence or tensor), which broadcast; float32.
+        """Score triples, float32; ids or labels (a single value, a sequence or a tensor) broadcast.
 
         Raises:
             UnknownEntityError: for an unknown label or id.
@@ -65,12 +65,12 @@ class Scorer(ABC):
         return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
 
     def table(self, relation: int | str) -> Tensor:
-        """Return scores for all pairs, shape (E, E), row = head, column = tail; 1.5 GiB for 20,000 entities."""
+        """Return the scores of all pairs in a relation, (E, E), row = head; 1.5 GiB for 20,000 entities."""
         everything = torch.arange(len(self.entities), device=self.device)
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 
     def entity_ids(self, entities: EntityIds) -> Tensor:
-        """Return entities as int64 ids on the scorer's device; UnknownEntityError names the nearest labels."""
+        """Convert labels or ids to an int64 tensor of ids; UnknownEntityError names the nearest labels."""
         if not isinstance(entities, torch.Tensor):
             values = np.asarray(entities)
             if values.dtype.kind == "U":
@@ -87,7 +87,7 @@ class Scorer(ABC):
         return ids
 
     def relation_ids(self, relations: RelationIds) -> Tensor:
-        """Return relations as int64 ids on the scorer's device; UnknownEntityError names the known relations."""
+        """Convert relation names or ids to an int64 tensor of ids; UnknownEntityError names the relations."""
         if isinstance(relations, str):
             if relations not in RELATIONS:
                 hint = nearest(relations, RELATIONS)
@@ -100,7 +100,7 @@ class Scorer(ABC):
     def top(
         self, head: EntityIds | None, relation: RelationIds, tail: EntityIds | None, limit: int | None = 10
     ) -> list[tuple[str, float]]:
-        """Rank entities for the open slot (None): labels and scores, best first; without ``limit`` all entities."""
+        """Rank entities for the head or tail that is None: labels and scores, best first; all without ``limit``."""
         if (head is None) == (tail is None):
             raise ValueError("either head or tail must be None, not both.")
         everything = torch.arange(len(self.entities), device=self.device)
@@ -110,35 +110,36 @@ class Scorer(ABC):
 
 
 class StoredScorer(Scorer):
-    """A scorer with tensors in a model folder.
+    """A scorer that can be written to a model folder and read again, as named tensors.
 
     Attributes:
-        kind: name in ``vocabulary.json`` and key in :data:`~wordcraft_kg.models.scorers.folder.SCORERS`.
+        kind: name of the scorer class in ``vocabulary.json`` and key in
+            :data:`~wordcraft_kg.models.scorers.folder.SCORERS`.
     """
 
     kind: ClassVar[str]
 
     @abstractmethod
     def tensors(self) -> dict[str, Tensor]:
-        """Return tensors that restore the scorer."""
+        """Return all tensors of the scorer by name; :meth:`restored` makes the scorer from these tensors."""
 
     @staticmethod
     @abstractmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:
-        """Raise KeyError for a missing tensor, ValueError for a wrong shape, type or value; ``size`` is E."""
+        """Check tensors for E = ``size`` entities: KeyError if missing, ValueError if shape, type or value is wrong."""
 
     @classmethod
     def restored(
         cls, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
     ) -> Scorer:
-        """Restore a scorer from tensors; ``settings`` are ``device`` and ``name``."""
+        """Make the scorer from its tensors, labels and graph hash; ``settings`` are ``device`` and ``name``."""
         return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
 
 
 def check_shapes(
     tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]], dtypes: Mapping[str, torch.dtype] = {}
 ) -> None:
-    """Raise KeyError or ValueError for tensors with a wrong shape or type (float32 unless in ``dtypes``)."""
+    """Raise KeyError for a missing tensor, ValueError for a wrong shape or type (float32 unless in ``dtypes``)."""
     for name, shape in expected.items():
         if tensors[name].dtype != (kind := dtypes.get(name, torch.float32)):
             raise ValueError(f"{name} has type {tensors[name].dtype}, not {kind}")
@@ -147,7 +148,7 @@ def check_shapes(
 
 
 def check_ids(name: str, ids: Tensor, high: int) -> None:
-    """Raise ValueError for ids outside 0 .. ``high``."""
+    """Raise ValueError if an id is outside 0 .. ``high``; ``name`` is for the error."""
     if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) <= high:
         raise ValueError(f"{name} contains numbers outside 0 .. {high}")
 

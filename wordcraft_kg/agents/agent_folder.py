@@ -1,4 +1,4 @@
-"""Run folders of agents."""
+"""Run folders of agents: reading the records, and opening the trained agent."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,15 +24,15 @@ INPUTS = ("policy.json", "constants.safetensors")
 
 @dataclass(frozen=True)
 class AgentRun:
-    """Run records, finished or not, without graph and weights.
+    """The records in an agent's run folder, finished or not, without graph and weights.
 
     Attributes:
         name: display name, see :func:`~wordcraft_kg.runs.record.run_name`.
         checkpoint: ``final``, ``step N`` for an unfinished run, or empty before the first checkpoint.
-        config: settings.
-        run: ``run.json``.
+        config: training settings.
+        run: content of ``run.json``: command, versions, input and output hashes, status.
         metrics: lines in ``metrics.jsonl``.
-        evaluation: ``evaluation.json``, None for an unfinished run.
+        evaluation: content of ``evaluation.json``, the final evaluation; None for an unfinished run.
     """
 
     name: str
@@ -44,7 +44,7 @@ class AgentRun:
 
     @property
     def provenance(self) -> dict[str, str]:
-        """Provenance for reports."""
+        """Command, end, weights, versions and input hashes, as texts by name for reports."""
         run = self.run
         names = ("graph", "split", "scorer", "scorer_folds")
         return {
@@ -65,7 +65,7 @@ class OpenedAgent(AgentRun):
 
 
 def read_agent_run(folder: str | Path) -> AgentRun:
-    """Read the records of a run folder; an unfinished run may still be training.
+    """Read the records in an agent's run folder; an unfinished run may still be training.
 
     Raises:
         ArtefactError: if the run does not exist or a file is damaged.
@@ -87,11 +87,11 @@ def read_agent_run(folder: str | Path) -> AgentRun:
 
 
 def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> OpenedAgent:
-    """Open a run folder; an unfinished run is opened at the last checkpoint.
+    """Open an agent's run folder for evaluation; an unfinished run is opened at the last checkpoint.
 
     Args:
         folder: ``train-agent`` run folder.
-        graph: new location of the graph, or the opened graph.
+        graph: new location of the training graph if the folder was moved, or the opened graph.
 
     Raises:
         ArtefactError: if the run or the checkpoint does not exist, or a file is damaged.
@@ -114,10 +114,10 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
 
 
 def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
-    """Return the policy at a checkpoint.
+    """Load a run's policy with the weights at a checkpoint.
 
     Raises:
-        ArtefactError: if the files are inconsistent.
+        ArtefactError: if the checkpoint's files are inconsistent.
     """
     files.bytes("policy.json")
     parameters = with_prefix(checkpoint.tensors, "policy.")

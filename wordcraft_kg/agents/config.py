@@ -47,7 +47,7 @@ class TaskConfig:
         self.environment("train")
 
     def environment(self, part: TaskPart, distractors: int | None = None) -> WordCraftConfig:
-        """Return the environment settings for a split; ``distractors`` replaces the number of distractors.
+        """Return the environment settings for a part of the split; ``distractors`` replaces the number of distractors.
 
         Raises:
             ConfigError: for a value out of range.
@@ -127,12 +127,12 @@ class ImpalaConfig:
 
     @property
     def steps_per_update(self) -> int:
-        """Environment steps per update."""
+        """Environment steps per update, in all environments together."""
         return self.batch_size * self.unroll
 
     @property
     def updates(self) -> int:
-        """Total number of updates."""
+        """Number of updates in the whole training."""
         return -(-self.steps // self.steps_per_update)
 
 
@@ -171,6 +171,6 @@ class AgentConfig(RunConfig):
         return Path("runs") / f"{graph_name}-{Path(self.scorer).name if self.scorer else 'no-kg'}"
 
     def differing(self) -> dict[str, Any]:
-        """Return the settings that differ from the defaults."""
+        """Return the settings that differ from the defaults, by name."""
         default = AgentConfig("").values()
         return {name: value for name, value in self.values().items() if default.get(name) != value}

@@ -1,4 +1,4 @@
-"""``metrics.jsonl``: training metrics and learning curves."""
+"""``metrics.jsonl``: training metrics and learning curves, in a run folder."""
 
 import json
 import os
@@ -23,10 +23,10 @@ CURVE_TASKS = 4_000
 
 
 class MetricsFile:
-    """Writes ``metrics.jsonl`` and forwards metrics to trackers.
+    """Writer for a run's ``metrics.jsonl``; forwards each line to trackers such as TensorBoard.
 
     Attributes:
-        eval_seconds: time for learning curves.
+        eval_seconds: seconds spent on evaluations for learning curves.
     """
 
     def __init__(self, folder: Path, world: World, log: Log):
@@ -43,7 +43,7 @@ class MetricsFile:
         return self.path.stat().st_size
 
     def cut(self, size: int) -> None:
-        """Truncate the file to the length at a checkpoint.
+        """Truncate the file to ``size`` bytes, the size at a checkpoint.
 
         Raises:
             ValueError: if the file is shorter.
@@ -53,7 +53,7 @@ class MetricsFile:
         os.truncate(self.path, size)
 
     def evaluate(self, policy: Policy) -> dict[str, float]:
-        """Return a point for each learning curve."""
+        """Evaluate a policy; return the success rate by curve, such as ``test_success``."""
         begun = time.perf_counter()
         point = {
             f"{part}_success": float(evaluator(PolicyPlayer(policy)).success.mean())
@@ -63,14 +63,14 @@ class MetricsFile:
         return point
 
     def add(self, row: dict[str, Any]) -> None:
-        """Append a line."""
+        """Append a line of metrics."""
         with self.path.open("ab") as file:
             file.write((json.dumps(row, allow_nan=False) + "\n").encode())
         self._log(row["step"], {name: value for name, value in row.items() if name != "step"})
 
 
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
-    """Return an evaluator for each split with tasks; learning curves use fewer tasks."""
+    """Return an evaluator for each part of the split with tasks (train, test); learning curves use fewer tasks."""
     result = {}
     for part in EVALUATED:
         with suppress(TaskError):  # without held-out recipes, a graph has no test tasks

@@ -1,4 +1,4 @@
-"""Players for the open-ended environment and their discovery curves."""
+"""Players for the open-ended environment, and discovery curves: known entities by number of attempts."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -42,41 +42,41 @@ _MAX_SCORE = 50.0  # standard deviations; exp of larger numbers would overflow
 
 
 class Discoverer(ABC):
-    """A player for the open-ended environment; chooses pairs of known entities.
+    """Base class of players for the open-ended environment, which choose pairs of known entities.
 
     Attributes:
-        known: ids in discovery order.
-        rng: source of randomness.
+        known: ids of known entities, in discovery order.
+        rng: random generator of the current run.
     """
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:
-        """Start a run with known entities, as ids."""
+        """Start a run with the known entities ``base``, as ids, and a random generator."""
         self.known: list[int] = []
         self.rng = rng
         for entity in base:
             self.learn(entity)
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:
-        """Process the new results of the chosen pair."""
+        """Process the new entities (ids) that the chosen pair made."""
         for entity in new:
             self.learn(entity)
 
     def learn(self, entity: int) -> None:
-        """Process a newly known entity."""
+        """Process an entity (id) that has become known."""
         self.known.append(entity)
 
     @abstractmethod
     def choose(self) -> Pair:
-        """Return the next pair; called only while discoveries remain."""
+        """Return the next pair of known ids to combine; called only while discoveries remain."""
 
     def draw_best(self, values: Floats) -> int:
-        """Return the index with the highest value, ties at random."""
+        """Return the index of the highest value; equal values are drawn at random."""
         best = np.flatnonzero(values == values.max())
         return int(best[self.rng.integers(len(best))])
 
 
 class RandomDiscoverer(Discoverer):
-    """Samples both entities uniformly, with repetition."""
+    """A player that samples both entities uniformly; a pair may repeat."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
         one, other = self.rng.integers(len(self.known), size=2).tolist()
@@ -84,7 +84,7 @@ class RandomDiscoverer(Discoverer):
 
 
 class NoRepeatDiscoverer(RandomDiscoverer):
-    """Samples untried pairs uniformly."""
+    """A player that samples pairs uniformly among the pairs not yet tried in the run."""
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
         super().begin(base, rng)
@@ -103,7 +103,7 @@ class NoRepeatDiscoverer(RandomDiscoverer):
 
 
 class OracleDiscoverer(Discoverer):
-    """Knows the graph, never fails, and maximises the summed worth of new results."""
+    """Base class of players that know all recipes and choose the pair with the highest summed worth of new results."""
 
     def __init__(self, graph: RecipeGraph):
         self.graph = graph
@@ -122,7 +122,7 @@ class OracleDiscoverer(Discoverer):
 
     @abstractmethod
     def worth(self, entities: Ids) -> Floats:
-        """Return the positive worth of each unknown entity."""
+        """Return the worth of each given unknown entity (ids): positive numbers."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
         graph = self.graph
@@ -135,7 +135,7 @@ class OracleDiscoverer(Discoverer):
 
 
 class GreedyDiscoverer(OracleDiscoverer):
-    """Greedy oracle: worth is 1 + out-degree, the number of recipes with the entity."""
+    """The greedy oracle: an entity's worth is 1 + the number of recipes with the entity as an ingredient."""
 
     def __init__(self, graph: RecipeGraph):
         super().__init__(graph)
@@ -146,7 +146,7 @@ class GreedyDiscoverer(OracleDiscoverer):
 
 
 class EmpowermentDiscoverer(OracleDiscoverer):
-    """Maximises true empowerment.
+    """The oracle of empowerment: an entity's worth counts the new entities that the entity makes possible.
 
     ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c plus the distinct new entities within reach.
 
@@ -166,13 +166,13 @@ class EmpowermentDiscoverer(OracleDiscoverer):
 
 
 class ScorerDiscoverer(Discoverer):
-    """Maximises the empowerment expected by a link predictor.
+    """A player that maximises the empowerment expected from a link predictor, without knowing the recipes.
 
     ``z_r`` are the scores for relation r, standardised over pairs of different entities (combinesWith symmetrised):
 
     ``value(a, b) = odds(a, b) * sum_c P(c | a, b) * [c not known] * (1 + sum_{x known} odds(c, x))``
 
-    ``odds(a, b) = exp(z_combinesWith(a, b))`` is the plausibility that a and b combine.
+    ``odds(a, b) = exp(z_combinesWith(a, b))`` is the plausibility that a and b combine;
     ``P(c | a, b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))``, truncated to the :data:`CANDIDATES` best
     results. The last factor is the empowerment of c: 1 plus the plausibilities of known partners. Only untried pairs
     are considered.
@@ -181,11 +181,11 @@ class ScorerDiscoverer(Discoverer):
     """
 
     def __init__(self, graph: RecipeGraph, scorer: TripleScorer):
-        """Standardise both score tables, shape (E, E) each.
+        """Standardise the scorer's tables for combinesWith and componentOf, shape (E, E) each.
 
         Raises:
             GraphMismatchError: if the scorer belongs to another graph.
-            ConfigError: if the tables would exceed :data:`MOST_BYTES`; nothing is computed then.
+            ConfigError: if the tables would exceed :data:`MOST_BYTES`; then nothing is computed.
         """
         check_scorer(scorer, graph)
         needed = graph.num_entities**2 * PAIR_BYTES
@@ -255,7 +255,7 @@ DISCOVERERS = {
 def make_discoverers(
     names: Iterable[str], graph: RecipeGraph, scorer: TripleScorer | None = None
 ) -> dict[str, Discoverer]:
-    """Return players by name.
+    """Make players for the open-ended environment, from names in :data:`DISCOVERERS`.
 
     Raises:
         ConfigError: for an unknown name, or ``empowerment-scorer`` without a scorer or with too many entities.
@@ -287,14 +287,16 @@ def discovery_curves(
     base: Iterable[Entity] | None = None,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> "pd.DataFrame":
-    """Play by the rules of ``WordCraft-OpenEnded-v0`` on ids, without observations.
+    """Let players discover entities and count the known entities after each attempt.
 
-    Run ``i`` uses ``np.random.default_rng([seed, i])``, so a curve does not depend on the choice of players. After
-    each run, ``progress`` receives finished runs, total runs, and known entities.
+    Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses
+    ``np.random.default_rng([seed, i])``, so curves do not depend on the choice of players. After each run, ``progress``
+    receives the numbers of finished runs, all runs, and known entities.
 
     Returns:
-        a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known entities, and
-        ``repeated``, whether the pair was a repetition. Runs stop when all reachable entities are known.
+        a table with a row per player, run and attempt, from 0 (only the base entities) to ``attempts``: ``known``, the
+        number of known entities, and ``repeated``, whether the pair was tried earlier in the run. Runs stop when all
+        reachable entities are known.
 
     Raises:
         ConfigError: for numbers out of range, or a base without any recipe.
@@ -330,15 +332,16 @@ def discovery_curves(
 
 
 def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = MARKS) -> "pd.DataFrame":
-    """Return the mean number of known entities by attempts.
+    """Average discovery curves over runs: mean number of known entities after some numbers of attempts.
 
     Args:
-        curves: from :func:`discovery_curves`.
+        curves: table from :func:`discovery_curves`.
         marks: numbers of attempts, limited to the curves; the last attempt is always included.
 
     Returns:
-        a row per player and attempt, in the order of ``curves``: ``mean`` over runs, ``low`` and ``high`` of the 95 %
-        interval (normal approximation; NaN for a single run), and ``repeated``, the share of repetitions.
+        a table with a row per player and number of attempts, in the order of ``curves``: ``mean`` over runs, ``low``
+        and ``high`` of the 95 % interval (normal approximation; NaN for a single run), and ``repeated``, the share of
+        attempts that repeat a pair.
     """
     last = int(curves["attempt"].max())
     at = sorted({*(mark for mark in marks if mark <= last), last})

@@ -1,4 +1,4 @@
-"""Evaluation on all tasks of a split with fixed tables and frozen weights."""
+"""Evaluation of policies and players on all tasks in a part of the split, with fixed tables and frozen weights."""
 
 import logging
 from dataclasses import dataclass
@@ -27,14 +27,14 @@ ROWS = 2_048
 
 
 class PolicyPlayer:
-    """A player that takes the best action under the current weights; ties go to the first slot."""
+    """A player that takes the best action under a policy's current weights; ties go to the first slot."""
 
     def __init__(self, policy: Policy):
         self.policy = policy
 
     @torch.no_grad()
     def __call__(self, state: State, rng: np.random.Generator) -> Any:
-        """Return the best slots."""
+        """Return the best slot in each of N environments, shape (N,)."""
         bind_tasks([self.policy], state.world)
         states, weights = states_of(state), self.policy.weights()
         device = next(self.policy.parameters()).device
@@ -49,10 +49,10 @@ class PolicyPlayer:
 
 
 def player_of(policy: Policy, kind: str) -> Player:
-    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only`` (only the policy's scorer).
+    """Return the player for a name: ``trained`` (the policy), ``random``, ``oracle`` or ``kg-only``.
 
     Raises:
-        ConfigError: for ``kg-only`` without a scorer.
+        ConfigError: for ``kg-only``, which plays by the policy's scorer, if the policy has no scorer.
     """
     if kind == "kg-only":
         if not policy.sources:
@@ -64,15 +64,15 @@ def player_of(policy: Policy, kind: str) -> Player:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Episodes on N tasks with D distractor seeds.
+    """The outcomes of a player's episodes on N tasks, each with D distractor seeds (samples of distractors).
 
     Attributes:
-        tasks: shape (N,), int64: task indices.
+        tasks: shape (N,), int64: indices into the world's tasks.
         success: shape (N, D), bool: the episode reached the goal.
-        by_plan: shape (N, D), bool: the last pair completed a plan.
-        actions: shape (N, D), int64: episode length.
+        by_plan: shape (N, D), bool: the goal was made by the last pair of one of the task's plans.
+        actions: shape (N, D), int64: episode length in actions.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
-        last: shape (N, D, 2), int64: the last pair, in order of actions.
+        last: shape (N, D, 2), int64: ids of the last combined pair, in the order of the two actions.
     """
 
     tasks: Ids
@@ -83,26 +83,26 @@ class Evaluation:
     last: Ids
 
     def figures(self) -> Success:
-        """Return mean success with an interval over tasks and sample sizes."""
+        """Return the mean success with a 95 % interval over tasks, and the sample sizes."""
         mean, by_plan, actions = (float(values.mean()) for values in (self.success, self.by_plan, self.actions))
         low, high = task_bootstrap(self.success)
         tasks, distractor_seeds = self.success.shape
         return Success(mean, low, high, tasks, distractor_seeds, by_plan, actions)
 
     def shares(self) -> dict[TerminationReason, Share]:
-        """Return episode shares by termination reason."""
+        """Return the share of episodes for each termination reason."""
         return {name: float((self.terminations == code).mean()) for code, name in enumerate(TERMINATION_REASONS)}
 
 
 class Evaluator:
-    """Plays all tasks in a split, or an evenly spaced sample, on fixed tables."""
+    """Plays all tasks in a world, or an evenly spaced sample, on fixed starting tables."""
 
     def __init__(self, world: World, *, distractor_seeds: int = 5, limit: int | None = MOST_TASKS):
         """Create an environment for each task.
 
         Args:
             world: graph, tasks and settings.
-            distractor_seeds: tables per task.
+            distractor_seeds: tables per task, with different distractors.
             limit: maximum number of tasks; None plays all.
         """
         num_tasks = len(world.tasks)
@@ -122,7 +122,7 @@ class Evaluator:
         self._parts = _right_parts(world)[self.tasks]
 
     def __call__(self, player: Player) -> Evaluation:
-        """Play all tasks with all distractor seeds."""
+        """Play all tasks with all distractor seeds; return the outcomes."""
         shape = (len(self.tasks), self.distractor_seeds)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
         actions, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
@@ -154,17 +154,17 @@ class Evaluator:
 def evaluate(
     player: Policy | Player, graph: GraphLike | World, *, distractor_seeds: int = 5, **settings: Any
 ) -> Evaluation:
-    """Evaluate a policy or scripted player on all tasks in a split (an evenly spaced sample if there are very many).
+    """Evaluate a policy or player on all tasks in a part of the split (a sample if there are very many).
 
     Args:
-        player: policy for the graph, or function ``(state, rng) -> slots``.
-        graph: graph folder, book file or name, graph, opened graph, or world (then without ``settings``).
+        player: policy for the graph, or function from a batched state and a random generator to slots.
+        graph: graph folder, book file or name, recipe graph, opened graph, or world (then without ``settings``).
         distractor_seeds: tables per task, equal for all players.
         settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
 
     Raises:
         ConfigError: for an unknown setting or a value out of range.
-        TaskError: if no task fits.
+        TaskError: if the graph has no task for these settings.
 
     Example:
         >>> result = evaluate(load_policy("runs/kitchen"), "kitchen", num_distractors=2, distractor_seeds=1)

@@ -1,4 +1,4 @@
-"""Explanations for actions: logits, split into source contributions."""
+"""Explanations for an agent's actions: the logit for each slot, split into contributions by sources."""
 
 import copy
 from collections.abc import Iterable, Sequence
@@ -38,11 +38,11 @@ Model = Literal["no_scorer", "no_recipes", "all_recipes", "train_recipes", "with
 
 
 class SlotEvidence(Record):
-    """Train recipes that support a slot.
+    """Train recipes that support a slot: similar to combining the slot's entity with a partner.
 
     Attributes:
-        source: source name.
-        partner: selection, or the best partner on the table.
+        source: name of the source that scores recipes.
+        partner: the selected entity, or without selection the best partner on the table.
         because: supporting recipes, strongest first; a cross-fitted scorer excludes the recipes for the task.
     """
 
@@ -52,12 +52,12 @@ class SlotEvidence(Record):
 
 
 class ExplainedSlot(Record):
-    """An entity on the table with logit β, probability π and source contributions.
+    """A slot's entity with logit β, probability π, and each source's contribution to the logit.
 
     Attributes:
         is_part: whether the entity is an ingredient for the goal in a plan.
-        sources: values by source.
-        contributions: λ · value by source, with sum ``logit``.
+        sources: unweighted scores by source name.
+        contributions: score times mixing weight λ, by source name; the sum is ``logit``.
         evidence: supporting recipes; None unless a source scores recipes.
     """
 
@@ -71,7 +71,11 @@ class ExplainedSlot(Record):
 
 
 class ExplainedStep(Record):
-    """An action: selection before the action, state value, λ by source (empty without mixing), and all slots."""
+    """An action with the scores behind the choice.
+
+    ``selection`` is the entity selected before the action, ``value`` the state value, and ``made`` the results.
+    ``lambdas`` holds the mixing weight λ by source; empty without mixing.
+    """
 
     selection: str | None
     value: float
@@ -81,7 +85,7 @@ class ExplainedStep(Record):
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
     def best_evidence(self, limit: int = _MAX_PAIRS) -> list[tuple[str, SlotEvidence]]:
-        """Return the entities with the highest logits and the evidence for each; each pair occurs once."""
+        """Return up to ``limit`` entities with the highest logits and their evidence; each pair occurs once."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
             if slot.evidence is not None and slot.evidence.because:
@@ -90,7 +94,7 @@ class ExplainedStep(Record):
 
 
 class ExplainedEpisode(Record):
-    """An episode by actions; plans are texts, such as "a + b -> c"."""
+    """An episode, explained action by action; plans are lists of texts, such as "a + b -> c"."""
 
     goal: str
     start: tuple[str, ...]
@@ -100,11 +104,11 @@ class ExplainedEpisode(Record):
 
 
 class TableRecipe(Record):
-    """A recipe in a plan for a table.
+    """A recipe in a plan that leads from a table to the goal.
 
     Attributes:
-        part: split containing the recipe.
-        is_in_sample: whether the answering model was trained on the recipe.
+        part: part of the split with the recipe: train, valid or test.
+        is_in_sample: whether the model that scores this table was trained on the recipe.
     """
 
     ingredient_a: str
@@ -115,14 +119,14 @@ class TableRecipe(Record):
 
 
 class ExplainedTable(Record):
-    """An agent's actions at a table.
+    """An agent's actions at a table, the plans there, and the model behind the scores.
 
     Attributes:
-        table: entities in slot order.
+        table: labels in slot order.
         ways: shortest plans for the goal, including distractors as ingredients.
-        model: answering model.
-        fold: the fold unseen by a cross-fitted model, else None.
-        episode: the actions.
+        model: the model that gave the scores, by its training recipes.
+        fold: the fold of train recipes that a cross-fitted model has not seen, or None.
+        episode: the explained actions.
     """
 
     table: tuple[str, ...]
@@ -133,7 +137,7 @@ class ExplainedTable(Record):
 
     @property
     def in_sample(self) -> tuple[TableRecipe, ...]:
-        """Recipes for the goal in the training data of the answering model."""
+        """Recipes for the goal that are training data of the model that gave the scores."""
         return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_in_sample))
 
 
@@ -150,7 +154,7 @@ class _Query(NamedTuple):
 
 
 class Explainer:
-    """Explains a policy's actions in a world; thread-safe.
+    """Explains a policy's actions in a world by splitting logits into source contributions; thread-safe.
 
     Explanations use double precision, so contributions add up to the logit, and probabilities to 1, within 1e-9.
     Parameters are copied, and sources are bound to tasks independently.
@@ -176,9 +180,10 @@ class Explainer:
         Args:
             policy: policy for the graph.
             world: graph, tasks and settings.
-            kg: the scorer's knowledge graph.
-            trained_on: shape (num_recipes,), bool: the scorer's correct training recipes; by default all.
-            max_actions: maximum number of actions; None plays to the end.
+            kg: recipes that the scorer was trained on: ``partial`` (train recipes) or ``full``.
+            trained_on: shape (num_recipes,), bool: recipes that the scorer saw with their correct result; by default
+                all.
+            max_actions: maximum number of explained actions; None plays to the end of the episode.
 
         Raises:
             LeakError: if a model would score tasks with recipes from its training data.
@@ -195,7 +200,7 @@ class Explainer:
         self._tables = EvaluationTables(world)
 
     def episode(self, task: int, distractor_seed: int = 0) -> ExplainedEpisode:
-        """Explain an episode on an evaluation table.
+        """Play and explain an episode on the fixed evaluation table of a task.
 
         Args:
             task: task index.
@@ -207,25 +212,25 @@ class Explainer:
         return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
-        """Explain an episode and name the answering model; see :meth:`episode`."""
+        """Explain an episode and name the model that gave the scores; see :meth:`episode` for the arguments."""
         return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def table(
         self, goal: Entity, table: Sequence[Entity], selection: Entity | None = None, *, like: int | None = None
     ) -> ExplainedTable:
-        """Explain the actions at any table.
+        """Explain the actions for a goal at any table.
 
-        If all recipes for the goal are in the same fold, a cross-fitted scorer answers by the model without this fold;
-        otherwise by the model trained on all train recipes.
+        If all recipes for the goal are in the same fold, a cross-fitted scorer uses the model trained without this
+        fold, otherwise the model trained on all train recipes.
 
         Args:
             goal: entity to make, as label or id.
-            table: different entities.
-            selection: first action of the first attempt, if made.
-            like: index of the original task; its model answers while goal and starting ingredients agree.
+            table: entities in slot order, as labels or ids, without repetition.
+            selection: entity that is selected already, if any.
+            like: index of a task; if goal and starting ingredients agree, the model for this task gives the scores.
 
         Raises:
-            UnknownEntityError: with the nearest labels.
+            UnknownEntityError: for an entity outside the graph; the message names the nearest labels.
             ConfigError: if the table is empty, too large or has duplicates, ``selection`` is absent from the table, or
                 task ``like`` does not exist.
         """
@@ -248,7 +253,7 @@ class Explainer:
         return self._explained(self._of_table(target, ids)._replace(selection=selected))
 
     def drawn(self, task: int, distractor_seed: int = 0) -> list[int]:
-        """Return the entity ids on an evaluation table; see :meth:`episode`."""
+        """Return the entity ids on a task's fixed evaluation table; see :meth:`episode`."""
         return self._tables.table(task, distractor_seed)
 
     def _of_task(self, task: int, table: list[int]) -> _Query:
@@ -386,7 +391,7 @@ def _exact(policy: Policy) -> Policy:
 def explain_episodes(
     policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
 ) -> tuple[ExplainedEpisode, ...]:
-    """Play tasks greedily on the evaluation tables and explain each action; see :class:`Explainer`.
+    """Play tasks greedily on the fixed evaluation tables and explain each action; see :class:`Explainer`.
 
     Args:
         policy: policy for the graph.
@@ -396,7 +401,7 @@ def explain_episodes(
 
     Raises:
         UnknownEntityError: if the goal does not exist.
-        TaskError: if the split has no task with the goal.
+        TaskError: if the world has no task with the goal.
     """
     tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
     explainer = Explainer(policy, world)

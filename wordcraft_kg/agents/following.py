@@ -1,4 +1,4 @@
-"""Live view of a run folder during or after training."""
+"""Live view of an agent's run folder, during or after training."""
 
 import threading
 from collections import OrderedDict
@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 
 class FollowedRun:
-    """A run folder that is reread after changes; thread-safe.
+    """An agent's run folder, read again when the files change; thread-safe.
 
     Example:
         >>> run = FollowedRun(Path("runs/kitchen"), open_graph("kitchen"))
@@ -43,7 +43,7 @@ class FollowedRun:
         self._explainers: OrderedDict[WordCraftConfig, Explainer] = OrderedDict()
 
     def records(self) -> AgentRun:
-        """Return the current records.
+        """Return the run's current records.
 
         Raises:
             ArtefactError: if the run does not exist or a file is damaged.
@@ -67,7 +67,7 @@ class FollowedRun:
             return agent
 
     def explainer(self, world: World) -> Explainer:
-        """Return an explainer for a world, limited to :data:`MAX_ACTIONS` actions per episode.
+        """Return an explainer for the latest weights in a world, limited to :data:`MAX_ACTIONS` actions per episode.
 
         Raises:
             ArtefactError: as in :meth:`agent`.
@@ -100,7 +100,7 @@ class FollowedRun:
         return self._once("trained_on", inputs["scorer"], read)
 
     def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
-        """Return the final evaluation by split, goal and start; empty before the end of training.
+        """Return the episodes in the final evaluation by part, goal and start; empty before the end of training.
 
         Raises:
             ArtefactError: if the file is missing or damaged.

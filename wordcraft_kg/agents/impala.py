@@ -1,7 +1,7 @@
-"""IMPALA on the batched environment: actor and learner share a process and a device, and alternate.
+"""IMPALA on the batched environment: actor and learner take turns in one process and on one device.
 
-With ``policy_lag`` k, the actor uses the weights from k updates ago, like actors in a distributed IMPALA, and V-trace
-corrects the difference.
+The actor collects experience, the learner updates the parameters. With ``policy_lag`` k, the actor uses the weights
+from k updates ago, like actors in a distributed IMPALA, and V-trace corrects for the difference.
 """
 
 import math
@@ -54,15 +54,17 @@ class _Unroll(NamedTuple):
 
 
 class Impala:
-    """Trains a policy in a batch of environments.
+    """Trainer for a policy, from experience in a batch of environments.
 
     Attributes:
-        envs: environment state.
+        envs: current state of the environments.
         update_number: number of finished updates.
     """
 
     def __init__(self, policy: Policy, envs: State, config: ImpalaConfig):
-        """Prepare in-place training, from the first state in ``config.batch_size`` environments.
+        """Prepare training in place, from the first state in ``config.batch_size`` environments.
+
+        Every update changes ``policy``.
 
         Raises:
             ConfigError: if ``config.compile`` is set and torch cannot compile.
@@ -108,7 +110,7 @@ class Impala:
             self._learn = torch.compile(self._losses, mode=mode, dynamic=False)
 
     def update(self) -> None:
-        """Collect an unroll and update the parameters.
+        """Collect an unroll (a few steps in each environment) and update the parameters.
 
         Raises:
             TrainingError: if the loss is not finite; then parameters are unchanged.
@@ -141,12 +143,12 @@ class Impala:
         self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner reuses its output tensors
 
     def take_figures(self) -> dict[str, float | None]:
-        """Return metrics since the last call and reset the sums.
+        """Return training metrics since the last call, by name, and reset the sums.
 
         Losses are batch sums, averaged over updates; ``entropy`` is a mean over steps; ``return`` and ``success`` are
         means over finished episodes, None without finished episodes. ``lambda_<source>_first`` and ``_second`` (by
-        action of an attempt) and the importance ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share
-        above 1) describe the last update.
+        action of an attempt) and the importance ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share above
+        1) describe the last update.
 
         Raises:
             TrainingError: if the loss was not finite.
@@ -191,7 +193,7 @@ class Impala:
         return copied(tensors)
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """Continue from a :meth:`state` with the same policy, tasks and settings.
+        """Continue training from a :meth:`state` with the same policy, tasks and settings.
 
         Raises:
             KeyError: if a tensor is missing.

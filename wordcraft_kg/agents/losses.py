@@ -5,15 +5,15 @@ from torch import Tensor
 
 
 def policy_gradient_loss(log_probs: Tensor, advantages: Tensor) -> Tensor:
-    """Return ``-Σ log π(a|x) · advantage``: shapes (T, B)."""
+    """Return ``-Σ log π(a|x) · advantage`` over log-probabilities of actions and advantages, shape (T, B) each."""
     return -(log_probs * advantages).sum()
 
 
 def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
-    """Return ``½ Σ (vs - V)²``: shapes (T, B)."""
+    """Return ``½ Σ (vs - V)²`` over state values V and value targets vs, shape (T, B) each."""
     return 0.5 * (targets - values).square().sum()
 
 
 def entropy(log_policies: Tensor) -> Tensor:
-    """Return ``-Σ π log π`` in nats for log-probabilities of shape (N, A); slots of probability 0 (-inf) add 0."""
+    """Return the summed entropy ``-Σ π log π`` in nats, for log-probabilities of shape (N, A); -inf adds 0."""
     return -(log_policies.exp() * log_policies.masked_fill(log_policies == -torch.inf, 0)).sum()

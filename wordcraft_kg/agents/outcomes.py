@@ -1,4 +1,4 @@
-"""Termination reasons and success rates; without torch, shared with text agents."""
+"""Termination reasons and success rates; imports no torch, since text agents share this module."""
 
 from typing import Literal, get_args
 
@@ -19,14 +19,14 @@ TERMINATION_REASONS: tuple[TerminationReason, ...] = get_args(TerminationReason)
 
 
 class Success(Record):
-    """Success of a player on a split.
+    """A player's success on the tasks in a part of the split.
 
     Attributes:
-        mean: success rate.
+        mean: share of episodes that made the goal.
         ci_low, ci_high: 95 % interval over tasks.
         tasks, distractor_seeds: sample size: tasks, and tables per task.
-        by_plan: success rate with the last pair from a plan.
-        actions: mean episode length.
+        by_plan: share of episodes in which a plan's last pair made the goal.
+        actions: mean episode length in actions.
     """
 
     mean: Share

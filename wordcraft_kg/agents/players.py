@@ -1,6 +1,7 @@
 """Scripted players (chance, symbolic knowledge graphs, scorers, an oracle) and their success rates.
 
-A player is a function ``(state, rng) -> slots`` that acts in all environments of a batch at once.
+A player is a function ``(state, rng) -> slots``: from a batched state and a random generator to the chosen slot in each
+environment, shape (N,).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -42,19 +43,19 @@ CELLS = 200_000
 
 
 def random_entity(state: State, rng: np.random.Generator) -> Ids:
-    """Choose a slot uniformly."""
+    """Choose uniformly among the slots with an entity."""
     return np.asarray(state.random_actions(rng.random(state.num_envs)))
 
 
 def random_distinct(state: State, rng: np.random.Generator) -> Ids:
-    """Choose a slot uniformly, but not the selection."""
+    """Choose uniformly among the slots, without repeating the selected entity if possible."""
     others = state.action_masks() & (state.table != state.selection[:, None])
     # Without another entity, repeat the selection.
     return _best(np.where(others, 1.0, np.where(state.action_masks(), 0.0, -np.inf)), rng)
 
 
 def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
-    """Follow the task's first plan."""
+    """Choose the ingredients in the task's first plan, recipe by recipe."""
     tasks, recipes = state.world.tasks, state.world.search.rows
     slots = np.zeros(state.num_envs, dtype=np.int64)
     for i in range(state.num_envs):
@@ -68,7 +69,10 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
 
 
 def knowledge_player(sources: Sequence[SlotScores]) -> Player:
-    """Return a player that maximises summed source scores, ties at random; the paper's player sums u and v."""
+    """Return a player that chooses the slot with the highest summed score of all sources, ties at random.
+
+    Jiang et al. 2020 sum u (do slot and selection combine?) and v (is the slot an ingredient for the goal?).
+    """
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         bind_tasks(sources, state.world)
@@ -82,7 +86,7 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
 
 
 def pair_player(score_recipes: RecipeFunction) -> Player:
-    """Return a player that maximises the pair's recipe score for the goal; ties favour two different entities.
+    """Return a player that chooses the pair with the highest recipe score for the goal; ties favour different entities.
 
     Without a selection, a slot's score is the maximum over partners on the table.
     """
@@ -109,7 +113,10 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
-    """Return sources u and v for known triples: 1 for a link, else 0; without tables of all pairs."""
+    """Return two sources that look up known triples, shape (T, 3): a score is 1 for a known triple, else 0.
+
+    ``u`` looks up (slot, combinesWith, selection), ``v`` looks up (slot, componentOf, goal).
+    """
     facts, nothing = SymbolicScorer(graph, triples), graph.num_entities
 
     def linked(relation: int, key: Tensor, table: Tensor) -> Tensor:
@@ -126,7 +133,7 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
 
 
 def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
-    """Return a function that counts known links between a, b and c, 0 to 3."""
+    """Return a function that scores recipes ``a + b -> c``: the number of known triples between a, b and c, 0 to 3."""
     facts = SymbolicScorer(graph, triples)
 
     def score(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
@@ -136,7 +143,7 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return the players in the reference table, including registered players."""
+    """Return the scripted players in the reference table by name, including players from other packages."""
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
@@ -160,13 +167,14 @@ def knowledge_players(split: Split) -> dict[str, Player]:
 def scorer_players(
     graph: RecipeGraph, scorer: TripleScorer, observed: Ids, tasks: TaskSet | None = None
 ) -> dict[str, Player]:
-    """Return players by standardised scores: v, u, and u+v with three settings for self edges.
+    """Return players that act by a scorer's standardised scores: v, u, and u+v with three settings for self edges.
 
+    The source u scores a slot with the selection, v with the goal; self edges are scores for an entity with itself.
     Recipe scorers add ``w, best pair``, which plays the pair with the highest recipe score.
 
     Args:
-        graph: the graph.
-        scorer: the scorer.
+        graph: the scorer's recipe graph.
+        scorer: scores for triples.
         observed: the scorer's training triples, shape (T, 3).
         tasks: tasks to play; required by cross-fitted scorers on train tasks.
 
@@ -191,13 +199,13 @@ def scorer_players(
 
 
 class PlayerSuccess(Record):
-    """A player's success with a number of distractors.
+    """A player's success rate on tables with a given number of distractors.
 
     Attributes:
-        success: success rate.
-        low, high: 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`; a task's
-            episodes are not independent.
-        by_plan: success rate with the last pair from a plan.
+        success: share of episodes that made the goal.
+        low, high: 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`; a task's episodes
+            are not independent.
+        by_plan: share of episodes in which a plan's last pair made the goal.
     """
 
     player: str
@@ -218,15 +226,15 @@ def play_all(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players on all tasks in a split; success does not depend on reward settings.
+    """Evaluate players on all tasks of a world; success does not depend on reward settings.
 
     Args:
-        world: graph, tasks and settings except the number of distractors.
+        world: graph, tasks and settings; ``distractors`` replaces the number of distractors.
         players: players by name.
-        distractors: numbers of distractors.
+        distractors: numbers of distractors, each evaluated separately.
         distractor_seeds: tables per task, equal for all players.
         seed: seed for distractors and players.
-        progress: receives finished rows, total rows, and the last success rate.
+        progress: receives finished records, total records, and the last success rate.
 
     Returns:
         a record per number of distractors and player.

@@ -1,4 +1,4 @@
-"""Training and evaluation records in the run folder of an agent."""
+"""Records in an agent's run folder: progress, metrics, evaluated episodes and final evaluation."""
 
 from pathlib import Path
 
@@ -15,13 +15,16 @@ EPISODES_FILE = "episodes.jsonl"
 
 
 class AgentSummary(Record, frozen=True, kw_only=True):
-    """``evaluation.json``: the final evaluation by split, after ``steps`` environment steps.
+    """``evaluation.json``: an agent's final evaluation after ``steps`` environment steps.
 
     Attributes:
         seconds: run time, including evaluation and writing.
-        steps_per_second: speed in training, without evaluation.
-        curves_share: share of the run time for learning curves.
-        outcomes: episode shares by termination reason.
+        parameters: number of trained parameters.
+        steps_per_second: environment steps per second of training, without evaluation.
+        curves_share: share of the run time spent on learning curves.
+        success: success rate by part of the split.
+        outcomes: episode shares by part and termination reason.
+        distractors: number of distractors.
     """
 
     steps: int
@@ -35,13 +38,13 @@ class AgentSummary(Record, frozen=True, kw_only=True):
 
 
 class AgentProgress(Record, frozen=True, kw_only=True):
-    """Training progress in a checkpoint.
+    """Training progress that a checkpoint records, to continue the run.
 
     Attributes:
-        seconds: time for acting and learning.
-        eval_seconds: time for learning curves.
-        elapsed: total time.
-        metrics_bytes: length of ``metrics.jsonl``.
+        seconds: seconds of acting and learning.
+        eval_seconds: seconds of evaluation for learning curves.
+        elapsed: seconds in total.
+        metrics_bytes: length of ``metrics.jsonl`` in bytes.
     """
 
     seconds: float
@@ -59,10 +62,10 @@ class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
-    """Parse ``metrics.jsonl``.
+    """Parse the content of ``metrics.jsonl``; ``path`` is for error messages.
 
     Raises:
-        ArtefactError: naming the line and the field.
+        ArtefactError: for a damaged line; the message names the line and the field.
     """
     rows = parse_lines(data, MetricsRow, path)
     figures = parse_lines(data, dict[str, float | None], path)
@@ -73,12 +76,14 @@ def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
 
 
 class PlayedTask(Record):
-    """A line in ``episodes.jsonl``: a task's episodes in the final evaluation, by distractor seed.
+    """A line in ``episodes.jsonl``: a task's episodes in the final evaluation, one for each distractor seed.
 
     Attributes:
+        part: part of the split.
         start: starting ingredients; goal and start identify the task.
-        success: success rate.
-        actions: episode lengths.
+        success: share of episodes that made the goal.
+        terminations: termination reason by episode.
+        actions: length by episode, in actions.
     """
 
     part: TaskPart
@@ -93,7 +98,7 @@ def read_episodes(folder: Path) -> list[PlayedTask]:
     """Read ``episodes.jsonl`` from a finished run.
 
     Raises:
-        ArtefactError: if the file is missing or damaged, naming the line.
+        ArtefactError: if the file is missing or a line is damaged; the message names the line.
     """
     path = folder / EPISODES_FILE
     return parse_lines(read_large_file(path), PlayedTask, path)

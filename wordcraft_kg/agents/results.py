@@ -1,4 +1,4 @@
-"""Output files after training: weights, evaluation, episodes and model card."""
+"""Output files of a finished training: weights, evaluation, episodes and model card."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evalua
 def write_results(
     folder: Path, policy: Policy, world: World, summary: AgentSummary, results: Mapping[TaskPart, Evaluation]
 ) -> None:
-    """Write weights, evaluation and episodes."""
+    """Write a trained policy's weights, the final evaluation and the evaluated episodes into a run folder."""
     write_parameters(folder, policy)
     write_atomically(folder / "evaluation.json", dump_json(as_values(summary)))
     write_atomically(folder / EPISODES_FILE, _episode_lines(world, results))
@@ -70,7 +70,7 @@ def _note_on_scores(run: RunRecord) -> str:
 
 
 def model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary: AgentSummary) -> str:
-    """Return ``README.md``."""
+    """Return the text of a trained agent's model card, ``README.md``."""
     policy, tasks = config.policy, config.tasks
     kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
     guide = "without a knowledge graph"

@@ -146,10 +146,10 @@ def _folded(network: Policy) -> list[FoldedSource]:
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
     """Policy for PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
 
-    ``network`` comes from :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy``. Training changes
-    a copy, ``model.policy.network``, but neither scores nor constant vectors, which are buffers. Ids must belong to the
-    policy's graph; only the number of entities is checked. Further settings are ``optimizer_class`` and
-    ``optimizer_kwargs``. Empty slots are never chosen, with or without masks.
+    ``network`` is a policy of this package, from :func:`~wordcraft_kg.models.policies.folder.make_policy` or
+    ``load_policy``. Training changes a copy, ``model.policy.network``, but neither scores nor constant vectors, which
+    are buffers. Ids must belong to the policy's graph; only the number of entities is checked. Further settings are
+    ``optimizer_class`` and ``optimizer_kwargs``. Empty slots are never chosen, with or without masks.
 
     A policy with a cross-fitted scorer must be made with ``tasks``, and the environment wrapped in
     :class:`~wordcraft_kg.envs.wrappers.TaskObservation`.

@@ -12,12 +12,12 @@ from wordcraft_kg.envs.world import World
 
 
 class States(NamedTuple):
-    """A batch of B environment states.
+    """The states of B environments as tensors, each with A slots.
 
     Attributes:
-        goal, selection: shape (B,), int64.
-        table: shape (B, A), int64.
-        task: shape (B,), int64: task index; None for splits without train recipes.
+        goal, selection: shape (B,), int64: the entity to make, the selected entity.
+        table: shape (B, A), int64: the entity in each slot.
+        task: shape (B,), int64: index into the world's tasks; None if no plan uses train recipes.
     """
 
     goal: Tensor
@@ -26,26 +26,26 @@ class States(NamedTuple):
     task: Tensor | None
 
     def rows(self, start: int, stop: int, device: torch.device | str = "cpu") -> "States":
-        """Return a slice on a device."""
+        """Return the states ``start`` to ``stop`` (exclusive) on a device."""
         return States(*(None if part is None else part[start:stop].to(device) for part in self))  # type: ignore[arg-type]
 
 
 def states_of(state: State) -> States:
-    """Return batch states as tensors, sharing memory on the CPU."""
+    """Return an engine's batched state as tensors, sharing memory on the CPU."""
     task = as_tensor(state.task) if has_train_recipes(state.world) else None
     return States(as_tensor(state.goal), as_tensor(state.selection), as_tensor(state.table), task)
 
 
 def has_train_recipes(world: World) -> bool:
-    """Return whether a plan may use train recipes, and so the training data of a scorer."""
+    """Return whether tasks may use train recipes, which may be a scorer's training data."""
     return world.config.part in ("train", "all")
 
 
 def bind_tasks(scores: Iterable[Any], world: World) -> None:
-    """Bind sources or policies that read task indices to the tasks in a world.
+    """Give the world's tasks to all sources or policies whose scores depend on the task index.
 
     Raises:
-        LeakError: if a model would score tasks with recipes from its training data.
+        LeakError: if a model would score tasks by recipes from the model's training data.
     """
     if has_train_recipes(world):
         for source in scores:

@@ -44,12 +44,12 @@ _MANY_SELF_PAIRS = 0.25  # minimum share for a warning about self edges
 
 @dataclass(frozen=True)
 class TrainedAgent:
-    """The result of a training run.
+    """The result of an agent's training, finished or interrupted.
 
     Attributes:
         folder: run folder.
-        step: environment steps.
-        summary: ``evaluation.json``; None for an interrupted run, which the same call would continue.
+        step: number of environment steps so far.
+        summary: the final evaluation; None for an interrupted run, which the same call would continue.
     """
 
     folder: Path
@@ -73,15 +73,15 @@ def train_agent(
     """Train an agent into a run folder, or continue an interrupted run with the same settings.
 
     Args:
-        config: all settings.
+        config: all settings: graph, scorer, tasks, policy and trainer.
         out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
         force: replace an existing run.
         trackers: additional receivers of metrics: tensorboard, wandb, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker`.
-        progress: called after each line of metrics; True shows a bar.
+        progress: function to call after each line of metrics; True shows a progress bar.
 
     Raises:
-        WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.
+        WordCraftKGError: for unusable settings, inputs or output, see :func:`~wordcraft_kg.runs.training.train`.
 
     Example:
         >>> config = AgentConfig("kitchen", "models/kitchen", trainer=ImpalaConfig(steps=512, eval_every=0))
@@ -93,13 +93,13 @@ def train_agent(
 
 
 class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
-    """Training of an agent."""
+    """The stages of an agent's training, called by :func:`~wordcraft_kg.runs.training.train`."""
 
     kind: ClassVar[RunKind[Any]] = AGENTS
     config_type = AgentConfig
 
     def __init__(self, config: AgentConfig, opened: OpenedGraph):
-        """Check device and compiler.
+        """Check that the device and the compiler are available.
 
         Raises:
             ConfigError: if the device or the compiler is unavailable.
@@ -123,12 +123,12 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     @property
     def step(self) -> int:
-        """Number of environment steps."""
+        """Number of environment steps so far."""
         return self.impala.update_number * self.config.trainer.steps_per_update
 
     @property
     def elapsed(self) -> float:
-        """Total time of the run, including evaluation, writing and earlier parts."""
+        """Seconds of the run so far, including evaluation, writing, and the time before an interruption."""
         return time.perf_counter() - self._begun
 
     @classmethod

@@ -7,10 +7,10 @@ from torch import Tensor
 
 
 class VTrace(NamedTuple):
-    """Targets for a batch of unrolls, shape (T, B) each, without gradients.
+    """V-trace targets for B unrolls of T steps, shape (T, B) each, without gradients.
 
     Attributes:
-        vs: value targets.
+        vs: targets for the state values.
         pg_advantages: advantages for the policy gradient.
     """
 

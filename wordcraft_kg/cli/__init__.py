@@ -3,8 +3,8 @@
 To add a command, write a module with ``EXAMPLES`` and a function named after the command, and list the command in
 :data:`CORE`. Apps add commands by entry points in the group ``wordcraft_kg.commands``: the command's name, with a dot
 between two words, and ``module:function``. The module has ``EXAMPLES`` and ``GROUP``, the group in the help. If several
-commands share the first word, one module has ``SUBJECT``, the help text for this word. Import heavy packages inside the
-function: help stays fast.
+commands share the first word, such as ``people``, one module has ``SUBJECT``, the help text for this word. Import heavy
+packages inside the function: help stays fast.
 """
 
 import gc
@@ -59,7 +59,7 @@ CONFIGURED = "Options can also be set in a TOML file, --config FILE, in a table 
 
 
 def make_app() -> App:
-    """Build the application with all commands."""
+    """Build the command-line application with the commands of the package and the apps."""
     app = App(
         name=PROGRAM,
         help=ABOUT,
@@ -117,7 +117,7 @@ def commands_by_group() -> dict[str, list[str]]:
 
 
 def manual_of(name: str) -> Manual:
-    """Return a command's manual."""
+    """Return the usage and the examples of a command, by name."""
     if name in APPS:
         function = APPS[name].load()
         return Manual(f"{PROGRAM} {name}", function, sys.modules[function.__module__])
@@ -127,7 +127,7 @@ def manual_of(name: str) -> Manual:
 
 
 def command_in(tokens: Sequence[str]) -> str | None:
-    """Return the first command in a command line, or None."""
+    """Return the name of the first command in the words of a command line, or None."""
     for place, token in enumerate(tokens):
         for name in (token, " ".join(tokens[place : place + 2])):
             if name in ALL:
@@ -136,7 +136,7 @@ def command_in(tokens: Sequence[str]) -> str | None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return the exit code: 0 done, 1 bad input or a failed check, 2 misuse, 130 interrupted."""
+    """Run a command line and return the exit code: 0 done, 1 bad input or failed check, 2 misuse, 130 interrupted."""
     # A large book creates millions of small, long-lived objects: garbage collection would take longer than the work.
     gc.set_threshold(200_000, 20, 100)
     tokens = list(sys.argv[1:] if arguments is None else arguments)

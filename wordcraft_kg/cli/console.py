@@ -1,4 +1,4 @@
-"""Common options, results as text or JSON, and small parsers."""
+"""Options common to all commands, output of results as text or JSON, and small parsers for option values."""
 
 import json
 import logging
@@ -39,7 +39,7 @@ class Output:
     config: Path | None = None
 
     def result(self, view: "Record | dict[str, Any]", text: Iterable[str]) -> None:
-        """Print a command's result as a JSON object or as text lines."""
+        """Print a command's result: ``view`` as a JSON object with --json, otherwise the lines of ``text``."""
         Progress.close_current()  # training may end before the last epoch
         if self.json:
             from wordcraft_kg.base.records import as_values
@@ -50,13 +50,13 @@ class Output:
                 print(line)
 
     def progress(self, what: str, unit: str = "epoch") -> Progress:
-        """Return a progress reporter that counts epochs or another unit."""
+        """Return a reporter that shows progress of the work ``what`` on stderr, in epochs or another unit."""
         Progress.close_current()  # a training that stopped early has not reported the end
         return Progress(what, unit=unit, hidden=self.quiet)
 
     @contextmanager
     def session(self) -> Iterator[None]:
-        """Show warnings and work stages on stderr while a command runs; clear the bar at the end."""
+        """Show warnings and stages of work on stderr within a ``with`` block; close the progress bar at the end."""
         logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Stderr()])
         logging.captureWarnings(True)
         logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
@@ -76,12 +76,12 @@ Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 
 
 def split_labels(values: Sequence[str]) -> list[str]:
-    """Split comma-separated labels; labels with commas must come from a file."""
+    """Split comma-separated labels into a list; labels with commas must come from a file."""
     return [label for value in values for part in value.split(",") if (label := part.strip())]
 
 
 def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
-    """Return distinct comma-separated integers; raise a ConfigError that names the option for other text."""
+    """Parse comma-separated integers without repetition; a ConfigError for other text names the option."""
     try:
         numbers = list(dict.fromkeys(int(value) for value in split_labels(values)))
     except ValueError:
@@ -92,20 +92,20 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
 
 
 def refuse_given(options: Any, about: str) -> None:
-    """Raise a ConfigError that names the first option without the default value; the options are for ``about``."""
+    """Raise a ConfigError if an option was given that has no effect; ``about`` names the proper use in the message."""
     for field in fields(options):
         if getattr(options, field.name) != getattr(type(options)(), field.name):
             raise ConfigError(f"`{field.name}` is for {about}; leave it out.")
 
 
 def check_file(out: Path | None, *, force: bool) -> None:
-    """Raise an OutputExistsError before any work if a file exists and must not be replaced."""
+    """Raise an OutputExistsError if the output file exists and ``force`` is False; called before long work."""
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
 
 
 def write_file(out: Path, content: str | Iterable[str], *, force: bool) -> None:
-    """Write a file atomically."""
+    """Write a text file atomically; ``force`` replaces an existing file."""
     from wordcraft_kg.base.artefacts import staged_file, write_atomically
 
     with staged_file(out, force=force) as file:
@@ -116,7 +116,7 @@ MOST_SEEDS = 1_000
 
 
 def read_seeds(text: str) -> list[int]:
-    """Parse distinct seeds from numbers and ranges: 0-2,7 gives 0, 1, 2 and 7.
+    """Parse a list of different seeds from numbers and ranges: 0-2,7 gives 0, 1, 2 and 7.
 
     Raises:
         ConfigError: for other text, or more than :data:`MOST_SEEDS` seeds.
@@ -133,14 +133,17 @@ def read_seeds(text: str) -> list[int]:
 
 
 def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str]:
-    """Return table lines without empty columns; ``numbers`` right-aligns all columns after the first."""
+    """Return the lines of a text table with aligned columns.
+
+    Empty columns are left out; ``numbers`` right-aligns all columns after the first.
+    """
     columns = [column for column in zip_longest(*rows, fillvalue="") if any(column)]
     widths = [f"{'>' if numbers and place else '<'}{max(map(len, column))}" for place, column in enumerate(columns)]
     return ["  ".join(map(format, row, widths)).rstrip() for row in zip(*columns, strict=True)]
 
 
 def lines_of(values: Any) -> list[str]:
-    """Return a line for each field, named as in the JSON; nested fields are indented."""
+    """Return a record as text, one line for each field; nested fields are indented."""
     from wordcraft_kg.base.records import as_values
 
     return aligned(_rows(as_values(values), ""))
@@ -170,6 +173,6 @@ def _cell(value: Any) -> str:
 
 
 def names(labels: Sequence[str], total: int, most: int = 10) -> str:
-    """Join the first labels with commas, and count the rest up to ``total``."""
+    """Return the first ``most`` labels as text, joined by commas, with the number of further labels up to ``total``."""
     listed = ", ".join(labels[:most])
     return f"{listed} and {total - most:,} more" if total > most else listed

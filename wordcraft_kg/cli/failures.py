@@ -1,4 +1,4 @@
-"""Failures of commands: messages, hints and exit codes."""
+"""Failed commands: conversion of errors into messages, hints and exit codes."""
 
 import json
 import re
@@ -48,11 +48,11 @@ _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 
 @dataclass(frozen=True)
 class Manual:
-    """Usage of a command.
+    """The usage of a command, shown after a mistake in the command line.
 
     Attributes:
-        command: program and command, as typed.
-        function: the command's function.
+        command: the words to type, such as ``wordcraft-kg describe``.
+        function: function that runs the command.
         module: the function's module, with ``EXAMPLES``: complete command lines.
     """
 
@@ -62,7 +62,7 @@ class Manual:
 
     @property
     def places(self) -> dict[str, str]:
-        """Positional parameters, as shown in the usage line."""
+        """Positional arguments by parameter name, in the spelling of the usage line, such as ``[GRAPH]``."""
         shown, is_optional = {}, False
         for parameter in signature(self.function).parameters.values():
             if parameter.kind is not parameter.KEYWORD_ONLY:
@@ -73,7 +73,7 @@ class Manual:
 
     @property
     def usage(self) -> str:
-        """The command with arguments and required options."""
+        """The usage line: command, positional arguments and required options."""
         options = (one for one in signature(self.function).parameters.values() if one.kind is one.KEYWORD_ONLY)
         needed = (f"--{one.name} {one.name.upper()}" for one in options if one.default is one.empty)
         return " ".join([self.command, *self.places.values(), *needed, "[OPTIONS]"])
@@ -81,14 +81,14 @@ class Manual:
 
 @dataclass(frozen=True)
 class Failure:
-    """Failure of a command.
+    """The failure of a command, as shown to the user.
 
     Attributes:
         kind: the error's class name.
-        message: the found and expected values, and the remedy.
+        message: text with the found and expected values, and the remedy.
         code: exit code.
         hints: further lines for a terminal: usage and an example.
-        setting: Python name of the refused setting, if any.
+        setting: Python name of the setting with a refused value, or empty.
     """
 
     kind: str
@@ -98,7 +98,7 @@ class Failure:
     setting: str = ""
 
     def show(self, output: Output) -> int:
-        """Print the failure on stderr, and with --json as an object on stdout; return the exit code."""
+        """Print the failure on stderr, and with --json as a JSON object on stdout; return the exit code."""
         from rich.console import Console
 
         if output.json:
@@ -114,7 +114,7 @@ class Failure:
 
 
 def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
-    """Convert an error into a command failure; None for a defect in this package."""
+    """Convert an error into the failure of a command; None for an unexpected error, a defect in this package."""
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
         return Failure(kind, _message(error, manual), 2, _hints(error, manual))
@@ -163,7 +163,7 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
 
 
 def with_options(message: str, places: Container[str] = ()) -> str:
-    """Replace setting names in backticks by options, or by arguments if in ``places``."""
+    """Replace Python setting names in backticks by option names, or by argument names if in ``places``."""
 
     def named(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])

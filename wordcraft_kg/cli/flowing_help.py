@@ -1,4 +1,4 @@
-"""Help as paragraphs, wrapped for the terminal."""
+"""Help texts as paragraphs, wrapped to the width of the terminal."""
 
 from typing import Any
 
@@ -6,17 +6,17 @@ from cyclopts.help import DefaultFormatter, InlineText
 
 
 class FlowingHelp(DefaultFormatter):
-    """Shows docstrings without line ends; blank lines and command lines stay."""
+    """Help formatter that joins the lines of docstrings; blank lines and command lines stay."""
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
-        """Show a panel with commands or options; positional arguments are shown without an option name."""
+        """Print a help panel with commands or options; positional arguments are shown without an option name."""
         for entry in panel.entries:
             _flow(entry.description)
         entries = [entry.copy(positive_names=()) if entry.positional_label else entry for entry in panel.entries]
         super().__call__(console, options, panel.copy(entries=entries))
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
-        """Show a command's description."""
+        """Print a command's description."""
         _flow(description)
         super().render_description(console, options, description)
 

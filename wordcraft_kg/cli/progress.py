@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal, or else a plain line every few seconds."""
+"""Progress on stderr: a bar on a terminal, otherwise a plain line every few seconds."""
 
 import logging
 import sys
@@ -15,13 +15,14 @@ MIN_BAR = 16
 
 
 class Progress:
-    """Progress of a training or a stage; if stages are nested, only the outermost is shown.
+    """Reporter of the progress of one piece of work, such as a training; of nested work only the outermost is shown.
 
     Attributes:
-        what: name of the work.
-        unit: step unit, such as epoch.
+        what: name of the work, such as playing.
+        unit: unit of counting, such as epoch.
         hidden: whether nothing is shown.
-        is_stage: whether the bar disappears at the end and short stages print no line.
+        is_stage: whether the work is a stage of a command: the bar disappears at the end, and a short stage prints no
+            line.
     """
 
     INTERVAL = 5.0  # seconds between plain lines
@@ -29,12 +30,12 @@ class Progress:
     _printed: ClassVar[float] = 0.0  # time of the last plain line
 
     def __init__(self, what: str, *, unit: str = "", hidden: bool = False, is_stage: bool = False):
-        """Show nothing yet."""
+        """Prepare a reporter; nothing is shown yet."""
         self.what, self.unit, self.hidden, self.is_stage = what, unit, hidden, is_stage
         self._bar: Any = None
 
     def __call__(self, done: int, total: int, figures: Mapping[str, float]) -> None:
-        """Report that ``done`` of ``total`` are done, with the latest figures."""
+        """Report that ``done`` of ``total`` units are done, with the latest metrics by name."""
         from rich.console import Console
 
         given_up = self.is_stage and done == total and Progress._current is None  # closed after the command has ended
@@ -84,7 +85,7 @@ class Progress:
         return Progress(*columns, console=console, expand=True, **options)
 
     def close(self) -> None:
-        """Close the bar, even an unfinished bar."""
+        """Close the bar, finished or not."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -94,7 +95,7 @@ class Progress:
     @classmethod
     @contextmanager
     def session(cls) -> Iterator[None]:
-        """Close the bar when the block ends, even with an error."""
+        """Close any open bar at the end of a ``with`` block, even after an error."""
         cls._printed = time.monotonic()
         try:
             yield
@@ -103,23 +104,23 @@ class Progress:
 
     @classmethod
     def close_current(cls) -> None:
-        """Close the bar on the terminal, if any."""
+        """Close the bar on the terminal, if a bar is open."""
         if cls._current is not None:
             cls._current.close()
 
 
 class Stages:
-    """Shows a command's stages in turn; a listener for :mod:`wordcraft_kg.base.progress`."""
+    """Listener for :mod:`wordcraft_kg.base.progress` that shows a command's stages of work, one at a time."""
 
     INTERVAL = 0.1  # seconds between two steps on display
 
     def __init__(self) -> None:
-        """Begin without a stage."""
+        """Begin before the first stage."""
         self._now: Progress | None = None
         self._began = self._shown = 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show a stage's progress; nested stages are left out."""
+        """Show that ``done`` of ``total`` steps of a stage are done; stages within a stage are not shown."""
         now = time.monotonic()
         if self._now is None:
             self._now, self._began = Progress(stage, is_stage=True), now

@@ -1,4 +1,4 @@
-"""Study runs for ``reproduce``: engine options, progress and outcome."""
+"""Studies run by ``reproduce``: options of the engine, progress and outcome."""
 
 import shlex
 import sys
@@ -46,7 +46,7 @@ class EngineOptions:
     dry_run: Flag = False
 
     def make_workers(self, plan: "Plan") -> "Callable[[], Workers]":
-        """Return a function that starts the workers; raise a ConfigError for options that the engine lacks."""
+        """Return a function that starts the processes for a plan's tasks; a ConfigError for options without effect."""
         from wordcraft_kg.studies.perform import perform
 
         work = partial(perform, keep_all=self.keep == "all")
@@ -65,7 +65,7 @@ class EngineOptions:
 
 
 def run_studies(studies: dict[str, Study], options: EngineOptions, output: Output) -> int:
-    """Run studies by name, write their reports, print the outcome and return the exit code."""
+    """Run studies, write the reports, print the outcome and return the exit code; ``studies`` maps names to studies."""
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
     from wordcraft_kg.studies.engine import run_plan
     from wordcraft_kg.studies.plan import make_plan

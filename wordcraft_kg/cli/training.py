@@ -1,4 +1,4 @@
-"""Shared body of all training commands: train one seed or several, and print the outcome."""
+"""Shared code of all training commands: train with one seed or several, and print the outcome."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -33,16 +33,16 @@ Rows = list[tuple[str, str]]
 
 @dataclass(frozen=True)
 class TrainingOutput:
-    """Output of a training command; the functions import torch only when called.
+    """The parts in which training commands differ, as functions; the functions import torch only when called.
 
     Attributes:
-        trainer: returns the trainer.
-        rows: returns an outcome as text rows.
-        seed_rows: returns plain values by seed as text rows.
-        values: returns an outcome as plain values.
+        trainer: returns the class that trains.
+        rows: converts the outcome of a training to text rows (name, value).
+        seed_rows: converts the outcomes of several seeds, as plain values, to text rows.
+        values: converts an outcome to plain values for JSON.
         finish: writes further output after training, such as a report.
         product: file or folder name that ``finish`` writes; empty if none.
-        next_command: suggested command after several seeds.
+        next_command: command to suggest after training with several seeds.
     """
 
     trainer: Callable[[], "type[Training[Any, Any, Any]]"]
@@ -54,7 +54,7 @@ class TrainingOutput:
     next_command: str = "wordcraft-kg compare {}"
 
     def is_finished(self, folder: Path) -> bool:
-        """Return whether a finished run has the ``product``."""
+        """Return whether the folder of a finished run has the ``product``, too."""
         return (folder / self.product).exists()
 
 
@@ -68,10 +68,10 @@ def train(
     seeds: str | None = None,
     trackers: Sequence[str] = (),
 ) -> int:
-    """Train with one seed or several, print the outcome and return the exit code.
+    """Run a training command: train with one seed or several, print the outcome and return the exit code.
 
     Raises:
-        KeyboardInterrupt: after Ctrl-C, with an explanation how to resume.
+        KeyboardInterrupt: after Ctrl-C; the message explains how to continue the training.
     """
     if seeds is not None:
         return _train_seeds(training, config, seeds, out, force, trackers, output)

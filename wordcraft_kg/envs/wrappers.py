@@ -113,8 +113,8 @@ class KGScoreObservation(_Ids):
     """Adds knowledge-graph scores to observations, as arrays by source name, each of shape (num_slots,).
 
     A policy mixes these values. L is a scorer's score for a triple. ``u_i = L(e_i, combinesWith, e_held)`` scores the
-    entity in slot i with the selected entity, and is 0 without a selection; ``v_i = L(e_i, componentOf, e_goal)``
-    scores this entity with the goal. Both are 0 for empty slots.
+    entity in slot i with the selected entity, or 0 without a selection; ``v_i = L(e_i, componentOf, e_goal)`` scores
+    this entity with the goal. Both are 0 for empty slots.
 
     Source: Jiang et al. 2020, section "Knowledge-guided policy".
     """

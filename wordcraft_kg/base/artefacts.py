@@ -1,4 +1,4 @@
-"""Files that are either complete or absent: atomic writes, staged folders and content hashes."""
+"""Reading and writing files: atomic writes, folders that appear only when complete, and content hashes."""
 
 import hashlib
 import json
@@ -15,9 +15,9 @@ from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 _OWN_FILES = ("graph.json", "run.json", "report.json", "search.json", "site.json")
 """Files that mark a folder as written by this package; ``force`` may replace such a folder."""
 SMALL_FILE = 2**28
-"""Limit in bytes for records, logs and settings."""
+"""Largest file with records, logs or settings, in bytes."""
 LARGE_FILE = 2**36
-"""Limit in bytes for weights and books."""
+"""Largest file with model weights or recipes, in bytes."""
 _KINDS = {
     "graph.json": "is a graph folder",
     "run.json": "is the folder of a run whose run.json is damaged",
@@ -28,26 +28,26 @@ _KINDS = {
 
 
 def with_a_name(path: Path) -> Path:
-    """Resolve ``.`` and ``..``, so that the path ends in a name from which siblings can be named."""
+    """Return a path that ends in a name, so that sibling paths can be formed; ``.`` and ``..`` are resolved."""
     return path if path.name not in ("", "..") else path.resolve()
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal."""
+    """Return the SHA-256 hash for a file's content, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def dump_json(value: Any) -> str:
-    """Return indented JSON; NaN is refused."""
+    """Return a value as indented JSON text with a final newline; NaN and infinity raise a ValueError."""
     return json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
 
 
 def check_file(path: Path, largest: int = LARGE_FILE) -> None:
-    """Check that a file has an end and can be read, unlike devices, pipes and huge sparse files.
+    """Check that a path is a regular file within a size limit, not a device, a pipe or a huge sparse file.
 
     Raises:
-        ArtefactError: for a missing or irregular file, or more than ``largest`` bytes.
+        ArtefactError: if the file is missing, is not a regular file, or has more than ``largest`` bytes.
     """
     if not os.path.lexists(path):
         raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.")
@@ -58,19 +58,19 @@ def check_file(path: Path, largest: int = LARGE_FILE) -> None:
 
 
 def read_small_file(path: Path) -> bytes:
-    """Read a file with records, figures or settings, see :func:`check_file`; the limit is :data:`SMALL_FILE`."""
+    """Return the content of a file with records, metrics or settings: at most :data:`SMALL_FILE` bytes."""
     check_file(path, SMALL_FILE)
     return path.read_bytes()
 
 
 def read_large_file(path: Path) -> bytes:
-    """Read a file with weights, see :func:`check_file`."""
+    """Return the content of a file with weights: at most :data:`LARGE_FILE` bytes, see :func:`check_file`."""
     check_file(path)
     return path.read_bytes()
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file written by this package.
+    """Return the value in a JSON file written by this package: at most :data:`SMALL_FILE` bytes.
 
     Raises:
         ArtefactError: if the file is missing, not UTF-8 or not JSON.
@@ -83,7 +83,7 @@ def read_json(path: Path) -> Any:
 
 
 def what_is(path: Path) -> str:
-    """Describe a path for an error, as in "is a graph folder"."""
+    """Return a phrase that describes a path in an error message, such as "is a graph folder"."""
     if not path.exists():
         return "does not exist"
     if not path.is_dir():
@@ -98,7 +98,7 @@ def what_is(path: Path) -> str:
 
 
 def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durable: bool = False) -> None:
-    """Write a file through a temporary sibling: readers see the old content or the new, never a part.
+    """Write a file through a temporary file and a rename, so that readers never see incomplete content.
 
     A ``durable`` file is flushed to disk before the rename, so that a power failure cannot leave an empty file.
     """
@@ -121,7 +121,7 @@ def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durabl
 
 
 def check_output(out: Path, *, force: bool) -> None:
-    """Refuse an output that exists, before any work is done.
+    """Check, before any work is done, that an output file or folder may be written to ``out``.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False. A file, or a non-empty folder that this package did
@@ -142,9 +142,9 @@ def check_output(out: Path, *, force: bool) -> None:
 
 @contextmanager
 def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield an empty folder that becomes ``out`` if the block succeeds, and is removed if the block fails.
+    """Yield an empty temporary folder, renamed to ``out`` if the ``with`` block succeeds, otherwise removed.
 
-    An earlier ``out`` stays untouched until the end, even on Ctrl-C.
+    An existing ``out`` is replaced only at the end, and stays unchanged if the block fails or Ctrl-C is pressed.
     """
     check_output(out, force=force)
     with _parents_of(out):
@@ -159,7 +159,7 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield a path in an empty folder; the file written there becomes ``out`` if the block succeeds.
+    """Yield a path in a temporary folder; the file written there becomes ``out`` if the ``with`` block succeeds.
 
     Raises:
         OutputExistsError: if ``out`` is a folder, or exists and ``force`` is False.

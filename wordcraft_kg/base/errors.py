@@ -6,28 +6,28 @@ NAMED_SETTING = re.compile(r"`([a-z]\w*)`")
 
 
 def reason(error: BaseException) -> str:
-    """Return an error's kind and message in one line."""
+    """Return an exception's class name and message in one line; a message is cut after 300 characters."""
     text = " ".join(str(error).split()) or "no reason given"
     return f"{type(error).__name__}: {text if len(text) <= 300 else text[:300] + '...'}"
 
 
 class WordCraftKGError(Exception):
-    """Base of all user errors; the command line prints such errors without a traceback."""
+    """Base class for all errors that a user can cause; the command line prints such errors without a traceback."""
 
     @property
     def kind(self) -> str:
-        """Name of the error's class, for `--json`."""
+        """Name of the error class, for the JSON output by commands (``--json``)."""
         return type(self).__name__
 
     @property
     def setting(self) -> str:
-        """Python name of the refused setting, the first name in backticks in the message; "" without one."""
+        """Python name for the setting with the invalid value: the first name in backticks in the message, or ""."""
         named = NAMED_SETTING.search(str(self))
         return named[1] if named else ""
 
 
 class RecipeFileError(WordCraftKGError, ValueError):
-    """A recipe book cannot be read; the message names the line or the key."""
+    """A recipe book (a file with recipes) cannot be read; the message names the line or the key."""
 
 
 class QueryFileError(WordCraftKGError, ValueError):
@@ -35,19 +35,19 @@ class QueryFileError(WordCraftKGError, ValueError):
 
 
 class GraphError(WordCraftKGError, ValueError):
-    """A recipe graph cannot be built from the given rows or ids."""
+    """A recipe graph cannot be built from the given recipe rows or entity ids."""
 
 
 class UnknownEntityError(WordCraftKGError, LookupError):
-    """A label is not in the vocabulary; the message suggests the nearest labels."""
+    """A label names no entity in the graph; the message suggests the most similar labels."""
 
 
 class SplitError(WordCraftKGError, ValueError):
-    """A split cannot be drawn with these settings."""
+    """The recipes cannot be split into train, valid and test recipes with the given settings."""
 
 
 class TaskError(WordCraftKGError, ValueError):
-    """No such task exists, or a plan cannot be carried out."""
+    """A requested task does not exist, or a task's plan (recipes that make the goal) cannot be carried out."""
 
 
 class ConfigError(WordCraftKGError, ValueError):
@@ -55,15 +55,15 @@ class ConfigError(WordCraftKGError, ValueError):
 
 
 class UnknownSettingError(ConfigError, TypeError):
-    """An unknown keyword argument; also a TypeError, as libraries such as gymnasium expect."""
+    """A keyword argument names no known setting; also a TypeError, as libraries such as gymnasium expect."""
 
 
 class ActionError(WordCraftKGError, ValueError):
-    """An action is outside the action space, or not legal where only legal actions are allowed."""
+    """An action is outside the action space, illegal where only legal actions are allowed, or an unreadable text."""
 
 
 class EpisodeError(WordCraftKGError, RuntimeError):
-    """A step was requested before a reset or after the end of an episode."""
+    """A step was requested before the environment's first reset, or after the end of the episode."""
 
 
 class ArtefactError(WordCraftKGError, ValueError):
@@ -71,11 +71,11 @@ class ArtefactError(WordCraftKGError, ValueError):
 
 
 class GraphMismatchError(ArtefactError):
-    """Two artefacts belong to different recipe graphs or different splits."""
+    """Two artefacts, such as a model and an environment, belong to different recipe graphs or different splits."""
 
 
 class LeakError(WordCraftKGError, RuntimeError):
-    """A train task would be scored by a model trained on the task's recipes."""
+    """A train task would be scored by a model trained on the recipes in this task's plan."""
 
 
 class TrainingError(WordCraftKGError, ArithmeticError):
@@ -83,20 +83,20 @@ class TrainingError(WordCraftKGError, ArithmeticError):
 
 
 class OutputExistsError(WordCraftKGError, FileExistsError):
-    """The output exists and overwriting was not requested."""
+    """The output file or folder exists, and overwriting (``force``) was not requested."""
 
 
 class PlayerError(WordCraftKGError, RuntimeError):
-    """A player program did not start, ended, timed out, or wrote an invalid answer."""
+    """An external program that plays games did not start, ended early, timed out, or wrote an invalid answer."""
 
 
 class FetchError(WordCraftKGError, OSError):
-    """A published book could not be downloaded, or differs from the pinned file."""
+    """A published recipe book could not be downloaded, or the download differs from the expected file."""
 
 
 class EndpointError(WordCraftKGError, ConnectionError):
-    """A language model's endpoint refuses a request or does not answer; the message names the saved answers."""
+    """A language model's server refuses a request or does not answer; the message names the saved answers."""
 
 
 class MissingExtraError(WordCraftKGError, ImportError):
-    """An optional dependency is missing; the message names the extra to install."""
+    """An optional dependency is missing; the message names the extra (package group) to install."""

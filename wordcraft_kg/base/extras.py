@@ -1,4 +1,4 @@
-"""Checks for optional dependencies."""
+"""Checks for optional dependencies, which are installed as extras: ``pip install 'wordcraft-kg[mcp]'``."""
 
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -6,14 +6,14 @@ from importlib.util import find_spec
 from wordcraft_kg.base.errors import MissingExtraError
 
 PACKAGES = {"explore": ("starlette", "uvicorn"), "mcp": ("mcp",), "elicit": ("openai",)}
-"""Packages by extra."""
+"""Import names: the packages that each extra installs."""
 
 
 def check_extra(extra: str) -> None:
-    """Check that an extra's packages are installed, without importing any.
+    """Check that all packages of an extra are installed, without importing the packages.
 
     Raises:
-        MissingExtraError: naming the extra to install.
+        MissingExtraError: if a package is missing; the message names the extra to install.
     """
     missing = [name for name in PACKAGES[extra] if find_spec(name) is None]
     if missing:
@@ -21,6 +21,6 @@ def check_extra(extra: str) -> None:
 
 
 def missing_extra(extra: str, names: Sequence[str]) -> MissingExtraError:
-    """Return the error for missing packages, with the extra to install."""
+    """Return the error for missing packages ``names``; the message has the pip command that installs ``extra``."""
     are = "is" if len(names) == 1 else "are"
     return MissingExtraError(f"{' and '.join(names)} {are} not installed: pip install 'wordcraft-kg[{extra}]'")

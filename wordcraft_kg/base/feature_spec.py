@@ -1,21 +1,21 @@
-"""Specification of entity features: a name, or the path of a file with vectors."""
+"""Specifications for entity features (a vector per entity): a reserved name, or the path to a file with vectors."""
 
 from dataclasses import dataclass
 
 VECTORS = ("glove", "one-hot", "random")
 LEARNED = "learned"  # by the policy
 NAMES = (*VECTORS, LEARNED)
-"""Reserved names; write ``./glove`` for a file of such a name."""
+"""Reserved feature names; for a file with a reserved name, write a path such as ``./glove``."""
 SHUFFLED = "shuffled:"
 
 
 @dataclass(frozen=True)
 class FeatureSpec:
-    """The parts of a spec such as ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
+    """A parsed specification for entity features, such as ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
 
     Attributes:
-        source: a name in :data:`NAMES`, or a path.
-        prefix: ``shuffled:``, repeated as written, or empty.
+        source: a name in :data:`NAMES`, or the path to a file with vectors.
+        prefix: ``shuffled:`` (assign vectors to random entities), as often as written; empty without shuffling.
     """
 
     source: str
@@ -23,7 +23,7 @@ class FeatureSpec:
 
     @classmethod
     def parse(cls, text: str) -> "FeatureSpec":
-        """Split a spec; files are not checked."""
+        """Split a specification into prefix and source, without checking that a file exists."""
         source = text
         while source.startswith(SHUFFLED):
             source = source.removeprefix(SHUFFLED)
@@ -31,7 +31,7 @@ class FeatureSpec:
 
     @property
     def is_path(self) -> bool:
-        """Whether the source is a file."""
+        """Whether the source is a file, not a name in :data:`NAMES`."""
         return self.source not in NAMES
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Label parsing for answers from people and models: lenient for a unique match, strict for several matches."""
+"""Parser for entity labels in texts by people and models; different spellings are accepted if the match is unique."""
 
 import re
 import unicodedata
@@ -24,21 +24,21 @@ _NUMBERS = re.compile(r"\d+\s+\d+")
 
 
 def folded(text: str) -> str:
-    """Normalise a text for comparison: case, Unicode forms, blanks, hyphens and underscores."""
+    """Return text in a normal form for comparison, without differences in case, Unicode form, blanks and hyphens."""
     return " ".join(re.sub("[-_]", " ", unicodedata.normalize("NFKC", text).casefold()).split())
 
 
 def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, by_beginning: bool = True) -> int:
-    """Return the index of the named label.
+    """Return the index of the label that a text names.
 
     The first matching rule decides: number from 1; exact label; case-insensitive label; label without article, quotes
     and punctuation; singular or plural; label prefix.
 
     Args:
-        written: the text.
-        labels: distinct labels.
-        by_number: accept a number.
-        by_beginning: accept a label prefix.
+        written: the text by a person or model.
+        labels: distinct labels, which the returned index refers to.
+        by_number: accept a label's number, counted from 1.
+        by_beginning: accept the beginning of a label, such as ``wat`` for ``water``.
 
     Raises:
         ActionError: if no label or several labels fit.
@@ -67,10 +67,10 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
 
 
 class LabelIndex:
-    """Reads many texts against the same labels, as :func:`read_label` does without numbers and beginnings."""
+    """An index for finding the label in many texts: :func:`read_label` without numbers and label prefixes."""
 
     def __init__(self, labels: Sequence[str]):
-        """Index distinct labels."""
+        """Index ``labels``, which must be distinct."""
         # A text much longer than any label names none, and would take long to compare.
         self._longest = _MOST_AROUND + 4 * max(map(len, labels), default=0)
         self._exact = {label: place for place, label in enumerate(labels)}
@@ -86,7 +86,7 @@ class LabelIndex:
                 self._plural[form].add(place)
 
     def find(self, written: str) -> int | None:
-        """Return the index of the named label; None without a unique match.
+        """Return the index of the label that a text names; None without a match or with several matches.
 
         Example:
             >>> index = LabelIndex(["water", "fire", "Fire", "berry"])
@@ -112,7 +112,7 @@ _index = lru_cache(maxsize=64)(LabelIndex)
 
 
 def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
-    """Return the indices of both named labels, in written order.
+    """Return the indices of the two labels that a text such as ``water + earth`` names, in written order.
 
     Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank between two numbers
     is enough. A leading verb and a trailing result (``= mud``, ``-> mud``) are ignored. A label may contain a separator
@@ -151,7 +151,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
 
 
 def last_line(message: str) -> str:
-    """Return the answer: the last non-empty line, without list marks and quotes."""
+    """Return the answer in a player's message: the last non-empty line, without list marks and quotes."""
     lines = [line.strip() for line in message.splitlines() if line.strip(_MARKS + "-•>|#")]
     return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
 

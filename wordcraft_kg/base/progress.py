@@ -1,4 +1,4 @@
-"""Progress of long work: functions name stages and count steps, and a listener may report the progress.
+"""Progress of long computations: functions name stages and count steps, and a listener may report the progress.
 
 As with logging, no argument has to be passed down, and without a listener the work is silent::
 
@@ -20,7 +20,7 @@ _listener: ContextVar[_Listener | None] = ContextVar("listener", default=None)
 
 @contextmanager
 def listening(listener: _Listener | None) -> Iterator[None]:
-    """Report the stages in this block to a listener; None reports nothing."""
+    """Call ``listener`` with stage, finished steps and total steps during this ``with`` block; None reports nothing."""
     token = _listener.set(listener)
     try:
         yield
@@ -29,7 +29,7 @@ def listening(listener: _Listener | None) -> Iterator[None]:
 
 
 def steps(stage: str, items: Collection[T]) -> Iterator[T]:
-    """Yield the items of a stage; each item is a step, finished when the next item is requested."""
+    """Yield the items of a named stage and report progress: an item is finished when the next item is requested."""
     listener = _listener.get()
     if listener is None:
         yield from items
@@ -44,5 +44,5 @@ def steps(stage: str, items: Collection[T]) -> Iterator[T]:
 
 @contextmanager
 def stage(name: str) -> Iterator[None]:
-    """Declare this block, or the decorated function, a stage with one step."""
+    """Report this ``with`` block, or the decorated function, as a stage with a single step."""
     yield from steps(name, [None])

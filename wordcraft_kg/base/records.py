@@ -1,7 +1,7 @@
-"""Typed records: values read from a file or shown to a user have a known type, checked once.
+"""Typed records: JSON objects with declared fields, checked when read from a file or shown to a user.
 
-A record is a frozen :class:`Record`. Reading is strict: an unknown key, a missing key or a value with the wrong type is
-an error that names the file and the field. The JSON Schema is derived from the type.
+A record type is a subclass of :class:`Record`. Reading is strict: an unknown key, a missing key or a value with the
+wrong type is an error that names the file and the field. The JSON Schema is derived from the type.
 
 msgspec has no dependencies, imports in milliseconds, and also handles the package's frozen dataclasses of settings.
 """
@@ -20,18 +20,18 @@ T = TypeVar("T")
 
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
-"""A probability or a fraction."""
+"""A number from 0 to 1: a probability or a fraction."""
 Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
-"""SHA-256 in hexadecimal."""
+"""A SHA-256 hash in hexadecimal."""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of all records: frozen, and strict about unknown keys."""
+    """Base class for all records (typed JSON objects): instances are immutable, and unknown keys are errors."""
 
 
 def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
-    """Read a record from JSON bytes.
+    """Parse JSON bytes as a record of type ``kind``; ``path`` names the source in error messages.
 
     Raises:
         ArtefactError: naming ``path`` and the field, if the bytes are not JSON or do not fit the record.
@@ -43,18 +43,18 @@ def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
 
 
 def read_record(path: Path, kind: type[T]) -> T:
-    """Read a record from a JSON file, see :func:`parse_record`."""
+    """Read a JSON file as a record of type ``kind``, with the errors of :func:`parse_record`."""
     return parse_record(read_small_file(path), kind, path)
 
 
 def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
-    """Read a record from each JSON line, see :func:`parse_record`; errors name the line too."""
+    """Parse lines of JSON as records of type ``kind``, see :func:`parse_record`; errors also name the line."""
     lines = data.removesuffix(b"\n").split(b"\n") if data else []
     return [parse_record(line, kind, f"{path}, line {number},") for number, line in enumerate(lines, 1)]
 
 
 def as_record(values: Any, kind: type[T], path: Path | str) -> T:
-    """Convert plain values, such as a TOML table, to a record or a dataclass of settings.
+    """Convert plain values, such as a TOML table, to ``kind``: a record or a dataclass of settings.
 
     Raises:
         ArtefactError: naming ``path`` and the field, if a value does not fit.
@@ -72,7 +72,7 @@ def _damaged(path: Path | str, error: Exception) -> ArtefactError:
 
 
 def as_lines(records: Iterable[Any]) -> list[str]:
-    """Return records as JSON lines."""
+    """Return each record as a line of JSON text, with a final newline."""
     return [json.dumps(as_values(record), ensure_ascii=False, allow_nan=False) + "\n" for record in records]
 
 
@@ -87,7 +87,7 @@ def as_values(record: Any) -> Any:
 
 
 def checked_values(record: Record) -> Any:
-    """Return :func:`as_values` after checking types and bounds.
+    """Return a record as plain JSON values (see :func:`as_values`), after checking each field's type and bounds.
 
     Raises:
         ValueError: naming the invalid field.
@@ -98,6 +98,6 @@ def checked_values(record: Record) -> Any:
 
 
 def schema_of(kind: type[Any], identifier: str, title: str) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a record's type."""
+    """Return the JSON Schema (draft 2020-12) for the record type ``kind``."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": identifier, "title": title}
     return {**head, **msgspec.json.schema(kind)}

@@ -1,4 +1,4 @@
-"""Registries that apps and other packages can extend."""
+"""Registries: named objects, such as model kinds, that apps and other installed packages can extend."""
 
 from collections.abc import Iterator, MutableMapping
 from importlib.metadata import entry_points
@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 class Registry(MutableMapping[str, T]):
-    """Objects by name. A module adds an object with ``registry[name] = thing``.
+    """A mapping from names to objects. A module adds an object with ``registry[name] = thing``.
 
     Installed packages add objects by an entry-point group. An entry point names an object, or a module that registers
     objects on import. Entry points are loaded when an unknown name is looked up, or all names are listed.
@@ -22,7 +22,7 @@ class Registry(MutableMapping[str, T]):
     """
 
     def __init__(self, group: str, own: dict[str, T] | None = None):
-        """Create a registry for an entry-point group, with its built-in objects."""
+        """Create a registry with the built-in objects ``own``, extended by the entry-point group ``group``."""
         self._group, self._known = group, dict(own or {})
         self._is_complete = False
 

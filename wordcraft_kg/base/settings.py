@@ -24,18 +24,18 @@ MAX_THREADS = 1_024
 
 
 def refuse(name: str, value: Any, expected: str, hint: str = "") -> ConfigError:
-    """Return the error for a setting, with its value and the expected values."""
+    """Return the ConfigError for an invalid setting: name, value, expected values and an optional hint."""
     return ConfigError(f"`{name}` {value!r}: expected {expected}.{hint}")
 
 
 def require(config: Any, name: str, holds: bool, expected: str) -> None:
-    """Raise a :class:`ConfigError` for a setting unless the condition ``holds``."""
+    """Raise a :class:`ConfigError` for the setting ``name`` in ``config``, unless the condition ``holds`` is True."""
     if not holds:
         raise refuse(name, getattr(config, name), expected)
 
 
 def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
-    """Return an integer from ``low`` to ``high`` (default :data:`MOST`), or raise a :class:`ConfigError`."""
+    """Return an integer setting from ``low`` to ``high`` (default :data:`MOST`), or raise a :class:`ConfigError`."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -49,26 +49,26 @@ def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
 
 
 def number_in(name: str, value: Any, low: float, high: float, expected: str) -> None:
-    """Raise a :class:`ConfigError` unless a number is from ``low`` to ``high``; booleans and NaN are refused."""
+    """Raise a :class:`ConfigError` for NaN, for booleans, and for numbers outside ``low`` to ``high``."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise refuse(name, value, expected)
 
 
 def positive(name: str, value: Any) -> float:
-    """Return a positive number that a 32-bit float can hold, or raise a :class:`ConfigError`."""
+    """Return a setting with a positive number that a 32-bit float can hold, or raise a :class:`ConfigError`."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not SMALLEST <= value < LARGEST:
         raise refuse(name, value, "a number above 0")
     return float(value)
 
 
 def check_memory(name: str, value: int, what: str, needed: int) -> None:
-    """Raise a :class:`ConfigError` if ``what`` needs more bytes than this machine has.
+    """Raise a :class:`ConfigError` if a setting's value needs more memory than this process may use.
 
     Args:
         name: name of the setting.
         value: the setting's value.
-        what: use of the memory, for the error.
-        needed: bytes, at least.
+        what: name for the data in memory, for the error message.
+        needed: number of bytes, at least.
     """
     available = memory()
     if needed > available:
@@ -89,13 +89,13 @@ def memory() -> int:
 
 
 def one_of(name: str, value: Any, allowed: Sequence[str]) -> None:
-    """Raise a :class:`ConfigError` with the nearest choices unless a value is allowed."""
+    """Raise a :class:`ConfigError`, with the most similar allowed values, unless ``value`` is in ``allowed``."""
     if value not in allowed:
         hint = nearest(value, allowed) if isinstance(value, str) else ""
         raise refuse(name, value, f"one of {', '.join(allowed)}", hint)
 
 
 def nearest(label: str, known: Iterable[str], limit: int = 3) -> str:
-    """Return " Did you mean 'a', 'b'?" for the closest labels, or "" if no label is close."""
+    """Return a hint such as " Did you mean 'a', 'b'?" with the most similar known labels; "" if no label is similar."""
     matches = difflib.get_close_matches(label, list(known), n=limit, cutoff=0.6)
     return f" Did you mean {', '.join(repr(m) for m in matches)}?" if matches else ""

@@ -14,7 +14,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError
 
 
 def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
-    """Parse safetensors bytes.
+    """Parse bytes in safetensors format and return the tensors by name; ``path`` names the file in error messages.
 
     Raises:
         ArtefactError: for damaged bytes, or NaN or infinity in a tensor.
@@ -33,27 +33,27 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
 
 
 def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    """Return all tensors with names that begin with ``prefix``, without the prefix."""
+    """Return the tensors with names that begin with ``prefix``; the returned names omit the prefix."""
     return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
 
 
 def lazily_zero(tensor: Tensor) -> Tensor:
-    """Return zeros with a tensor's shape and type that take no memory until written, unlike torch's zeros."""
+    """Return a zero tensor with the shape and type of ``tensor`` that takes no memory until values are written."""
     return torch.from_numpy(np.zeros(tensor.shape, tensor.numpy().dtype))
 
 
 def copied(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Return contiguous copies on the CPU, for safetensors."""
+    """Return contiguous CPU copies of named tensors, for writing in safetensors format."""
     return {name: tensor.detach().cpu().clone().contiguous() for name, tensor in tensors.items()}
 
 
 def as_tensor(values: Any) -> Tensor:
-    """Return an engine's array as a tensor that shares memory; a device's tensor is returned as is."""
+    """Return a NumPy array as a tensor that shares the array's memory; return a tensor unchanged."""
     return torch.from_numpy(values) if isinstance(values, np.ndarray) else values
 
 
 def check_device(device: str) -> None:
-    """Raise a :class:`ConfigError` unless torch can compute on a device."""
+    """Raise a :class:`ConfigError` unless torch can compute on the named device, such as ``cuda``."""
     try:
         torch.zeros(1, device=device).item()
     except (RuntimeError, AssertionError) as error:

@@ -1,10 +1,10 @@
-"""Numbers in sentences."""
+"""Formatting for numbers in sentences."""
 
 import math
 
 
 def counted(number: int, one: str, more: str = "") -> str:
-    """Return a number with a noun in singular or plural, by default with an s.
+    """Return a number with a noun: ``one`` is the singular, ``more`` the plural (default: the singular with an s).
 
     Example:
         >>> counted(1, "entity", "entities"), counted(1_200, "pair")
@@ -14,7 +14,7 @@ def counted(number: int, one: str, more: str = "") -> str:
 
 
 def approximate(number: int) -> str:
-    """Return a natural number in digits or, from 10^12, as a power of ten.
+    """Return a natural number as text: digits, or from 10^12 a power of ten.
 
     Example:
         >>> approximate(1_200), approximate(3 * 2**10_000)

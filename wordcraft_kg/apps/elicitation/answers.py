@@ -1,4 +1,4 @@
-"""Stored answers: a small file each, named by the request's SHA-256."""
+"""Stored language-model answers: a small file for each request, named by the request's SHA-256."""
 
 import hashlib
 import logging
@@ -12,12 +12,12 @@ from wordcraft_kg.base.records import Hash, Record, as_values, read_record
 
 
 class Answer(Record, frozen=True, kw_only=True):
-    """A model answer.
+    """A language model's answer to a request.
 
     Attributes:
-        text: the text.
+        text: text of the answer.
         model: the answering model's name; empty if unknown.
-        finish: reason for the end, such as ``stop`` or ``length``; empty if unknown.
+        finish: reason for the end of the text, such as ``stop`` or ``length``; empty if unknown.
     """
 
     text: str
@@ -38,7 +38,7 @@ class _KeptAnswer(Record, frozen=True, kw_only=True):
 
 
 class Answers:
-    """An answer folder, created by :meth:`open`."""
+    """A folder with stored answers; :meth:`open` creates the folder."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -56,7 +56,7 @@ class Answers:
             raise OutputExistsError(text) from None
 
     def find(self, request: Request) -> Answer | None:
-        """Return the answer to a request; None, with a warning, for a damaged file."""
+        """Return the stored answer to a request; None if missing or, with a warning, if the file is damaged."""
         path = self._path(request)
         if not path.exists():
             return None
@@ -72,7 +72,7 @@ class Answers:
         return kept.answer
 
     def keep(self, request: Request, answer: Answer) -> None:
-        """Write an answer atomically."""
+        """Store the answer to a request in an atomically written file."""
         kept = _KeptAnswer(request=request, answer=answer, sha256=answer.hash)
         write_atomically(self._path(request), dump_json(as_values(kept)), durable=True)
 

@@ -1,4 +1,4 @@
-"""Settings for ``elicit``; without torch."""
+"""Settings for the command ``elicit``; importable without torch."""
 
 import re
 from dataclasses import dataclass
@@ -85,10 +85,10 @@ class ElicitationConfig(RunConfig):
 
 
 def checked_endpoint(address: str) -> str:
-    """Return an endpoint's address without a final slash.
+    """Check an endpoint's address, and return the address without a final slash.
 
     Raises:
-        ConfigError: for an invalid address, or a password, query or fragment, which may contain a key.
+        ConfigError: if the address is invalid, or has a password, query or fragment, which may contain a key.
     """
     expected = "expected an address such as http://localhost:8080/v1 or https://api.openai.com/v1"
     try:

@@ -1,4 +1,4 @@
-"""A client for OpenAI-compatible endpoints that removes the key from all texts; the library ``openai`` retries."""
+"""A client for OpenAI-compatible endpoints that removes the API key from all texts; the library ``openai`` retries."""
 
 import os
 from typing import Any
@@ -15,18 +15,18 @@ _NO_MONEY = "insufficient_quota"
 _LEAST_KEY = 6
 """Minimum key length for redaction; a shorter key, such as "none", may be a word."""
 _MOST_QUOTED = 300
-"""Quoted characters from an error message."""
+"""Most characters quoted from an error message."""
 
 
 class Endpoint:
-    """An endpoint's client for concurrent calls to :meth:`ask`; ``async with`` closes the client."""
+    """An asynchronous client for an endpoint: calls to :meth:`ask` may overlap; ``async with`` closes the client."""
 
     def __init__(self, config: ElicitationConfig):
-        """Read the key and create a client, without a request.
+        """Read the API key from the environment and create a client; no request is sent.
 
         Raises:
-            MissingExtraError: without the library ``openai``.
-            ConfigError: for an unset or malformed key variable.
+            MissingExtraError: if the library ``openai`` is not installed.
+            ConfigError: if the environment variable for the key is unset or malformed.
         """
         check_extra("elicit")
         import openai
@@ -50,7 +50,7 @@ class Endpoint:
         await self._client.close()
 
     async def ask(self, request: Request) -> Answer:
-        """Return the answer to a request.
+        """Send a request to the endpoint, and return the answer.
 
         Raises:
             EndpointError: for a rejected request, a malformed answer, or a failure after all retries.

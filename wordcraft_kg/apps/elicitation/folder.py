@@ -1,4 +1,4 @@
-"""Model folders with elicited recipes: scorer, table, unparsed lines and metrics."""
+"""Writing model folders with elicited recipes: scorer, recipe table, unparsed lines and metrics."""
 
 import csv
 import hashlib
@@ -37,7 +37,7 @@ def write_elicited(
     *,
     force: bool = False,
 ) -> tuple[Path, ElicitationMetrics]:
-    """Write a model folder from the answers to prompts; return folder and metrics. Only the metrics use the split.
+    """Write a model folder with the recipes in the answers; return folder and metrics. Only metrics use the split.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
@@ -87,7 +87,7 @@ def _metrics(
 
 
 def agreement(opened: OpenedGraph, elicited: Sequence[ElicitedRecipe], *, test_only: bool = False) -> Agreement:
-    """Compare elicited recipes with all graph recipes or the test recipes, ignoring recipes in other parts."""
+    """Compare elicited with all graph recipes, or (``test_only``) test recipes, ignoring train and valid recipes."""
     recipes, is_in = opened.graph.recipes, opened.split.is_in("test") | (not test_only)
     wanted, others = ({tuple(row) for row in recipes[rows].tolist()} for rows in (is_in, ~is_in))
     named = [one.recipe for one in sorted(elicited, key=lambda one: -one.rank) if one.recipe not in others]

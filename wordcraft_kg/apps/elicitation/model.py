@@ -1,4 +1,4 @@
-"""Registration of ``elicit`` model folders in the entry-point group ``wordcraft_kg.models``."""
+"""Registration of model folders by the command ``elicit``, in the entry-point group ``wordcraft_kg.models``."""
 
 from wordcraft_kg.apps.elicitation.config import ElicitationConfig
 from wordcraft_kg.apps.elicitation.records import ElicitationMetrics

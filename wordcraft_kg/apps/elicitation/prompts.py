@@ -1,4 +1,4 @@
-"""Prompts for a language model, and requests, which identify answers."""
+"""Prompts that request recipes from a language model; the content of a request identifies its stored answer."""
 
 import hashlib
 import json
@@ -26,19 +26,19 @@ Which pairs of items make each of these items?
 {goals}
 """
 TEMPLATE_HASH = hashlib.sha256("\0".join((TASK, ITEMS, QUESTION)).encode()).hexdigest()
-"""Prompt version: the template's SHA-256."""
+"""SHA-256 of the prompt template, to tell prompt versions apart."""
 _CHARACTERS_PER_TOKEN = 4  # approximately, for English
 
 
 class Message(Record, frozen=True):
-    """A chat message."""
+    """A chat message: role (system or user) and text."""
 
     role: str
     content: str
 
 
 class Request(Record, frozen=True, kw_only=True):
-    """A request's content without the key; None means the endpoint default."""
+    """The content of a request to an endpoint, without the key; None leaves a setting to the endpoint's default."""
 
     endpoint: str
     model: str
@@ -48,19 +48,19 @@ class Request(Record, frozen=True, kw_only=True):
 
     @property
     def hash(self) -> str:
-        """The content's SHA-256, in hexadecimal."""
+        """SHA-256 of the content, in hexadecimal."""
         values = [self.endpoint, self.model, [[one.role, one.content] for one in self.messages]]
         return hashlib.sha256(json.dumps([*values, self.temperature, self.seed]).encode()).hexdigest()
 
     @property
     def tokens(self) -> int:
-        """Approximate token count."""
+        """Approximate number of tokens in the messages."""
         return sum(len(message.content) for message in self.messages) // _CHARACTERS_PER_TOKEN + 1
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """Goals by label, the request for pairs, and the approximate token count for the answer."""
+    """A request for the recipes of some goals (labels), with the approximate number of tokens in the answer."""
 
     goals: tuple[str, ...]
     request: Request
@@ -68,7 +68,7 @@ class Prompt:
 
 
 def make_prompts(config: ElicitationConfig, entities: Sequence[str]) -> list[Prompt]:
-    """Return the prompts about all entities, given by label in id order.
+    """Return prompts that together request recipes for all entities; ``entities`` are labels in id order.
 
     Example:
         >>> config = ElicitationConfig("kitchen", "http://localhost:8080/v1", "some-model")

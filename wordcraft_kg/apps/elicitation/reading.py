@@ -1,4 +1,4 @@
-"""Lenient parser for elicited recipes: lines such as ``mud: water + earth``."""
+"""Parser for recipes in a language model's answers, which are lines such as ``mud: water + earth``."""
 
 import re
 from collections import defaultdict
@@ -25,11 +25,11 @@ _SEVERAL = re.compile(r"\s*[,;|]\s*(?:or\s+)?|\s+or\s+")
 
 @dataclass(frozen=True)
 class ElicitedRecipe:
-    """A recipe from a language model.
+    """A recipe that a language model named.
 
     Attributes:
-        recipe: ids: both ingredients in ascending order, and the goal.
-        rank: rank among the goal's pairs, from 1.
+        recipe: entity ids: both ingredients in ascending order, and the result.
+        rank: position in the model's list of pairs for this result, from 1.
     """
 
     recipe: tuple[int, int, int]
@@ -37,13 +37,13 @@ class ElicitedRecipe:
 
     @property
     def weight(self) -> float:
-        """``(1 + 1 / rank) / 2``, because the presence of a pair is at least as informative as the rank."""
+        """Weight, ``(1 + 1 / rank) / 2``: the presence of a pair is at least as informative as the rank."""
         return (1 + 1 / self.rank) / 2
 
 
 @dataclass(frozen=True)
 class Unread:
-    """An unparsed line, and the reason."""
+    """A line in an answer that could not be parsed as a recipe, and the reason."""
 
     why: Why
     line: str
@@ -52,14 +52,14 @@ class Unread:
 def read_elicited(
     prompts: Sequence[Prompt], answers: Sequence[Answer], entities: Sequence[str]
 ) -> tuple[list[ElicitedRecipe], list[Unread]]:
-    """Return elicited recipes and unparsed lines from the answers to prompts.
+    """Parse the answers to prompts; return the elicited recipes and the unparsed lines.
 
     A line may have a bullet, a number, quotes or emphasis, the form ``first + second = item``, or several pairs;
-    pairs may follow a heading. Ranks count readable pairs.
+    pairs may follow a heading. Only parsed pairs count for the ranks.
 
     Args:
-        prompts: prompts.
-        answers: an answer per prompt.
+        prompts: the prompts, which list the requested goals.
+        answers: the answers, in the order of the prompts.
         entities: the graph's labels in id order.
     """
     known = LabelIndex(entities)

@@ -1,19 +1,19 @@
-"""Metrics of elicited recipes, and the output of ``elicit``."""
+"""Records for elicited recipes: metrics, and the output of the command ``elicit``."""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 
 
 class Agreement(Record, frozen=True, kw_only=True):
-    """Agreement between elicited recipes and the graph recipes, or the recipes in one split part.
+    """Agreement between elicited recipes and reference recipes: all graph recipes, or the recipes in one split part.
 
     Attributes:
-        elicited: evaluated elicited recipes; recipes in other split parts are ignored.
-        recipes: recipes to find.
-        right: elicited recipes that exist.
+        elicited: number of elicited recipes, without recipes that exist in a different split part.
+        recipes: number of reference recipes.
+        right: number of elicited recipes that are reference recipes.
         precision: right / elicited; None without elicited recipes.
         recall: right / recipes; None without recipes.
-        goals: distinct results.
-        first_right: share of goals with a correct first pair; None without recipes.
+        goals: number of distinct results in the reference recipes.
+        first_right: share of these goals for which the first elicited pair is right; None without recipes.
     """
 
     elicited: Count
@@ -26,15 +26,15 @@ class Agreement(Record, frozen=True, kw_only=True):
 
 
 class ElicitationMetrics(Record, frozen=True, kw_only=True):
-    """``metrics.json``: counts, and the agreement with the graph.
+    """Metrics of a model folder (``metrics.json``): counts, and the agreement with the graph.
 
     Attributes:
-        template: prompt template's hash.
-        goals: entities in the prompts.
-        goals_answered: entities with an elicited recipe.
-        unread: unparsed lines, by reason.
-        cut: answers cut at the endpoint's length limit.
-        models: answering models.
+        template: hash of the prompt template.
+        goals: number of entities in the prompts.
+        goals_answered: number of entities with an elicited recipe.
+        unread: number of unparsed lines, by reason.
+        cut: number of answers cut at the endpoint's length limit.
+        models: names of the answering models.
         agreement: agreement with ``all`` recipes and with ``test`` recipes.
     """
 
@@ -50,16 +50,16 @@ class ElicitationMetrics(Record, frozen=True, kw_only=True):
 
 
 class RequestEstimate(Record):
-    """Prompts and tokens before any request.
+    """Number of prompts and tokens that an elicitation needs, before any request is sent.
 
     Attributes:
-        template: prompt template's hash.
-        goals: entities in the prompts.
-        stored: prompts with a stored answer.
-        to_send: prompts without a stored answer.
-        tokens_in: approximate tokens in these prompts, a quarter of the characters.
+        template: hash of the prompt template.
+        goals: number of entities in the prompts.
+        stored: number of prompts with a stored answer.
+        to_send: number of prompts without a stored answer.
+        tokens_in: approximate tokens in the prompts to send, a quarter of the characters.
         tokens_out: approximate tokens in the answers, without reasoning.
-        answers: answer folder.
+        answers: folder with stored answers.
     """
 
     graph: str

@@ -22,7 +22,7 @@ _TICK = 0.1  # seconds between checks for Ctrl-C
 
 @dataclass(frozen=True)
 class RequestPlan:
-    """All prompts, and the prompts without a stored answer."""
+    """All prompts, and the waiting prompts: prompts without a stored answer."""
 
     prompts: tuple[Prompt, ...]
     waiting: tuple[Prompt, ...]
@@ -30,13 +30,13 @@ class RequestPlan:
 
 @stage("looking up stored answers")
 def plan_requests(config: ElicitationConfig, entities: Sequence[str], answers: Answers) -> RequestPlan:
-    """Return the prompts for all graph entities, and the prompts without a stored answer."""
+    """Return the prompts for all graph entities (labels in id order), and the prompts without a stored answer."""
     prompts = tuple(make_prompts(config, entities))
     return RequestPlan(prompts, tuple(prompt for prompt in prompts if answers.find(prompt.request) is None))
 
 
 def estimate_requests(plan: RequestPlan, graph: str, config: ElicitationConfig, answers: Path) -> RequestEstimate:
-    """Return the estimate for the prompts about a graph."""
+    """Return the number of prompts and tokens in a plan; ``graph`` and ``answers`` are copied to the estimate."""
     return RequestEstimate(
         graph=graph,
         endpoint=config.endpoint,
@@ -55,16 +55,16 @@ def estimate_requests(plan: RequestPlan, graph: str, config: ElicitationConfig, 
 def request_all(
     plan: RequestPlan, make_endpoint: Callable[[], Endpoint], answers: Answers, progress: Progress | None = None
 ) -> list[Answer]:
-    """Request the missing answers, and return all answers in prompt order.
+    """Send the prompts without a stored answer; return the answers to all prompts, in prompt order.
 
-    The first Ctrl-C waits for pending requests, which may cost money; the second Ctrl-C stops immediately. Without a
-    running event loop; in a notebook, call the function in a thread.
+    The first Ctrl-C waits for pending requests, which may cost money; the second Ctrl-C stops immediately. The function
+    starts an event loop; in a notebook, which has a running event loop, call the function in a thread.
 
     Args:
         plan: all prompts and the prompts to send.
         make_endpoint: creates the client, if there are prompts to send.
-        answers: answer folder.
-        progress: called after each answer.
+        answers: folder with stored answers.
+        progress: called after each answer, with the numbers of stored answers and of all prompts.
 
     Raises:
         OutputExistsError: if the answer folder is a file.

@@ -1,4 +1,4 @@
-"""Scorer for weighted recipes from a source outside the graph."""
+"""Scorer for weighted recipes from a language model or another source outside the graph."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -18,7 +18,7 @@ _MOST_ENTITIES = 2_000_000
 
 
 class ElicitedScorer(StoredScorer):
-    """Scores a recipe with its elicited weight or 0, and a link with the largest weight among its recipes.
+    """A scorer with a weight per elicited recipe: scores other recipes 0, and links by their best recipe.
 
     Links::
 
@@ -26,19 +26,19 @@ class ElicitedScorer(StoredScorer):
         score(x, componentOf, c) = max over b of score(x, b -> c)
 
     Attributes:
-        elicited: shape (n, 3), int32: unique pairs, smaller id first, and results, in ascending order.
+        elicited: recipe ids, shape (n, 3), int32: unique pairs, smaller id first, and results, in ascending order.
         weights: shape (n,), float32, above 0.
-        recipes: shape (0, 3): training recipes.
+        recipes: training recipes: empty, shape (0, 3).
     """
 
     kind: ClassVar[str] = "elicited"
 
     def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
-        """Take ``elicited`` and ``weights``; :meth:`of` accepts any order.
+        """Take the sorted tensors ``elicited`` and ``weights``; :meth:`of` accepts recipes in any order.
 
         Raises:
-            KeyError: for a missing tensor.
-            ValueError: for a wrong shape, type or value.
+            KeyError: if a tensor is missing.
+            ValueError: if a tensor has a wrong shape, type or value.
         """
         super().__init__(entities, graph_hash, **kwargs)
         self.check(tensors, len(self.entities))
@@ -53,7 +53,7 @@ class ElicitedScorer(StoredScorer):
     def of(
         cls, elicited: Ids, weights: Sequence[float], entities: Sequence[str], graph_hash: str, **kwargs: Any
     ) -> "ElicitedScorer":
-        """Take recipes, shape (n, 3), with weights above 0, in any order; of duplicates, the largest weight counts.
+        """Create a scorer from recipe ids, shape (n, 3), with weights above 0; duplicates keep the largest weight.
 
         Example:
             >>> scorer = ElicitedScorer.of([[1, 0, 2]], [1.0], ["earth", "water", "mud"], "hash of the graph")
@@ -69,20 +69,20 @@ class ElicitedScorer(StoredScorer):
         return cls(tensors, entities, graph_hash, **kwargs)
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors for the constructor."""
+        """Return the tensors that the constructor takes, by name."""
         return {"elicited": self.elicited, "weights": self.weights}
 
     def weighted_recipes(self) -> tuple[Tensor, Tensor]:
-        """Return recipes, shape (n, 3), int64, ascending, and weights, shape (n,)."""
+        """Return the elicited recipes, shape (n, 3), int64, in ascending order, and the weights, shape (n,)."""
         return self.elicited.long(), self.weights
 
     @property
     def observed(self) -> Ids:
-        """Elicited triples, shape (T, 3), sorted."""
+        """Triples of all elicited recipes, shape (T, 3), in ascending order."""
         return recipe_triples(self.elicited.numpy().astype(np.int64))
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Return recipe weights, 0 if not elicited, float32; labels or ids broadcast.
+        """Return each recipe's weight, float32, or 0 if not elicited; labels or ids broadcast as in NumPy.
 
         Raises:
             UnknownEntityError: for an unknown label or id.
@@ -91,7 +91,7 @@ class ElicitedScorer(StoredScorer):
         return weights_of(torch.stack(ids, dim=-1), self._keys, self._weights, len(self.entities))
 
     def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return an empty list, because elicited recipes have no supporting recipes."""
+        """Return an empty list: an elicited recipe is not supported by training recipes."""
         self.entity_ids([ingredient, other, result])
         return []
 

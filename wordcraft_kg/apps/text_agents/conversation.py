@@ -1,4 +1,4 @@
-"""Games as conversations of prompts and answers."""
+"""Games as conversations: prompts to a player, and the player's answers."""
 
 import re
 from collections.abc import Callable
@@ -20,16 +20,17 @@ _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
 
 class Conversation:
-    """A game as text: an opening, and a reply to each message.
+    """A game played in text: an opening prompt with rules and state, and a reply to each message by the player.
 
-    The last line of a message counts: two entities are an attempt, ``look up`` and an entity a look-up. An invalid
-    message costs nothing; after several in a row the next costs the attempt, so every conversation ends.
+    Only the last line in a message is read: two labels are an attempt to combine the entities, ``look up`` and a label
+    a request for facts. An invalid message costs nothing, but after ``max_invalid`` invalid messages in a row the next
+    invalid message costs an attempt, so every conversation ends.
 
     Attributes:
-        game: the game.
-        invalid_actions: invalid messages.
-        lost_attempts: attempts lost by invalid messages.
-        look_ups: look-ups so far.
+        game: the game that is played.
+        invalid_actions: number of invalid messages.
+        lost_attempts: number of attempts lost by invalid messages.
+        look_ups: number of look-ups so far.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -46,14 +47,14 @@ class Conversation:
         max_invalid: int = MAX_INVALID,
         look_ups: int = LOOK_UPS,
     ):
-        """Begin a conversation; see ``settings.EvaluationSettings`` for ``max_invalid`` and ``look_ups``."""
+        """Begin a conversation; see ``settings.EvaluationSettings`` for the limits ``max_invalid`` and ``look_ups``."""
         self.game, self._knowledge, self._max_invalid, self._most_look_ups = game, knowledge, max_invalid, look_ups
         self.invalid_actions = self.lost_attempts = self.look_ups = 0
         self._in_a_row = 0
 
     @property
     def rules(self) -> str:
-        """Game rules and answer format."""
+        """Text with the game's rules, the answer format and, if available, the offer of look-ups."""
         parts = [self.game.rules, prompt_text("answer")]
         if self._knowledge is not None and self._most_look_ups:
             parts.append(prompt_text("look_up", look_ups=counted(self._most_look_ups, "look-up")))
@@ -61,7 +62,7 @@ class Conversation:
 
     @property
     def opening(self) -> str:
-        """The first prompt: rules and state."""
+        """First prompt to the player: the rules and the current state."""
         return f"{self.rules}\n\n{self.game.state}"
 
     @property
@@ -70,7 +71,7 @@ class Conversation:
         return self.game.is_over
 
     def hear(self, message: str) -> str:
-        """Return the reply to a message: outcome and new state."""
+        """Carry out the attempt or look-up in a player's message, and return the reply: outcome and new state."""
         line = last_line(message)
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         try:
@@ -85,10 +86,10 @@ class Conversation:
         return f"{outcome}\n\n{self.game.state}"
 
     def look_up(self, entity: int) -> tuple[list[str], str]:
-        """Return the facts about an entity, also as one text, and count the look-up.
+        """Count a look-up; return the facts about an entity (id) as text lines, and the reply with these facts.
 
         Raises:
-            ActionError: without a look-up left.
+            ActionError: if all look-ups are used up.
         """
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
             raise ActionError(prompt_text("no_look_ups"))
@@ -108,7 +109,7 @@ class Conversation:
 
 
 def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
-    """Play a game with a function that answers prompts; return all messages in turn, the outcome last."""
+    """Play a game to its end: ``answer`` maps a prompt to an answer. Return all messages in turn, the outcome last."""
     messages = [talk.opening]
     while not talk.is_over:
         messages.append(answer(messages[-1]))
@@ -118,7 +119,7 @@ def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Play:
-    """Games in one world with settings and knowledge; raises a LeakError if look-ups would leak."""
+    """Games with settings and look-up facts for an evaluation; a LeakError if look-ups would leak train recipes."""
 
     games: TaskGames | DiscoveryGames
     settings: PlayedSettings
@@ -130,7 +131,7 @@ class Play:
 
     @classmethod
     def open(cls, graph: str, settings: GameSettings, **rules: Any) -> Self:
-        """Open the games on a graph folder, recipe book or known book; ``rules`` are additional recorded settings.
+        """Prepare the games on a graph (folder, recipe book or built-in book); ``rules`` are further recorded settings.
 
         Raises:
             ConfigError: for settings that do not fit the graph.
@@ -152,7 +153,7 @@ class Play:
         return cls(tasks, PlayedSettings.of_tasks(tasks.world, **rules), knowledge)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
-        """Begin a game.
+        """Begin a game: the task with this index, with the distractors for this seed.
 
         Raises:
             ConfigError: if the task does not exist.

@@ -1,4 +1,4 @@
-"""Games by labels: a task at an evaluation table, or the open-ended world."""
+"""Games by entity labels: a crafting task at an evaluation table, or a game in the open-ended world."""
 
 import copy
 from abc import ABC, abstractmethod
@@ -16,14 +16,14 @@ from wordcraft_kg.graphs.tasks import TaskSet
 
 
 class Game(ABC):
-    """A game: attempts combine two entries in :attr:`labels`; later attempts raise an EpisodeError.
+    """Base class for games: an attempt combines two entities in :attr:`labels`; after the end, an EpisodeError.
 
     Attributes:
         graph: the recipe graph.
-        rules: the rules as a prompt.
+        rules: prompt with the game's rules.
         goal: the goal's label; None in the open-ended world.
         tasks: the world's tasks; None in the open-ended world.
-        task: index of the game's task.
+        task: index of the game's task; -1 in the open-ended world.
     """
 
     goal: str | None = None
@@ -31,20 +31,20 @@ class Game(ABC):
     task = -1
 
     def __init__(self, graph: RecipeGraph, aim: str):
-        """Begin a game; ``aim`` is the key of the aim's text."""
+        """Begin a game; ``aim`` is the key for the prompt text about the aim, such as ``goal``."""
         self.graph = graph
         self.rules = f"{prompt_text('rules')} {prompt_text(aim)}"
         self._is_ended = False
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of the available entities, by number."""
+        """Labels of the entities that can be combined now, in the order of their numbers."""
         return self.graph.labels(self._entities())
 
     @property
     @abstractmethod
     def attempts_left(self) -> int:
-        """Attempts left, including the current one."""
+        """Number of attempts left, including the current attempt."""
 
     @property
     def is_over(self) -> bool:
@@ -53,16 +53,16 @@ class Game(ABC):
 
     @property
     def state(self) -> str:
-        """The state as a prompt; the outcome once the game is over."""
+        """Prompt with the game's current state; after the end, a sentence about the outcome."""
         return prompt_text("ended") if self._is_ended else self._termination() or self._ongoing()
 
     def combine(self, one: int, other: int) -> str:
-        """Make an attempt and describe the result."""
+        """Make an attempt with two entities, given by index in :attr:`labels`; describe the result in a sentence."""
         self._check()
         return self._combine(one, other)
 
     def lose_attempt(self) -> None:
-        """Use up an attempt without a result."""
+        """Use up an attempt without combining entities, as a penalty for invalid messages."""
         self._check()
         self._lose()
 
@@ -91,22 +91,22 @@ class Game(ABC):
 
 
 class TaskGame(Game):
-    """A crafting task at an evaluation table.
+    """A game for a crafting task: make the goal from the entities on the task's evaluation table.
 
     Attributes:
-        distractor_seed: distractor seed.
-        start: initial labels on the table.
+        distractor_seed: seed that selects the distractors (entities that no plan needs) on the table.
+        start: labels on the table at the start.
         is_made: whether the goal was made.
-        by_plan: whether a plan's last pair made the goal.
-        actions: actions so far, counted as in agent evaluation.
-        last: the last combined pair; None initially and after a lost attempt.
+        by_plan: whether the goal was made by the last pair in a plan of the task.
+        actions: number of actions so far: two in an attempt, one in a lost attempt.
+        last: labels of the last combined pair; None initially and after a lost attempt.
     """
 
     goal: str
     tasks: TaskSet
 
     def __init__(self, env: WordCraftEnv, tables: EvaluationTables, task: int, distractor_seed: int):
-        """Begin a game in an unshared environment."""
+        """Begin a task with the table for a distractor seed; no other game may use ``env``."""
         super().__init__(env.world.graph, "goal")
         self.tasks, self.task, self.distractor_seed = env.tasks, task, distractor_seed
         self._env = env
@@ -120,7 +120,7 @@ class TaskGame(Game):
 
     @property
     def attempts_left(self) -> int:
-        """Attempts left, including the current one."""
+        """Number of attempts left, including the current attempt."""
         return self._env.state.attempts_left
 
     def _entities(self) -> Iterable[int]:
@@ -154,7 +154,7 @@ class TaskGame(Game):
 
 
 class TaskGames:
-    """A world's tasks as independent games, at the evaluation tables.
+    """A factory for independent games: all tasks in a world (graph and settings), with the tables of agent evaluation.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -164,12 +164,12 @@ class TaskGames:
     """
 
     def __init__(self, world: World):
-        """Prepare the state that all games share."""
+        """Prepare environment and tables, which all games share."""
         self.world, self.graph = world, world.graph
         self._env, self._tables = WordCraftEnv(world), EvaluationTables(world)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
-        """Begin a task, by index, with a distractor seed.
+        """Begin a game: the task with this index, with the distractors for this seed.
 
         Raises:
             ConfigError: if the task does not exist.
@@ -178,15 +178,15 @@ class TaskGames:
 
 
 class DiscoveryGame(Game):
-    """A game in the open-ended world.
+    """A game in the open-ended world: combine known entities to discover as many entities as possible.
 
     Attributes:
-        known_after: known entities after each attempt.
-        repeated: attempts with an already tried pair.
+        known_after: number of known entities after each attempt.
+        repeated: number of attempts with an already tried pair.
     """
 
     def __init__(self, env: OpenEndedEnv):
-        """Begin a game in an unshared environment."""
+        """Begin a game; no other game may use ``env``."""
         super().__init__(env.graph, "discover")
         self._env = env
         env.reset()
@@ -195,7 +195,7 @@ class DiscoveryGame(Game):
 
     @property
     def attempts_left(self) -> int:
-        """Attempts left, including the current one."""
+        """Number of attempts left, including the current attempt."""
         return self._env.max_attempts - len(self.known_after)
 
     def _entities(self) -> list[int]:
@@ -227,19 +227,19 @@ class DiscoveryGame(Game):
 
 
 class DiscoveryGames:
-    """Independent games in a graph's open-ended world, all from the same base.
+    """A factory for independent games in a graph's open-ended world, all from the same base (entities known at first).
 
     Raises:
         ConfigError: for a value out of range, or a base that makes nothing.
     """
 
     def __init__(self, graph: GraphLike, *, attempts: int = 100, base: Iterable[Entity] | None = None):
-        """Prepare the state that all games share."""
+        """Prepare the world for games with this number of attempts; default base: the graph's base."""
         self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
         self.graph = self.env.graph
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:
-        """Begin a game; all tasks and seeds are alike."""
+        """Begin a game; task and seed are ignored, because all games start alike."""
         env = copy.copy(self.env)
         env.discovery = copy.copy(self.env.discovery)
         return DiscoveryGame(env)

@@ -1,4 +1,4 @@
-"""Concurrent games with ids, for players that may reconnect; the oldest games are forgotten."""
+"""Concurrent games with ids on a server: players may reconnect by id; the least recently used games are forgotten."""
 
 import secrets
 from collections import OrderedDict
@@ -25,25 +25,25 @@ _MOST_MESSAGES = 10_000
 
 
 class HostedGame:
-    """A game with an id and the messages of its player.
+    """A game on a server: id, conversation, and all messages between player and server.
 
-    Calls raise an EpisodeError once the game is over, an ActionError for invalid messages, and an OSError if the
-    record cannot be written; :meth:`end` writes again.
+    Methods raise an EpisodeError once the game is over, an ActionError for invalid input, and an OSError if the record
+    cannot be written; :meth:`end` then tries to write the record again.
 
     Attributes:
         name: the game's id.
-        talk: the game with counts.
-        messages: prompts and answers in turn; the first has rules and state, later prompts omit states.
+        talk: the conversation: the game, and counts of invalid messages and look-ups.
+        messages: prompts and answers in turn; the first prompt has rules and state, later prompts omit the state.
     """
 
     def __init__(self, name: str, talk: Conversation, keep: "Callable[[HostedGame], None]"):
-        """Begin a game; ``keep`` records a finished game."""
+        """Begin a game; ``keep`` is called when the game is over, to record the game."""
         self.name, self.talk, self._keep = name, talk, keep
         self.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
         self._is_kept = False
 
     def combine(self, first: str, second: str) -> str:
-        """Make an attempt and describe the result."""
+        """Make an attempt with two entities, given by label or number; describe the result in a sentence."""
         game = self.talk.game
         with self._hearing(message := f"{first} + {second}"):
             result = game.combine(*(read_label(item, game.labels) for item in (first, second)))
@@ -52,7 +52,7 @@ class HostedGame:
         return result
 
     def look_up(self, item: str) -> tuple[str, list[str], str]:
-        """Return an entity's label and facts, and the facts as text."""
+        """Look up an entity by label; return the label in the graph, the facts as lines, and the facts as a text."""
         entities = self.talk.game.graph.entities
         with self._hearing(message := f"look up {item}"):
             entity = read_label(item, entities, by_number=False)
@@ -61,7 +61,7 @@ class HostedGame:
         return entities[entity], facts, reply
 
     def end(self) -> None:
-        """Give up an unfinished game."""
+        """Give up the game if it is not over, and record the game."""
         if not self.talk.is_over:
             self.talk.game.end()
             self._note("end", "")  # the answer is the state alone
@@ -89,21 +89,21 @@ class HostedGame:
 
 
 class HostedGames:
-    """Games in one world, open to everyone with a game's id.
+    """All games on a server, with common settings; anyone with a game's id can play this game.
 
     Attributes:
-        play: the games and their settings.
-        keep: called with each game that is over, to record it.
+        play: starts games, with the settings for all games.
+        keep: called with each finished game, to record the game.
     """
 
     def __init__(self, play: Play, *, most: int = _MOST_GAMES):
-        """Host games; the last ``most`` are remembered."""
+        """Prepare to host games; at most ``most`` games are remembered."""
         self.play, self._most = play, most
         self.keep: Callable[[HostedGame], None] = lambda game: None
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
-        """Begin a game.
+        """Begin a game: the task with this index, with the distractors for this seed.
 
         Raises:
             ConfigError: if the task does not exist.
@@ -115,7 +115,7 @@ class HostedGames:
         return hosted
 
     def game(self, name: str) -> HostedGame:
-        """Return a game.
+        """Return the game with the id ``name``.
 
         Raises:
             EpisodeError: for an unknown or forgotten id.
@@ -131,11 +131,12 @@ class HostedGames:
 
 @contextmanager
 def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame], None]]:
-    """Yield a function that appends a game to a file, and lock the file.
+    """Lock a games file (``--out``), and yield a function that appends a finished game to this file.
 
     Raises:
-        ArtefactError: for a damaged or foreign file, or a file in use by a server.
-        GraphMismatchError, ConfigError: for games with another graph or settings; the file is unchanged.
+        ArtefactError: if the file is damaged, is not a games file, or is in use by a server.
+        GraphMismatchError, ConfigError: if the file has games on another graph or with different settings; the file is
+            unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()

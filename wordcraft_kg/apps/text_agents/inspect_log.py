@@ -1,4 +1,4 @@
-"""Text agents' results from Inspect AI logs."""
+"""Text agents' results in logs by Inspect AI, a framework for evaluating language models."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,31 +15,31 @@ if TYPE_CHECKING:
 
 _Played = TypeVar("_Played", bound=PlayedTask | PlayedWorld)
 METADATA = "wordcraft_kg"
-"""Key of a :class:`LoggedTask` in a task's metadata."""
+"""Key in the metadata of an Inspect task; the value is a :class:`LoggedTask`."""
 UNFINISHED = "unfinished"
-"""Key of a game's record: whether an Inspect limit ended the game."""
+"""Key in the record of a game: whether an Inspect limit ended the game."""
 VERDICT = "verdict"
-"""Key of a game's record: the outcome as text."""
+"""Key in the record of a game: the outcome as text."""
 
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
 """Skipped log fields; messages are the largest part."""
 
 
 class LoggedTask(Record, frozen=True, kw_only=True):
-    """A task's metadata in a log: settings and game count."""
+    """Metadata for an Inspect task in a log: game settings and number of games."""
 
     settings: PlayedSettings
     games: Count
 
 
 def read_inspect_log(path: str | Path) -> TextResult:
-    """Read a language model's result from a log for ``crafting`` or ``discovery``, ``.eval`` or ``.json``.
+    """Read a language model's result from an Inspect log (``.eval``, ``.json``) for ``crafting`` or ``discovery``.
 
-    The player is the model's name. Games that ended at an Inspect limit count.
+    The player is the model's name. Games that an Inspect limit (such as a token limit) ended are included.
 
     Raises:
-        MissingExtraError: without Inspect AI.
-        ArtefactError: for a missing or damaged file, another task's log, or missing games.
+        MissingExtraError: if Inspect AI is not installed.
+        ArtefactError: if the file is missing or damaged, is the log of another Inspect task, or lacks games.
     """
     path = Path(path)
     log = _read(path)
@@ -88,7 +88,7 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
 
 
 def played_of(values: Mapping[str, Any] | None, kind: type[_Played], where: str) -> _Played:
-    """Return a game from a score's metadata.
+    """Parse the metadata of an Inspect score as the record of a game; ``kind`` is the record type.
 
     Raises:
         ArtefactError: for damaged metadata; the message names the source ``where``.

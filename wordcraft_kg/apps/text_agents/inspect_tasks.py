@@ -1,4 +1,4 @@
-"""Inspect AI tasks: crafting tasks at the evaluation tables, and the open-ended world.
+"""Tasks for Inspect AI, which evaluates language models: crafting tasks at evaluation tables, and open-ended games.
 
 ``inspect eval wordcraft_kg/crafting`` finds the tasks by the package's entry point.
 """
@@ -40,7 +40,7 @@ _RULES = ("knowledge", "scorer", "look_ups", "max_invalid")
 
 
 class InspectTaskError(ConfigError, PrerequisiteError):
-    """A wrong task parameter; Inspect shows the message without a traceback."""
+    """A parameter for an Inspect task is invalid; Inspect shows the message without a traceback."""
 
     def __init__(self, message: str):
         from rich.markup import escape
@@ -68,9 +68,9 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
 @task
 @_with_parameters("part", "depth", "distractors", "attempts", "distractor_seeds", "tasks", *_RULES)
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
-    """Make the goal from entities on the table: the tasks and tables for agents.
+    """Return an Inspect task: make goals from the entities on a table, with the tasks and tables of agent evaluation.
 
-    ``graph`` is a graph folder, recipe book or known book; see
+    ``graph`` is a graph folder, a recipe book file, or the name of a built-in book; see
     :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters.
 
     Raises:
@@ -98,9 +98,9 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
 @task
 @_with_parameters(*_RULES, attempts=ATTEMPTS, base=None, games=1)
 def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any) -> Task:
-    """Discover entities in the open-ended world from a ``base`` with one or more entities, in ``games`` games.
+    """Return an Inspect task: in each of ``games`` games, discover entities from the initial entities in ``base``.
 
-    See :func:`crafting` for other parameters and errors.
+    See :func:`crafting` for all further parameters and errors.
     """
     with _readable():
         whole("games", games, 1, MAX_SIZE)
@@ -154,7 +154,7 @@ def _readable() -> Iterator[None]:
 
 @solver
 def conversation(play: Play) -> Solver:
-    """Let a model play until the game is over, or until an Inspect limit."""
+    """Return an Inspect solver: a model plays until the game is over, or until an Inspect limit ends the game."""
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
         talk = play.begin(state.metadata.get("task", 0), state.metadata["distractor_seed"])
@@ -178,7 +178,7 @@ def conversation(play: Play) -> Solver:
 
 @metric(scores="unreduced")
 def crafting_figures() -> Metric:
-    """Compute the metrics for agents, and the standard error over tasks."""
+    """Return an Inspect metric: success, actions and counts over all games, and the standard error over tasks."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
@@ -206,7 +206,7 @@ def crafting_figures() -> Metric:
 
 @metric(scores="unreduced")
 def discovery_figures() -> Metric:
-    """Compute the mean number of known entities by attempts, and the final standard error."""
+    """Return an Inspect metric: mean number of known entities by attempts, and the standard error at the end."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
@@ -234,7 +234,7 @@ def _counts(scores: list[SampleScore]) -> dict[str, int]:
 
 @scorer(metrics=[crafting_figures()])
 def goal_made() -> Scorer:
-    """Score a task with 1 if its goal was made, else 0; the score's metadata is the game's record."""
+    """Return an Inspect scorer: 1 if the goal was made, else 0; the score's metadata is the record of the game."""
 
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)
@@ -246,7 +246,7 @@ def goal_made() -> Scorer:
 
 @scorer(metrics=[discovery_figures()])
 def known_items() -> Scorer:
-    """Score an open-ended game with the final number of known entities."""
+    """Return an Inspect scorer: the number of known entities at the end of an open-ended game."""
 
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)

@@ -1,4 +1,4 @@
-"""Knowledge for look-ups: partial-graph recipes, or a trained scorer's best links."""
+"""Sources of facts for look-ups: the train recipes, or a trained scorer's best links."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 _MOST_FACTS = 40
-"""Recipes per entity; some entities have hundreds."""
+"""Most recipes in a reply; some entities have hundreds."""
 _MOST_LINKS = 10
-"""Entities per relation."""
+"""Most entities per relation in a reply."""
 
 
 class Knowledge(ABC):
-    """Facts for look-ups.
+    """Base class for sources of facts about entities, which a text agent can look up during a game.
 
     Attributes:
-        scorer: weights hash; None without a scorer.
-        kg: the scorer's training triples; a full-graph scorer knows the answers.
+        scorer: hash of the scorer's weights; None if the facts are recipes.
+        kg: training triples of the scorer, full or partial graph; a scorer trained on the full graph knows the answers.
     """
 
     scorer: str | None = None
@@ -39,17 +39,17 @@ class Knowledge(ABC):
 
     @abstractmethod
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the facts about an entity, one per line, the most relevant to the game first."""
+        """Return the facts about an entity (id) as text lines, the most relevant fact for the game first."""
 
     def reply(self, label: str, facts: list[str]) -> str:
-        """Return the reply to a look-up."""
+        """Return the reply to a look-up: a text with the facts about the entity with this label."""
         return prompt_text(self._prompt if facts else "no_facts", entity=label, facts="\n".join(facts))
 
 
 class PartialGraphKnowledge(Knowledge):
-    """The train recipes, without any result for the task's planned pairs.
+    """Facts from the train recipes, without recipes for the pairs in the current task's plans.
 
-    Order: recipes that make the entity, uses with an entity on the table, remaining uses.
+    Order: recipes that make the entity, recipes that combine the entity with an entity on the table, remaining recipes.
     """
 
     _prompt = "known_recipes"
@@ -59,7 +59,7 @@ class PartialGraphKnowledge(Knowledge):
         self._is_known = split.is_in("train")
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return an entity's recipes, at most 40."""
+        """Return the train recipes with an entity (id) as text lines, at most 40 and the number of omitted recipes."""
         graph = self.graph
         pairs = graph.recipes[:, :2]
         plans = () if game.tasks is None else game.tasks.plans[game.task]
@@ -80,19 +80,19 @@ class PartialGraphKnowledge(Knowledge):
 
 
 class ScorerKnowledge(Knowledge):
-    """A scorer's best links: an entity's partners, likely results and likely components.
+    """Facts from a scorer: the entities with the highest scores as partner, result or ingredient of an entity.
 
-    On a train task, the cross-fitted model without the task's recipes answers. Self-combinations are omitted, because
-    link predictors score almost all high.
+    On a train task, the scores are from the cross-fitted model trained without the task's recipes. Combinations of an
+    entity with the same entity are omitted, because link predictors score almost all of these high.
     """
 
     _prompt = "likely_links"
 
     def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: TrainedOn | None = None):
-        """Take a scorer, the weights hash and the training triples.
+        """Take a scorer, the hash of its weights, and the triples that the scorer was trained on (full or partial).
 
         Raises:
-            GraphMismatchError: for another graph's scorer.
+            GraphMismatchError: if the scorer belongs to another graph.
         """
         from wordcraft_kg.models.scorers.protocol import check_scorer
 
@@ -101,10 +101,10 @@ class ScorerKnowledge(Knowledge):
         self._models: dict[str, Ids] = {}
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return an entity's most plausible links; partners are on the table, results and components anywhere.
+        """Return an entity's links with the highest scores as text: partners on the table, any results and ingredients.
 
         Raises:
-            LeakError: for a train task and a scorer without folds.
+            LeakError: for a train task, if the scorer has no folds (models trained without some train recipes).
         """
         scorer = self._answering(game)
         return [] if scorer is None else [*self._links(scorer, entity, game)]
@@ -146,7 +146,7 @@ class ScorerKnowledge(Knowledge):
 
 
 def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | None:
-    """Open the configured knowledge for games on a graph and split.
+    """Return the source of facts that the settings select, for games on a graph and split; None without look-ups.
 
     Raises:
         ArtefactError: for an unfinished or damaged scorer folder.

@@ -1,6 +1,6 @@
-"""The line protocol for programs that play: a JSON object per line on stdin, an answer per line on stdout.
+"""The line protocol for external players: a program reads JSON objects, a line each, and writes a line per answer.
 
-The guide to text agents describes the object's keys.
+The program reads stdin and writes stdout. The guide to text agents describes the keys of the JSON objects.
 """
 
 import json
@@ -21,16 +21,16 @@ from wordcraft_kg.base.errors import ConfigError, PlayerError
 from wordcraft_kg.base.settings import number_in
 
 MOST_CHARACTERS = 100_000
-"""Characters per line; a language model may include reasoning."""
+"""Most characters in an answer line; a language model may include reasoning."""
 _MOST_WAITING = 16
 _PATIENCE = 5.0  # seconds between the end of the input and the exit
 
 
 class LinePlayer:
-    """A program that plays by the line protocol.
+    """A running program that plays games by the line protocol.
 
     Attributes:
-        name: script or program name, without options, which may contain a secret.
+        name: name of the script or program, without command-line options, which may contain a secret.
 
     Example:
         >>> with LinePlayer("python examples/line_player.py") as player:
@@ -39,7 +39,7 @@ class LinePlayer:
     """
 
     def __init__(self, command: str, *, timeout: float = TIMEOUT):
-        """Start a program without a shell; ``timeout`` is the time for an answer in seconds.
+        """Start the program ``command``, without a shell; ``timeout`` is the time limit for an answer, in seconds.
 
         Raises:
             ConfigError: for an invalid command line or time.
@@ -70,7 +70,7 @@ class LinePlayer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        """End the program's input; kill a program that does not end."""
+        """Close the program's input; kill the program if it does not end."""
         self._unsent.put(None)
         try:
             self._process.wait(_PATIENCE if kind is None else 0.1)
@@ -79,7 +79,7 @@ class LinePlayer:
             self._process.wait()
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Return the function that answers a new conversation's prompts."""
+        """Return a function that sends the prompts in a new conversation to the program and returns the answers."""
         self._games += 1
         number, is_new = self._games, True
 
@@ -100,7 +100,7 @@ class LinePlayer:
         return answer
 
     def ask(self, line: str) -> str:
-        """Return the program's answer to a line.
+        """Send a line to the program, and return the program's answer.
 
         Raises:
             PlayerError: if the program has ended, does not answer in time, or breaks the protocol.
@@ -157,7 +157,7 @@ class LinePlayer:
 
 
 def name_of(words: list[str]) -> str:
-    """Return a Python program's script name, or else the program name."""
+    """Return a short name for a command: the script name for Python programs, else the program name."""
     is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
     for word in words[1:] if is_python else ():
         with suppress(OSError):  # code may take the place of a file name

@@ -1,4 +1,4 @@
-"""A Model Context Protocol server with tools for crafting games.
+"""A server with tools for crafting games, for language models that speak the Model Context Protocol (MCP).
 
 Connections have no memory in the present protocol, so ``begin`` returns an id for each game.
 """
@@ -27,7 +27,7 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
 
 _LONGEST = 200
-"""Characters of a label or a game's id."""
+"""Most characters in a label or in the id of a game."""
 PATH = "/mcp"
 _TOOLS = {
     "begin": "Start a game. Returns the game id, the rules and the current state. Tasks are numbered 0 to {last}; "
@@ -60,7 +60,7 @@ class Position(BaseModel, frozen=True):
 
     @classmethod
     def of(cls, hosted: HostedGame, **more: Any) -> Self:
-        """Return the state of a hosted game."""
+        """Return the current state of a hosted game; ``more`` are the fields of a subclass."""
         game = hosted.talk.game
         return cls(
             game=hosted.name,
@@ -138,7 +138,7 @@ def _no_games() -> HostedGames:
 
 
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
-    """Return a game server for any transport."""
+    """Return an MCP server with tools to play the hosted games; the server fits any transport (stdio, HTTP)."""
     games, settings = hosted.play.games, hosted.play.settings
     last = len(games.world.tasks) - 1 if isinstance(games, TaskGames) else None
     return _server(games.begin().rules, last, settings.look_ups, settings.knowledge == "scorer", lambda: hosted)
@@ -146,7 +146,7 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
 
 @lru_cache(1)
 def tools_hash() -> str:
-    """Return the SHA-256 of all MCP prompts: game texts, instructions and the complete tool lists of both modes."""
+    """Return the SHA-256 of all MCP prompts: game texts, instructions, tool lists for tasks and open-ended games."""
     lists = []
     for last, has_scorer in ((0, False), (None, True)):
         listing = _server("", last, 2, has_scorer).list_tools()
@@ -232,9 +232,9 @@ def _result(text: str, values: BaseModel) -> CallToolResult:
 
 
 def make_http_app(server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: Collection[str] = ()) -> ASGIApp:
-    """Return the server as an application for a host, this machine's own names and further names.
+    """Return the server as an ASGI web application that answers to ``host``, ``more_hosts`` and local names only.
 
-    The SDK rejects foreign hosts (DNS rebinding), foreign pages, and long bodies.
+    The MCP SDK rejects requests with a foreign host name (DNS rebinding), from foreign web pages, or with a long body.
     """
     names = sorted({*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)})
     hosts = [(f"[{name}]" if ":" in name else name) + port for name in names for port in ("", ":*")]

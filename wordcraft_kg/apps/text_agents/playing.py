@@ -1,4 +1,4 @@
-"""Resumable evaluation: each game is on disk before the next game starts."""
+"""Resumable evaluation: each finished game is written to disk before the next game starts."""
 
 import logging
 import os
@@ -31,12 +31,14 @@ _Speaker = Callable[[Conversation], Callable[[str], str]]
 
 
 def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResult:
-    """Evaluate a player, by name and function; write games and result to a folder, or continue the folder's games.
+    """Evaluate a player in all games, and write games and result to a folder; continue an interrupted evaluation.
+
+    ``player`` is the player's name; ``speak`` maps a conversation to the function that answers the prompts.
 
     Raises:
-        ArtefactError: for damaged games, or a folder in use by another process.
-        ConfigError: for another player's games or other settings.
-        GraphMismatchError: for games on another graph or split.
+        ArtefactError: if the games are damaged, or another process uses the folder.
+        ConfigError: if the folder has games by a different player or with different settings.
+        GraphMismatchError: if the folder has games on a different graph or split.
     """
     path, settings = folder / GAMES_FILE, play.settings
     tasks = chosen_tasks(play.games.world, settings.tasks).tolist() if isinstance(play.games, TaskGames) else [0]
@@ -64,12 +66,12 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
 
 
 def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:
-    """Begin a games file, or continue a file without a torn last line.
+    """Create a games file with this header, or return the games in an existing file without an incomplete last line.
 
     Raises:
-        ArtefactError: for a damaged or foreign file.
-        GraphMismatchError: for games on another graph or split.
-        ConfigError: for another player's games or other settings. The file is unchanged on errors.
+        ArtefactError: if the file is damaged or not a games file.
+        GraphMismatchError: if the file has games on a different graph or split.
+        ConfigError: if the file has games by a different player or settings. The file is unchanged on errors.
     """
     line = as_lines([header])[0].encode()
     path.touch()
@@ -89,7 +91,7 @@ def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld
 
 
 def append_game(path: Path, played: PlayedTask | PlayedWorld) -> None:
-    """Append a game durably; the file is unchanged on errors.
+    """Append the record of a game to a games file and flush to disk; the file is unchanged on errors.
 
     Raises:
         OSError: if the file cannot be written.

@@ -1,4 +1,4 @@
-"""Text agents' records: settings, games and results."""
+"""Records in the files of text agents: settings, games and results."""
 
 from typing import Any, Literal
 
@@ -18,16 +18,16 @@ RESULT_FILE, GAMES_FILE = "result.json", "games.jsonl"
 
 
 class PlayedSettings(Record, frozen=True, kw_only=True):
-    """Game settings with hashes; results with equal settings are comparable.
+    """Game settings as recorded with games, including hashes; results with equal settings are comparable.
 
     See :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other attributes.
 
     Attributes:
         part: None in the open-ended world, like depth and distractors.
         base: initial entities in the open-ended world; empty for tasks.
-        scorer: the scorer's weights hash.
-        kg: the scorer's training triples.
-        prompt_hash: prompt hash, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
+        scorer: hash of the weights, if look-ups use a scorer.
+        kg: triples that the scorer was trained on: full or partial.
+        prompt_hash: hash of all prompt texts, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
     """
 
     graph: str
@@ -49,19 +49,19 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
     @property
     def is_open_ended(self) -> bool:
-        """Whether the games are in the open-ended world."""
+        """Whether the games are played in the open-ended world, not on tasks."""
         return self.part is None
 
     @classmethod
     def of_tasks(cls, world: World, **rules: Any) -> "PlayedSettings":
-        """Return the settings for a world's tasks; ``rules`` are all remaining fields."""
+        """Return the settings for games on a world's tasks; ``rules`` are all fields that the world leaves open."""
         config = world.config
         amounts = {"depth": config.depth, "distractors": config.num_distractors, "attempts": config.attempts}
         return cls._of(world.graph, world.split, part=config.part, **amounts, **rules)
 
     @classmethod
     def of_world(cls, env: OpenEndedEnv, split: Split, **rules: Any) -> "PlayedSettings":
-        """Return the settings for an open-ended world; ``rules`` are all remaining fields."""
+        """Return the settings for open-ended games; ``rules`` are all fields that environment and split leave open."""
         rules |= {"part": None, "depth": None, "distractors": None, "attempts": env.max_attempts}
         return cls._of(env.graph, split, base=env.graph.labels(env.discovery.base), **rules)
 
@@ -74,7 +74,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):
-    """First ``games.jsonl`` line, before the games."""
+    """The first line in a ``games.jsonl`` file, before the games: file format, player and settings."""
 
     format: GamesFormat = "wordcraft-kg text games 1"
     player: str
@@ -82,18 +82,18 @@ class GamesHeader(Record, frozen=True, kw_only=True):
 
 
 class PlayedTask(Record, frozen=True, kw_only=True):
-    """A played task: a ``games.jsonl`` line.
+    """A finished game on a crafting task: a line in ``games.jsonl``.
 
     Attributes:
-        task: task index in the part.
-        distractor_seed: distractor seed.
-        table: initial labels on the table.
-        by_plan: whether a plan's last pair made the goal.
-        actions: picks until the end.
-        last: the last combined pair; None after a lost attempt.
-        invalid_actions: invalid messages.
-        lost_attempts: attempts lost by invalid messages.
-        look_ups: look-ups in the game.
+        task: index of the task among the tasks in the part (train, valid, test or all).
+        distractor_seed: seed that selects the distractors on the table.
+        table: labels on the table at the start.
+        by_plan: whether the goal was made by the last pair in a plan of the task.
+        actions: number of actions (choices of an entity) until the end.
+        last: labels of the last combined pair; None after a lost attempt.
+        invalid_actions: number of invalid messages.
+        lost_attempts: number of attempts lost by invalid messages.
+        look_ups: number of look-ups in the game.
         messages: all prompts and answers in turn.
     """
 
@@ -113,12 +113,12 @@ class PlayedTask(Record, frozen=True, kw_only=True):
 
 
 class PlayedWorld(Record, frozen=True, kw_only=True):
-    """A game in the open-ended world: a ``games.jsonl`` line; see :class:`PlayedTask` for the last four fields.
+    """A finished open-ended game: a line in ``games.jsonl``; see :class:`PlayedTask` for the last four fields.
 
     Attributes:
-        game: game index.
-        known_after: known entities after each attempt.
-        repeated: attempts with an already tried pair.
+        game: index of the game.
+        known_after: number of known entities after each attempt.
+        repeated: number of attempts with an already tried pair.
     """
 
     game: Count
@@ -131,13 +131,13 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
 
 
 class TextResult(Record, frozen=True, kw_only=True):
-    """``result.json``: a text agent's figures; see :class:`PlayedTask` for the last three fields.
+    """A text agent's result (``result.json``): metrics over all games; the last three fields are sums over games.
 
     Attributes:
         player: player's name, such as a script or language model.
-        success: success on tasks; None in the open-ended world.
-        outcomes: termination reason shares; empty in the open-ended world.
-        known: mean number of known entities by attempts; empty for tasks.
+        success: mean success on tasks with interval; None in the open-ended world.
+        outcomes: share of games by termination reason; empty in the open-ended world.
+        known: mean number of known entities by number of attempts; empty for tasks.
     """
 
     format: Literal["wordcraft-kg text result 1"] = "wordcraft-kg text result 1"

@@ -1,4 +1,4 @@
-"""Text agents' results as ``reference`` rows."""
+"""Text agents' results as rows for the table that the command ``reference`` prints."""
 
 from collections.abc import Sequence
 from itertools import count

@@ -1,4 +1,4 @@
-"""Text agents' results, with the metrics for agents."""
+"""Text agents' results, with the same metrics as for trained agents."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
 
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
-"""Counted fields of a game."""
+"""Fields in the record of a game that are summed over games."""
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
-    """Return the indices of all tasks, or of at most ``most`` evenly spaced tasks.
+    """Return the indices of all tasks in a world, or of at most ``most`` evenly spaced tasks.
 
     Raises:
         ConfigError: for ``most`` below 1.
@@ -42,7 +42,7 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
 
 
 def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
-    """Return a finished game's record; ``number`` is the game index in the open-ended world."""
+    """Return the record of a finished game with its messages; ``number`` is the index of an open-ended game."""
     game = talk.game
     counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages)}
     if isinstance(game, DiscoveryGame):
@@ -77,10 +77,10 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Return games for N tasks with D distractor seeds as an agent evaluation, without last pairs.
+    """Convert the records of N tasks with D distractor seeds to an agent evaluation; last pairs are omitted.
 
     Raises:
-        ValueError: if a distractor seed is missing for some tasks.
+        ValueError: unless every task has a record for each distractor seed.
     """
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
@@ -103,9 +103,9 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
 
 
 def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[int, float]:
-    """Return the mean number of known entities by attempts, starting from ``base``.
+    """Return the mean number of known entities by number of attempts; all games start with ``base`` known entities.
 
-    Games that ended early keep the last number.
+    A game that ended early keeps the last number for all later attempts.
     """
     marks = sorted({mark for mark in (*MARKS, attempts) if mark <= attempts})
     after = {mark: [(base, *one.known_after[:mark])[-1] for one in played] for mark in marks}
@@ -113,7 +113,7 @@ def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[
 
 
 def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]) -> TextResult:
-    """Return a player's result."""
+    """Return a player's result: metrics and counts over all recorded games."""
     counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
     worlds = [one for one in played if isinstance(one, PlayedWorld)]
     tasks = [one for one in played if isinstance(one, PlayedTask)]
@@ -130,10 +130,10 @@ def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask
 
 
 def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWorld], bytes]:
-    """Return a file's header, games and torn last line.
+    """Return the header, the games and the incomplete last line (empty if complete) in a games file.
 
     Raises:
-        ArtefactError: for a missing, damaged or foreign file.
+        ArtefactError: if the file is missing, damaged or not a games file.
     """
     lines, _, torn = read_large_file(path).rpartition(b"\n")
     first, _, rest = lines.partition(b"\n")
@@ -143,14 +143,15 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
 
 
 def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
-    """Read the result from a file by ``wordcraft-kg mcp --out``.
+    """Read the result from a games file that the command ``wordcraft-kg mcp --out`` wrote.
 
-    A repeated task counts once, by the first game. All tasks are required, because a player could select easy tasks.
+    If a task was played several times, the first game counts. All tasks must be played, because selected tasks may be
+    easy.
 
     Raises:
-        ArtefactError: for a damaged or foreign file.
-        GraphMismatchError: for games on another graph or split.
-        ConfigError: for a missing task.
+        ArtefactError: if the file is damaged or not a games file.
+        GraphMismatchError: if the games were played on a different graph or split.
+        ConfigError: if a task was not played.
     """
     header, played, _ = read_games(path)
     settings = header.settings

@@ -1,4 +1,4 @@
-"""Game settings for text agents; without heavy imports, for the command line."""
+"""Settings for text agents' games; without heavy imports, for the command line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -83,7 +83,7 @@ class GameSettings:
 
     @property
     def environment(self) -> WordCraftConfig:
-        """Settings for the tasks' environment."""
+        """Environment settings for the tasks: part, depth, distractors and attempts."""
         return WordCraftConfig(
             part=self.part, depth=self.depth, num_distractors=self.distractors, max_attempts=self.attempts
         )

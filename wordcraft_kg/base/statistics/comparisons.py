@@ -33,10 +33,11 @@ def interval_p_value(value: float, interval: tuple[float, float], *, level: floa
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct p-values for multiple tests: rejecting below .05 errs anywhere in at most 5 % of all studies.
+    """Return p-values corrected for multiple tests by Holm's method, which controls the family-wise error rate.
 
-    With the m values in ascending order, ``p'_(i) = max_(j <= i) min(1, (m - j + 1) p_(j))``. Valid under any
-    dependence between the comparisons; never rejects less than Bonferroni's correction.
+    With the m values in ascending order, ``p'_(i) = max_(j <= i) min(1, (m - j + 1) p_(j))``. Rejecting below .05 errs
+    anywhere in at most 5 % of all studies, under any dependence between the comparisons; Holm's method never rejects
+    less than Bonferroni's correction.
 
     Source: Holm 1979, "A simple sequentially rejective multiple test procedure".
     """
@@ -59,14 +60,14 @@ def correlation(
     draws: int = 2000,
     seed: int = 0,
 ) -> Interval | None:
-    """Compute a correlation over cells, both arrays of shape (N,), and its bootstrap interval.
+    """Compute the correlation of paired values x and y, both of shape (N,), and a bootstrap interval.
 
-    Pearson's measures how near the points are to a line. Spearman's is Pearson's of the ranks (ties share their mean
-    rank). Whole cells are resampled; a resample with all x or all y equal is dropped. Below about ten cells the
-    interval is rough.
+    Pearson's correlation measures how near the points (x_i, y_i) are to a line. Spearman's is Pearson's correlation of
+    the ranks (ties share their mean rank). Whole points are resampled; a resample with all x or all y equal is dropped.
+    Below about ten points the interval is rough.
 
     Returns:
-        Correlation, lower and upper bound; None for fewer than 3 cells, or if all x or all y are equal.
+        Correlation, lower and upper bound; None for fewer than 3 points, or if all x or all y are equal.
 
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", section 6.5.
     """

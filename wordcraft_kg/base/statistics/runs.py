@@ -1,4 +1,4 @@
-"""Statistics over several trainings of one agent, and comparisons of two agents."""
+"""Statistics over several training runs with different seeds for one agent, and comparisons between two agents."""
 
 from collections.abc import Callable
 from typing import Any, overload
@@ -15,7 +15,7 @@ def interquartile_mean(scores: ArrayLike) -> float: ...
 @overload
 def interquartile_mean(scores: ArrayLike, axis: tuple[int, ...]) -> Scores: ...
 def interquartile_mean(scores: ArrayLike, axis: tuple[int, ...] | None = None) -> float | Scores:
-    """Return the mean of the middle half of all scores, runs and tasks together (or over ``axis`` only).
+    """Return the interquartile mean: the mean over the middle half of all scores, or of the scores along ``axis``.
 
     With the n scores in ascending order and ``g = floor(n / 4)``: ``IQM = sum(s_(g+1), ..., s_(n-g)) / (n - 2 g)``, the
     25 % trimmed mean. For n not divisible by 4 this keeps a little more than half; for n up to 3 it is the plain mean.
@@ -36,11 +36,11 @@ def interquartile_mean(scores: ArrayLike, axis: tuple[int, ...] | None = None) -
 def stratified_bootstrap(
     scores: ArrayLike, statistic: Callable[..., Any], *, level: float = 0.95, draws: int = 2000, seed: int = 0
 ) -> tuple[float, float] | None:
-    """Return the percentile interval of a statistic, resampling seeds within each stratum.
+    """Return a percentile bootstrap interval for a statistic, resampling seeds within each stratum.
 
-    A draw replaces each column by as many of its own scores, drawn with replacement and independently for each
-    column: ``s*_ik = s_(r_ik)k`` with ``r_ik`` uniform over 1..S. The bounds are the ``(1 - level) / 2`` and
-    ``(1 + level) / 2`` quantiles of the statistic over the draws.
+    A draw replaces the S scores in each column (stratum) by S scores from the same column, drawn with replacement and
+    independently for each column: ``s*_ik = s_(r_ik)k`` with ``r_ik`` uniform over 1..S. The bounds are the
+    ``(1 - level) / 2`` and ``(1 + level) / 2`` quantiles of the statistic over the draws.
 
     The interval covers variation between seeds, not between tasks, and is too narrow for few seeds and one stratum: a
     "95 %" interval for the mean of 5 normal scores covers about 84 %. Equal seeds give zero width.
@@ -50,7 +50,7 @@ def stratified_bootstrap(
         statistic: reduces the axes named by its keyword ``axis``, such as ``np.mean`` or :func:`interquartile_mean`;
             called with shape (draws, S, K) and ``axis=(-2, -1)``.
         level: confidence.
-        draws: how many resamples.
+        draws: number of resamples.
         seed: random seed.
 
     Returns:
@@ -69,8 +69,8 @@ def probability_of_improvement(x: ArrayLike, y: ArrayLike) -> float:
     In one stratum this is the Mann-Whitney U statistic over S S'. The size of the difference does not count.
 
     Args:
-        x: shape (S seeds, K strata), or (S,) for one stratum.
-        y: shape (S' seeds, K strata), or (S',).
+        x: an agent's scores, shape (S seeds, K strata), or (S,) for one stratum.
+        y: the other agent's scores, shape (S' seeds, K strata), or (S',).
 
     Source: Agarwal et al. 2021, section 4.3; Mann and Whitney 1947.
     """
@@ -103,9 +103,9 @@ def _win_rate(x: Scores, y: Scores) -> Scores:
 
 
 def resampled_means(scores: ArrayLike, *, draws: int = 2000, seed: int = 0) -> Scores:
-    """Return means over resampled runs, shape (draws, K), for scores of shape (S runs, K), such as learning curves.
+    """Return bootstrap means over runs, shape (draws, K), for scores with shape (S runs, K), such as learning curves.
 
-    Whole rows are drawn, so a run's values stay together.
+    Whole rows (runs) are drawn with replacement, so a run's K values stay together.
     """
     draws, rng = generator(0.95, draws, seed)
     table = by_seed("scores", scores)

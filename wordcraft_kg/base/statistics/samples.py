@@ -1,4 +1,4 @@
-"""Tables of scores: validation, resampling and scaling."""
+"""Validation, resampling and scaling for tables of scores."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,13 +11,16 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.settings import MAX_SIZE, refuse, whole
 
 Interval = tuple[float, float, float]
-"""Value, lower bound, upper bound."""
+"""An estimate and its interval: value, lower bound, upper bound."""
 Scores = NDArray[np.float64]
 CHUNK = 2**20  # values held at once while resampling, 8 MB
 
 
 def bootstrap(values: Scores, clusters: NDArray[np.int64], *, resamples: int = 1_000, seed: int = 0) -> Scores:
-    """Return means of ``values`` over resamples of whole clusters (such as a recipe's queries), shape (resamples,)."""
+    """Return bootstrap means of ``values``, shape (resamples,), resampling whole clusters (such as a recipe's queries).
+
+    ``values`` and ``clusters``, the cluster id of each value, have shape (N,).
+    """
     names, index = np.unique(clusters, return_inverse=True)
     sums = np.bincount(index, weights=values)
     sizes = np.bincount(index).astype(float)
@@ -30,13 +33,13 @@ def bootstrap(values: Scores, clusters: NDArray[np.int64], *, resamples: int = 1
 
 
 def interval(means: Scores, level: float = 0.95) -> tuple[float, float]:
-    """Return the percentile interval of bootstrap means."""
+    """Return the percentile interval (lower and upper bound) at confidence ``level`` from bootstrap means."""
     low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
 
 
 def generator(level: float, draws: int, seed: int) -> tuple[int, np.random.Generator]:
-    """Check the settings of a resampling; return ``draws`` and a generator."""
+    """Check the settings for a bootstrap; return the number of draws and a random generator for the seed."""
     check_level(level)
     return whole("draws", draws, 1, MAX_SIZE), np.random.default_rng(whole("seed", seed, 0))
 
@@ -44,7 +47,11 @@ def generator(level: float, draws: int, seed: int) -> tuple[int, np.random.Gener
 def percentiles(
     samples: list[Scores], statistic: Callable[..., Any], cost: int, level: float, draws: int, seed: int
 ) -> tuple[float, float] | None:
-    """Return percentile bounds for a statistic of resampled samples, each (draws, S, K); ``cost``: values per draw."""
+    """Return a percentile interval for a statistic, resampling seeds; None if a sample has a single seed.
+
+    Samples have shape (S seeds, K strata). The statistic takes resampled samples, each (draws, S, K), and returns shape
+    (draws,). ``cost`` is the number of values in memory per draw.
+    """
     draws, rng = generator(level, draws, seed)
     if any(len(sample) == 1 for sample in samples):
         return None
@@ -65,13 +72,13 @@ def percentiles(
 
 
 def check_level(level: float) -> None:
-    """Refuse a confidence level outside (0, 1)."""
+    """Raise a ConfigError unless the confidence level is above 0 and below 1."""
     if not 0 < level < 1:
         raise refuse("level", level, "more than 0 and less than 1, such as 0.95")
 
 
 def finite(name: str, values: ArrayLike) -> Scores:
-    """Return values as an array; refuse an empty table and numbers that are not finite."""
+    """Return values as a float array; raise a ConfigError for an empty table, NaN or infinity."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -85,7 +92,7 @@ def finite(name: str, values: ArrayLike) -> Scores:
 
 
 def by_task(name: str, values: ArrayLike, axes: str) -> Scores:
-    """Return a table with two axes; refuse another shape."""
+    """Return a table of scores as an array with two axes; raise a ConfigError for more or fewer axes."""
     array = finite(name, values)
     if array.ndim != 2:
         raise ConfigError(f"{name} of shape {array.shape}: expected {axes}.")
@@ -93,7 +100,7 @@ def by_task(name: str, values: ArrayLike, axes: str) -> Scores:
 
 
 def by_seed(name: str, values: ArrayLike) -> Scores:
-    """Return scores as (seeds, strata); refuse another shape."""
+    """Return scores as an array (seeds, strata); scores with shape (seeds,) form a single stratum."""
     array = finite(name, values)
     if array.ndim == 1:
         return array[:, None]
@@ -101,10 +108,10 @@ def by_seed(name: str, values: ArrayLike) -> Scores:
 
 
 def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> Scores:
-    """Scale scores, shape (E, E), to mean 0 and standard deviation 1 over pairs of different entities.
+    """Return scores, shape (E, E), scaled to mean 0 and standard deviation 1 over pairs of different entities.
 
-    Self scores are scaled too but do not count, because they are often outliers. With ``among``
-    (entity ids), only pairs of these entities count.
+    Self scores (the diagonal) are scaled too, but do not enter mean and deviation, because self scores are often
+    outliers. With ``among`` (entity ids), only pairs between these entities enter mean and deviation.
     """
     scores = np.asarray(table, dtype=np.float64)
     counted = scores if among is None else scores[np.ix_(among, among)]

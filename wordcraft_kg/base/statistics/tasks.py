@@ -12,11 +12,11 @@ from wordcraft_kg.base.statistics.samples import Interval, by_task, check_level,
 
 
 def wilson_interval(successes: float, n: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the score interval of a success probability.
+    """Return Wilson's score interval for a success probability: lower and upper bound.
 
-    Contains the probabilities p that a two-sided normal test does not reject, ``|k/n - p| <= z * sqrt(p (1 - p) / n)``:
-    ``(k + z²/2 ± z * sqrt(k (n - k) / n + z²/4)) / (n + z²)``. The bounds stay within 0 and 1, and the width is
-    positive even for k = 0 and k = n.
+    The interval contains the probabilities p that a two-sided normal test does not reject,
+    ``|k/n - p| <= z * sqrt(p (1 - p) / n)``: ``(k + z²/2 ± z * sqrt(k (n - k) / n + z²/4)) / (n + z²)``. The bounds
+    stay within 0 and 1, and the width is positive even for k = 0 and k = n.
 
     Args:
         successes: k, from 0 to ``n``; a sum of rates need not be whole.
@@ -40,7 +40,7 @@ def wilson_interval(successes: float, n: int, level: float = 0.95) -> tuple[floa
 def task_bootstrap(
     successes: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0
 ) -> tuple[float, float]:
-    """Return the interval of a mean success rate, ``successes`` of shape (N tasks, D attempts), 0 and 1.
+    """Return a bootstrap interval for a mean success rate; ``successes`` has shape (N tasks, D attempts), 0 and 1.
 
     Attempts at one task are correlated, so whole tasks are resampled (cluster bootstrap): with a task's rate
     ``m_i = sum_d s_id / D``, the bounds are quantiles of ``1/N sum_i m_(r_i)``, r_i uniform over 1..N. How often each
@@ -69,10 +69,10 @@ def paired_difference(x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws:
     pairs, so a task that is hard for both players does not widen the interval.
 
     Args:
-        x: shape (N tasks, D attempts), 0 and 1.
-        y: shape (N tasks, D' attempts), 0 and 1.
+        x: a player's successes, shape (N tasks, D attempts), 0 and 1.
+        y: the other player's successes, shape (N tasks, D' attempts), 0 and 1.
         level: confidence.
-        draws: how many resamples.
+        draws: number of resamples.
         seed: random seed.
 
     Returns:

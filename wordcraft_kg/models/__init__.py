@@ -1,8 +1,8 @@
 """Scorers and policies.
 
 :mod:`~wordcraft_kg.models.scorers` score triples, :mod:`~wordcraft_kg.models.links` and
-:mod:`~wordcraft_kg.models.recipes` train scorers, and :mod:`~wordcraft_kg.models.policies` act with mixed-in scores.
-Links, recipes and policies import scorers, but never import one another. ``folder`` opens any trained model.
+:mod:`~wordcraft_kg.models.recipes` train scorers, and :mod:`~wordcraft_kg.models.policies` choose an agent's actions
+with the help of these scores. All packages import scorers, but never one another. ``folder`` opens any trained model.
 
 Importing this package imports neither torch nor PyKEEN, but registers our ComplEx with PyKEEN:
 ``pykeen.pipeline.pipeline(model="ComplExN3", training_loop="IndexedSymmetricLCWA", ...)`` then works by name.

@@ -1,4 +1,4 @@
-"""Opening a model folder: scorer, graph, split and history."""
+"""Open a model folder: scorer, training graph, split and training history."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -26,15 +26,15 @@ MODELS: Registry[Callable[[RunFiles], History]] = Registry(
         **dict.fromkeys(SavedConfig.commands, saved_history),
     },
 )
-"""Functions that read a model's history, by the run's ``kind``; a new kind of model adds a function."""
+"""Functions that read a model's training history, by training command; a new kind of model adds a function."""
 
 
 def open_model(folder: str | Path, graph: str | None = None) -> Model:
-    """Open a model folder.
+    """Open a model folder: scorer, training graph and history.
 
     Args:
         folder: folder written by a training command, ``elicit`` or ``save_scorer``.
-        graph: present path of the graph, if moved.
+        graph: current path of the training graph, if the graph has moved since training.
 
     Raises:
         ArtefactError: if the folder is unfinished or damaged, or the graph is missing.
@@ -55,9 +55,9 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
 
 
 def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> TrainSample | None:
-    """Return a model's training recipes, see :attr:`Model.train_sample`; None if the folder holds other weights.
+    """Return a model's training recipes, see :attr:`Model.train_sample`; None if the weights have another hash.
 
-    The weights are read only for a training fraction, label noise, or a model that was not trained here.
+    The weights are read only if the model has a training fraction or label noise, or was saved by ``save_scorer``.
 
     Args:
         folder: model folder.

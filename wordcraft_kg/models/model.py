@@ -1,4 +1,4 @@
-"""Trained models: scorer, graph, settings and history."""
+"""Trained models: scorer with training graph, settings and history."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,15 +18,15 @@ from wordcraft_kg.runs.record import RunRecord
 
 @dataclass(frozen=True)
 class History:
-    """Settings and metrics of a training, from a model folder.
+    """Training history: settings and metrics from a model folder.
 
     Attributes:
         config: settings; ``kg``, ``train_fraction``, ``label_noise`` and ``seed`` have the same meaning for all models.
-        facts: facts for a report, by name.
+        facts: facts about the training for a report, by name.
         metrics: training metrics, if any.
-        trace: a record per epoch.
+        trace: a record per epoch, if any.
         chosen: names of settings chosen by the training, which may differ between seeds.
-        is_trained: whether the model was trained here.
+        is_trained: whether this package trained the model; False for a scorer saved by ``save_scorer``.
     """
 
     config: RunConfig
@@ -39,12 +39,12 @@ class History:
 
 @dataclass(frozen=True)
 class Model:
-    """A model, ready for evaluation.
+    """A trained model with all data for an evaluation.
 
     Attributes:
-        scorer: scorer of the folder, cross-fitted if it has folds.
+        scorer: scorer from the model folder; if the folder holds models for folds, a cross-fitted scorer.
         opened: training graph and split, checked by hash.
-        run: content of ``run.json``.
+        run: run record, the content of ``run.json``.
         history: training settings and metrics.
     """
 
@@ -55,47 +55,47 @@ class Model:
 
     @property
     def metrics(self) -> Record | None:
-        """Training metrics; None if not trained here."""
+        """Training metrics; None for a model that this package did not train."""
         return self.history.metrics
 
     @property
     def trace(self) -> Sequence[Any]:
-        """A record per epoch, with ``epoch`` and ``loss``."""
+        """A record per training epoch, with the attributes ``epoch`` and ``loss``."""
         return self.history.trace
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All settings that are not None, by name, without the graph."""
+        """All training settings by name, without the graph and None values."""
         return {name: value for name, value in self.history.config.values().items() if name != "graph"}
 
     @property
     def kg(self) -> TrainedOn:
-        """Training data: ``partial``, ``full``, or ``none`` without recipes."""
+        """Training recipes: ``partial`` (train recipes), ``full`` (all recipes) or ``none``."""
         kg: TrainedOn = self.settings.get("kg", "none")
         return kg
 
     @property
     def seed(self) -> int | None:
-        """Training seed; None if not trained here."""
+        """Training seed; None for a model that this package did not train."""
         return self.settings.get("seed") if self.history.is_trained else None
 
     @property
     def comparable_settings(self) -> dict[str, Any]:
-        """The settings without the seed and settings chosen by the training."""
+        """Settings that models with different seeds share: without the seed and settings chosen by the training."""
         left_out = {*self.history.chosen, *(("seed",) if self.history.is_trained else ())}
         return {name: value for name, value in self.settings.items() if name not in left_out}
 
     @property
     def learned_from(self) -> str:
-        """Training fraction and label noise in words; empty for all recipes without noise."""
+        """Training fraction and label noise in words; an empty string for all recipes without noise."""
         return describe_train_sample(self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0))
 
     @cached_property
     def train_sample(self) -> TrainSample:
-        """The training recipes, with label noise.
+        """The recipes that the model was trained on, with label noise if any.
 
         Raises:
-            GraphMismatchError: if sampling gives other recipes than the recorded training recipes.
+            GraphMismatchError: if sampling again gives recipes with a different hash than recorded.
         """
         split = self.opened.split
         train_fraction, label_noise = self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0)
@@ -114,18 +114,18 @@ class Model:
 
     @property
     def triples(self) -> Ids:
-        """The training triples, shape (T, 3), sorted."""
+        """The triples of the training recipes as ids (head, relation, tail), shape (T, 3), sorted."""
         return self.train_sample.triples
 
     @property
     def observed(self) -> Ids:
-        """The scorer's observed triples, or else the training triples, shape (T, 3)."""
+        """The triples that the scorer names as observed, by default the training triples, shape (T, 3)."""
         observed = self.scorer.observed
         return self.triples if observed is None else observed
 
     @property
     def provenance(self) -> dict[str, str]:
-        """Facts for a report."""
+        """Facts for a report about training, versions and weights."""
         return {
             **self.history.facts,
             **({"learned from": self.learned_from} if self.learned_from else {}),
@@ -136,7 +136,7 @@ class Model:
 
 
 def cross_fitted_words(folds: int, mrr: float | None, in_sample_mrr: float | None) -> str:
-    """Return the fold models' MRR in words."""
+    """Return number of folds, out-of-sample MRR and in-sample MRR in words."""
     if mrr is None or in_sample_mrr is None:
         return f"{folds} folds"
     return f"{folds} folds, MRR {mrr:.3f} on train triples out-of-sample ({in_sample_mrr:.3f} in-sample)"

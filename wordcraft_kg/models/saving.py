@@ -1,4 +1,4 @@
-"""Write any scorer as a model folder for all commands."""
+"""Save any scorer as a model folder that all commands accept."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from wordcraft_kg.runs.record import end_run, start_run
 
 @dataclass(frozen=True)
 class SavedConfig(RunConfig):
-    """Settings for a scorer that was not trained here.
+    """Settings in the model folder of a scorer that this package did not train.
 
     Attributes:
         kg: training data according to the author: partial (train recipes only), full, or none (no recipe).
@@ -48,15 +48,15 @@ def save_scorer(
     origin: str = "",
     force: bool = False,
 ) -> Path:
-    """Write your own scorer as a model folder for all commands.
+    """Save your own scorer as a model folder that all commands accept; return the folder.
 
-    With folds, see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`, agents learn from out-of-sample
-    scores. The folder holds the result of :func:`~wordcraft_kg.models.scorers.folder.stored`.
+    From a cross-fitted scorer (see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`) agents learn with
+    out-of-sample scores. The folder holds the scorer as returned by :func:`~wordcraft_kg.models.scorers.folder.stored`.
 
     Args:
         folder: folder to write.
         scorer: scorer for the graph's triples.
-        opened: graph, and split for evaluation.
+        opened: graph of the scorer, and split for evaluation.
         kg: training data: ``partial`` for train recipes only; ``full`` with other recipes from the graph, so that
             metrics are marked as memory; ``none`` without recipes, for example from words alone.
         origin: one-line description for reports. Default: the scorer's name.
@@ -112,7 +112,7 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
 
 
 def saved_history(files: RunFiles) -> History:
-    """Return a saved scorer's history."""
+    """Return the training history (settings and facts) of a scorer that was saved by :func:`save_scorer`."""
     config = SavedConfig.read(files.folder)
     facts = {"trained by": "someone else, and saved as a model folder", "what it is": config.origin}
     return History(config, facts, is_trained=False)

@@ -1,4 +1,4 @@
-"""Run folders: the life cycle of every training.
+"""Run folders: each training (a run) has a folder with settings, status, checkpoints and results.
 
 The folder exists from the start, and ``run.json`` records the run's status: running, interrupted, failed or done. Only
 one process at a time trains in a folder. The last two checkpoints are kept in case the last is damaged. A finished run

@@ -1,4 +1,4 @@
-"""Model cards: the ``README.md`` in a model folder, with a header for model hubs."""
+"""Model cards: the ``README.md`` in a model folder, with a YAML header for model hubs."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,22 +6,22 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 
 
 def front_matter(*tags: str) -> str:
-    """Return the YAML header for model hubs: library name and tags."""
+    """Return the YAML header of a model card, from which model hubs read the library name and the tags."""
     return "\n".join(["---", "library_name: wordcraft-kg", "tags:", *(f"- {tag}" for tag in tags), "---"])
 
 
 def scorer_card(
     opened: OpenedGraph, title: str, about: str, points: Sequence[str], closing: str, usage: Iterable[str]
 ) -> str:
-    """Return a scorer's model card.
+    """Return the model card (Markdown text) for a scorer, a model that scores triples or recipes.
 
     Args:
-        opened: graph and split, described before the first of the ``points``.
-        title: heading.
-        about: purpose and training data.
-        points: facts, one per line.
-        closing: caveats about the metrics.
-        usage: Python lines that use ``scorer``.
+        opened: graph and split of the training, described before the first of the ``points``.
+        title: heading of the card.
+        about: paragraph on the purpose and the training data.
+        points: facts about the training, listed as bullets.
+        closing: paragraph with caveats about the metrics.
+        usage: lines of Python example code, which may use the variable ``scorer``.
     """
     graph, split = opened.graph, opened.split.config
     where = f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; split `{split.kind}`, seed {split.seed}"

@@ -1,4 +1,4 @@
-"""Checkpoints: the whole state of a training, in files that survive a power failure."""
+"""Checkpoints: all weights, optimiser state and progress in a training, in files that survive a power failure."""
 
 import hashlib
 import logging
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 KEPT = 2
-"""Number of kept checkpoints: a damaged last checkpoint is replaced by the one before."""
+"""Default number of checkpoints to keep: if the last is damaged, training resumes from the checkpoint before."""
 P = TypeVar("P")
 
 
 class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
-    """A checkpoint's JSON record: the SHA-256 of the tensors, and the progress."""
+    """JSON record for a checkpoint: SHA-256 of the tensor file, and the trainer's progress record."""
 
     sha256: str
     progress: P
@@ -30,7 +30,7 @@ class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Checkpoint(Generic[P]):
-    """A checkpoint: number (epoch or step), tensors by name, and progress."""
+    """A loaded checkpoint: number (last finished epoch or step), tensors by name, and progress record."""
 
     number: int
     tensors: dict[str, "Tensor"]
@@ -38,26 +38,26 @@ class Checkpoint(Generic[P]):
 
 
 class Checkpoints(Generic[P]):
-    """A run's last checkpoints: ``checkpoints/epoch-N.safetensors`` with records ``epoch-N.json``.
+    """The checkpoints in a run folder: tensors ``checkpoints/epoch-N.safetensors`` with JSON records ``epoch-N.json``.
 
     Attributes:
-        folder: checkpoint folder.
-        last: number of the last saved or loaded checkpoint, if any.
+        folder: the folder ``checkpoints`` in the run folder.
+        last: number of the checkpoint that was saved or loaded last; None before.
     """
 
     def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
-        """Take the run folder, the unit of numbers, the progress type, and how many to keep (None: all)."""
+        """Set run folder, file prefix ``unit`` (epoch or step), progress class, and number to keep (None: all)."""
         self.run_folder, self.unit, self.progress, self.kept = run_folder, unit, progress, kept
         self.folder = run_folder / "checkpoints"
         self.last: int | None = None
 
     def records(self) -> dict[int, Path]:
-        """Return the record paths by checkpoint number, latest first."""
+        """Return the paths of all JSON records by checkpoint number, latest checkpoint first."""
         matches = ((re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path) for path in self.folder.glob("*.json"))
         return dict(sorted(((int(match[1]), path) for match, path in matches if match), reverse=True))
 
     def save(self, number: int, tensors: Mapping[str, "Tensor"], progress: P) -> None:
-        """Write a checkpoint with a record, then remove older checkpoints."""
+        """Write a checkpoint and the JSON record, then remove all but the last ``kept`` checkpoints."""
         import safetensors.torch
 
         self.folder.mkdir(exist_ok=True)
@@ -78,7 +78,7 @@ class Checkpoints(Generic[P]):
                 old.with_suffix(".safetensors").unlink(missing_ok=True)
 
     def load(self) -> Checkpoint[P]:
-        """Return the last intact checkpoint, and warn about damaged later checkpoints.
+        """Return the last intact checkpoint, and log a warning for each damaged later checkpoint.
 
         Raises:
             ArtefactError: if all checkpoints are missing or damaged.
@@ -99,11 +99,11 @@ class Checkpoints(Generic[P]):
         raise ArtefactError(f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`.")
 
     def drop(self) -> None:
-        """Remove all checkpoints."""
+        """Remove the folder with all checkpoints."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def read(self, number: int) -> Checkpoint[P]:
-        """Return a checkpoint by number.
+        """Load the checkpoint with the given number.
 
         Raises:
             ArtefactError: if the checkpoint is missing or damaged.

@@ -22,9 +22,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunConfig:
-    """All settings of a run; nested dataclasses are written into the same table.
+    """Base class for all settings of a run (a training), which are written to and read from ``config.toml``.
 
-    In a union of dataclasses, the table name selects the dataclass with this ``command``.
+    Nested dataclasses are written into the same TOML table. In a union of dataclasses, the table name selects the
+    dataclass with this ``command``.
 
     Attributes:
         commands: commands that accept the settings.
@@ -37,24 +38,24 @@ class RunConfig:
 
     @property
     def command(self) -> str:
-        """The command for these settings."""
+        """The training command that accepts these settings and names the table in ``config.toml``."""
         return self.commands[0]
 
     def default_folder(self, graph_name: str) -> Path:
-        """Return the default output folder."""
+        """Return the default run folder, in this base class ``models/<graph name>-<command>``."""
         return Path("models") / f"{graph_name}-{self.command}"
 
     def values(self) -> dict[str, Any]:
-        """Return all settings that are not None by option name."""
+        """Return all settings by option name, nested settings included, without None values."""
         return {name: value for name, value in _flat(self).items() if value is not None}
 
     def write(self, folder: Path) -> None:
-        """Write ``config.toml``, with paths relative to the folder."""
+        """Write the settings to ``config.toml`` in a folder, with paths relative to this folder."""
         write_config(folder, self.command, self.values())
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read ``config.toml``.
+        """Read the settings from ``config.toml`` in a folder.
 
         Raises:
             ArtefactError: if the file is missing or damaged, or a setting is unknown, missing, mistyped or invalid.
@@ -99,7 +100,10 @@ def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) ->
 
 
 def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> None:
-    """Write all settings that are not None, with paths relative to the folder; keep a file with this content."""
+    """Write all settings with a value to ``config.toml`` as table ``[command]``, with paths relative to the folder.
+
+    A file with this content already is not written again.
+    """
 
     def relative(path: str) -> str:
         return os.path.relpath(path, folder) if os.path.exists(path) else path
@@ -112,7 +116,7 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> Non
 
 
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
-    """Read command and settings from ``config.toml``, with paths relative to the working folder.
+    """Read command (the table name) and settings from ``config.toml``, with paths relative to the working folder.
 
     Raises:
         ArtefactError: if the file is missing, or not TOML with one table.
@@ -132,7 +136,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return settings with ``change`` applied to paths; :class:`FeatureSpec` recognises feature paths."""
+    """Return settings with ``change`` applied to ``graph``, ``scorer`` and any word vector file in ``features``."""
     result = dict(settings)
     for key in ("graph", "scorer", "features"):
         value = result.get(key)
@@ -146,5 +150,5 @@ def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str
 
 
 def toml_value(value: Any) -> str:
-    """Return a string or number as TOML, which equals JSON without escaped surrogates."""
+    """Return a string or number in TOML syntax (for such values equal to JSON with unescaped Unicode)."""
     return json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""Verified reading: files and graph of a run must match the hashes in ``run.json``."""
+"""Verified reading of run folders: files and training graph must match the hashes in ``run.json``."""
 
 import hashlib
 from dataclasses import dataclass
@@ -19,18 +19,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunFiles:
-    """Files of a run; every method raises ArtefactError if a file is missing, changed or damaged.
+    """Verified access to the files of a run: each method raises ArtefactError for a missing, changed or damaged file.
 
     Attributes:
         folder: run folder.
-        run: content of ``run.json``.
+        run: content of ``run.json``, with the expected hashes.
     """
 
     folder: Path
     run: RunRecord
 
     def bytes(self, name: str) -> bytes:
-        """Read an input or output file."""
+        """Return the content of an input or output file, after a SHA-256 check."""
         path = self.folder / name
         data = read_large_file(path)
         if hashlib.sha256(data).hexdigest() != self.run.outputs.get(name, self.run.inputs.get(name)):
@@ -40,24 +40,24 @@ class RunFiles:
         return data
 
     def record(self, name: str, kind: type[T]) -> T:
-        """Read a JSON file as a record."""
+        """Read a JSON file, such as ``metrics.json``, into an instance of the class ``kind``."""
         return parse_record(self.bytes(name), kind, self.folder / name)
 
     def lines(self, name: str, kind: type[T]) -> list[T]:
-        """Read a JSON Lines file as records."""
+        """Read a JSON Lines file (a JSON object per line) into a list of instances of the class ``kind``."""
         return parse_lines(self.bytes(name), kind, self.folder / name)
 
     def tensors(self, name: str) -> "dict[str, Tensor]":
-        """Read tensors from a safetensors file."""
+        """Read all tensors in a safetensors file, by tensor name."""
         from wordcraft_kg.base.tensors import read_tensors
 
         return read_tensors(self.folder / name, self.bytes(name))
 
     def graph(self, source: str | OpenedGraph) -> OpenedGraph:
-        """Open the training graph with the split.
+        """Return the graph and split that the run was trained on.
 
         Args:
-            source: opened graph, path or name.
+            source: the opened graph, or a path or recipe book name to open.
 
         Raises:
             ArtefactError: if the graph is missing.

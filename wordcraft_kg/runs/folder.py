@@ -22,18 +22,18 @@ _BEGUN = ".begun-by-wordcraft-kg"
 """Marks a new folder until the first record; after an earlier kill, the folder can be removed."""
 P = TypeVar("P")
 Progress = Callable[[int, int, dict[str, float]], None]
-"""Called with the number of finished epochs or steps, the total, and the latest metrics."""
+"""Progress callback: takes the number of finished epochs or steps, the total number, and metrics by name."""
 
 
 @dataclass(frozen=True)
 class RunKind(Generic[P]):
-    """Constants for all runs by one trainer.
+    """Constants shared by all runs with the same trainer class.
 
     Attributes:
-        commands: commands that start a run; ``kind`` in ``run.json`` is one of these.
-        name: progress bar label.
-        unit: progress unit: epoch or step.
-        progress: progress type in checkpoints.
+        commands: training commands that start such a run; ``kind`` in ``run.json`` is one of these.
+        name: label of the progress bar.
+        unit: unit of progress: epoch, step or fit.
+        progress: class of the progress record in checkpoints.
     """
 
     commands: tuple[str, ...]
@@ -42,10 +42,10 @@ class RunKind(Generic[P]):
     progress: type[P]
 
     def read_record(self, folder: Path) -> RunRecord:
-        """Read ``run.json``.
+        """Read the run record (``run.json``) in a folder, and check the kind.
 
         Raises:
-            ArtefactError: if the file is missing, damaged, or records another kind of run.
+            ArtefactError: if the file is missing or damaged, or the run has another kind.
         """
         expected = f"a run of {' or '.join(self.commands)}"
         record = read_run(folder, expected)
@@ -54,18 +54,18 @@ class RunKind(Generic[P]):
         return record
 
     def checkpoints(self, folder: Path) -> Checkpoints[P]:
-        """Return a run's checkpoints."""
+        """Return an object that saves and loads the checkpoints in a run folder."""
         return Checkpoints(folder, self.unit, self.progress)
 
 
 class RunFolder(Generic[P]):
-    """A run that this process trains and locks, from :func:`new_run` or :func:`resumed_run`.
+    """A locked run folder in which this process trains, from :func:`new_run` or :func:`resumed_run`.
 
     Attributes:
-        path: the folder.
-        checkpoints: saved checkpoints.
-        interrupted: set by the first Ctrl-C.
-        is_live: whether this process has recorded the run as running.
+        path: run folder.
+        checkpoints: saves and loads checkpoints.
+        interrupted: event that the first Ctrl-C sets.
+        is_live: whether this process has recorded the run as running in ``run.json``.
     """
 
     def __init__(self, path: Path, kind: RunKind[P], interrupted: threading.Event, record: RunRecord | None = None):
@@ -76,19 +76,19 @@ class RunFolder(Generic[P]):
 
     @property
     def record(self) -> RunRecord:
-        """The record on disk."""
+        """The run record as last written to ``run.json``."""
         assert self._record is not None, "begin the run first"
         return self._record
 
     def begin(
         self, config: RunConfig, *, inputs: Mapping[str, str], files: Sequence[str] = (), **facts: Unpack[RunFacts]
     ) -> None:
-        """Write ``config.toml`` and record the run as running.
+        """Write ``config.toml``, and write ``run.json`` with the status ``running``.
 
         Args:
-            config: all settings; ``seed``, ``device`` and ``threads`` are recorded.
+            config: all settings; ``seed``, ``device`` and ``threads`` are also written to ``run.json``.
             inputs: training data hashes by name.
-            files: names of files that training never changes.
+            files: names of further files in the folder that training never changes.
             facts: optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
         """
         config.write(self.path)
@@ -105,7 +105,7 @@ class RunFolder(Generic[P]):
         self.is_live = True
 
     def resume(self, config: RunConfig) -> None:
-        """Record the run as resumed, with present input paths."""
+        """Record an unfinished run as running again, with current input paths in ``config.toml``."""
         began_with, installed = self.record.versions.get("torch"), version("torch")
         if began_with != installed:
             logging.getLogger(__name__).warning(
@@ -119,7 +119,7 @@ class RunFolder(Generic[P]):
 
     @contextmanager
     def restoring(self) -> Iterator[None]:
-        """Turn checkpoint errors into an ArtefactError that names the run."""
+        """Turn errors from a checkpoint in this block into an ArtefactError that names the run folder."""
         try:
             yield
         except (KeyError, RuntimeError, TypeError, ValueError, AttributeError, IndexError, OSError) as error:
@@ -128,11 +128,11 @@ class RunFolder(Generic[P]):
             ) from None
 
     def interrupt(self) -> None:
-        """Record the run as interrupted."""
+        """Record the run as interrupted (by Ctrl-C) in ``run.json``."""
         self._end("interrupted")
 
     def finish(self, outputs: Sequence[str], card: str) -> None:
-        """Write the model card, record the run as done, and remove all checkpoints."""
+        """Write the model card, record the run as done with the ``outputs``' hashes, and remove all checkpoints."""
         write_atomically(self.path / "README.md", card)
         for name in outputs:
             with (self.path / name).open("rb+") as file:
@@ -141,7 +141,7 @@ class RunFolder(Generic[P]):
         self.checkpoints.drop()
 
     def fail(self, error: BaseException) -> BaseException:
-        """Record the run as failed or interrupted; return an error that names the last checkpoint."""
+        """Record the run as failed, or after Ctrl-C as interrupted; return an error that names the last checkpoint."""
         with suppress(OSError):  # the disk may be full
             self._end("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         unit, last = self.kind.unit, self.checkpoints.last
@@ -166,9 +166,9 @@ class RunFolder(Generic[P]):
 
 @contextmanager
 def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[RunFolder[P]]:
-    """Make and lock a new run folder.
+    """Make, lock and yield a new run folder.
 
-    A replaced folder is moved aside, and restored if the run ends without checkpoint and result.
+    An old folder at ``out`` is moved aside first, and restored if the new run ends without checkpoint and result.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
@@ -198,7 +198,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
 
 @contextmanager
 def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
-    """Open and lock an unfinished run.
+    """Lock and yield the folder of an unfinished run.
 
     Raises:
         ArtefactError: if the run is done, damaged or has another kind, or another process is training in the folder.
@@ -217,7 +217,7 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
 
 
 def check_run_output(out: Path, *, force: bool) -> None:
-    """Refuse an existing output, unless the folder holds an unfinished run that may be resumed.
+    """Check that training may write to ``out``: the path is free, or holds an unfinished run that can be resumed.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
@@ -229,7 +229,7 @@ def check_run_output(out: Path, *, force: bool) -> None:
 
 
 def check_new_run(out: Path, *, force: bool) -> None:
-    """Refuse an existing output, unless empty or left by a run that was killed before the first record.
+    """Check that ``out`` is free for a new run: missing, empty, or left by a run that was killed at the start.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
@@ -253,11 +253,11 @@ def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
 
 @contextmanager
 def locked(folder: Path, use: str = "trained") -> Iterator[None]:
-    """Lock an existing folder against other processes, until this process ends at the latest.
+    """Lock an existing folder against other processes in this block, until this process ends at the latest.
 
     Args:
-        folder: the folder.
-        use: past participle for the error.
+        folder: folder to lock.
+        use: past participle for the error, such as trained.
 
     Raises:
         ArtefactError: if another process holds the lock.

@@ -1,4 +1,4 @@
-"""Handle Ctrl-C as a request to stop."""
+"""Handle Ctrl-C as a request to save and stop."""
 
 import signal
 import threading
@@ -10,7 +10,7 @@ from typing import Any
 
 @contextmanager
 def first_interrupt() -> Iterator[threading.Event]:
-    """Yield an event that the first Ctrl-C sets; the second Ctrl-C stops at once."""
+    """Yield an event that the first Ctrl-C sets, so that a training can save and stop; the second stops at once."""
     requested = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield requested
@@ -30,7 +30,7 @@ def first_interrupt() -> Iterator[threading.Event]:
 
 @contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
-    """Treat SIGTERM, for example from a cluster or service manager, as Ctrl-C."""
+    """Treat SIGTERM (the stop signal of cluster and service managers) as Ctrl-C in this block."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -46,5 +46,5 @@ def sigterm_as_interrupt() -> Iterator[None]:
 
 
 def interruption_message(folder: Path, unit: str, number: int) -> str:
-    """Return the message that names the saved checkpoint and explains how to resume."""
+    """Return the message for an interrupted run: the saved checkpoint (such as epoch 20), and how to resume."""
     return f"interrupted; {unit} {number:,} is saved in '{folder}'. Repeat the command to resume from there."

@@ -1,4 +1,4 @@
-"""Parallel processes for parts of a training, such as folds."""
+"""Jobs (parts of a training, such as a model for each cross-fitting fold) in parallel processes."""
 
 import logging
 import multiprocessing
@@ -17,38 +17,38 @@ from wordcraft_kg.base.errors import ArtefactError, TrainingError, WordCraftKGEr
 from wordcraft_kg.runs.checkpoints import Checkpoints
 
 CORES_VARIABLE = "WORDCRAFT_KG_CORES"
-"""Environment variable: number of cores for a process without core affinity."""
+"""Environment variable: number of CPU cores to use, for processes without core affinity."""
 THREADS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""Environment variables: number of threads, read by libraries at import."""
+"""Environment variables: number of CPU threads, which numerical libraries read at import."""
 
 
 class Job(Protocol):
-    """A part of a training, such as a fold, that saves a result among the run's checkpoints."""
+    """A job: a part of a training, such as the model for one fold, that saves a result among the run's checkpoints."""
 
     @property
     def fold(self) -> int:
-        """The part number."""
+        """The job number, such as the fold; also the number of the checkpoint with the result."""
 
     @property
     def done(self) -> Any:
-        """The expected record of the result; other results are discarded."""
+        """The record of a valid result; a saved result with a different record is discarded."""
 
     def train(self, after: Callable[[int], None]) -> None:
-        """Train, and call ``after`` with the number of finished steps."""
+        """Train and save the result; call ``after`` with the number of finished steps or epochs."""
 
 
 J = TypeVar("J", bound=Job)
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of CPU cores that this process may use."""
     if (given := os.environ.get(CORES_VARIABLE, "")).isdecimal():
         return max(int(given), 1)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
-    """Return all jobs without an intact result."""
+    """Return all jobs that have no intact result among the checkpoints ``kept``."""
 
     def is_done(job: J) -> bool:
         try:
@@ -61,12 +61,12 @@ def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
 
 
 def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, is_long: bool) -> None:
-    """Run jobs, in parallel if they are long.
+    """Run all jobs, in parallel processes if the jobs are long and there are enough CPU cores.
 
     Args:
-        jobs: the jobs.
+        jobs: jobs to run.
         threads: CPU threads per job.
-        note: called with job number and steps, and regularly without arguments.
+        note: called with job number and number of finished steps; in parallel, also regularly without arguments.
         is_long: whether parallel processes are worth the start-up time.
 
     Raises:
@@ -81,7 +81,7 @@ def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, 
 
 
 def train_in_processes(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -> None:
-    """Run jobs in processes: PyKEEN seeds global generators, which threads would share.
+    """Run jobs in ``workers`` parallel processes; threads would share the global generators that PyKEEN seeds.
 
     After an error or Ctrl-C all processes are terminated at once, because an epoch may take minutes.
     """

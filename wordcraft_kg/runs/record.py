@@ -1,4 +1,4 @@
-"""Run records (``run.json``): command, inputs, versions and outputs."""
+"""Run records: ``run.json`` in a run folder, with command, status, inputs, versions and outputs of a training."""
 
 import os
 import platform
@@ -25,14 +25,14 @@ Status = Literal["running", "interrupted", "failed", "done"]
 
 
 class GitState(Record, frozen=True, kw_only=True):
-    """Checked-out commit, and whether there were uncommitted changes."""
+    """Git state of the package's source: checked-out commit, and whether there were uncommitted changes."""
 
     commit: str
     dirty: bool
 
 
 class Resumption(Record, frozen=True, kw_only=True):
-    """When and how a run was resumed: time, command line and versions."""
+    """A resumption of an interrupted run: start time (ISO 8601, UTC), command line, versions and Git state."""
 
     started: str
     argv: tuple[str, ...]
@@ -41,7 +41,7 @@ class Resumption(Record, frozen=True, kw_only=True):
 
 
 class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """Content of ``run.json``; keys with default values are left out.
+    """Run record: the content of ``run.json``; keys with default values are left out.
 
     Attributes:
         kind: training command, for example ``train-agent``.
@@ -52,11 +52,11 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
         git: Git state, if the package runs from a checkout.
         inputs: hashes of ``graph`` and ``split``, and the SHA-256 of files that training never changes.
         outputs: SHA-256 of each file that training wrote.
-        kg: knowledge graph that an agent's scorer was trained on, if any.
-        cross_fitted: number of folds in an agent's scorer; 0 for in-sample scores on train tasks.
-        trackers: tracker names.
-        missing_words: words in entity labels without a vector.
-        resumed: all resumptions.
+        kg: training graph of an agent's scorer, if any: partial, full or none.
+        cross_fitted: number of cross-fitting folds in an agent's scorer; 0 for in-sample scores on train tasks.
+        trackers: names of metric trackers, such as tensorboard.
+        missing_words: words in entity labels that have no word vector.
+        resumed: all resumptions of the run.
     """
 
     format: Literal["wordcraft-kg run 1"]
@@ -80,7 +80,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class RunFacts(TypedDict, total=False):
-    """Optional fields of :class:`RunRecord`."""
+    """Optional fields of :class:`RunRecord`, as keyword arguments of :func:`start_run`."""
 
     kg: TrainedOn | None
     cross_fitted: int
@@ -98,7 +98,10 @@ def start_run(
     inputs: Mapping[str, str] | None = None,
     **facts: Unpack[RunFacts],
 ) -> RunRecord:
-    """Write ``run.json`` with the status ``running``, without host name, user name or environment variables."""
+    """Write and return a run record with the status ``running``, without host name, user name or environment variables.
+
+    See :class:`RunRecord` for the arguments.
+    """
     run = RunRecord(
         format="wordcraft-kg run 1",
         kind=kind,
@@ -119,24 +122,24 @@ def start_run(
 
 
 def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = None) -> RunRecord:
-    """Set the status to ``running``, and record the resumption and changed input hashes."""
+    """Write and return the run record with the status ``running``, the new resumption and changed input hashes."""
     again = Resumption(started=_now(), argv=_arguments(), versions=_versions(), git=_git_state())
     changes = {"inputs": {**run.inputs, **(inputs or {})}, "resumed": (*run.resumed, again)}
     return _write(folder, replace(run, status="running", ended=None, **changes))
 
 
 def end_run(folder: Path, run: RunRecord, status: Status, outputs: Sequence[str] = ()) -> RunRecord:
-    """Write the final status and the SHA-256 of each output file."""
+    """Write and return the run record with the final status, the end time and the SHA-256 of each output file."""
     hashes = {name: sha256_of(folder / name) for name in outputs}
     return _write(folder, replace(run, status=status, ended=_now(), outputs=hashes))
 
 
 def read_run(folder: Path, expected: str = "a run of a training command") -> RunRecord:
-    """Read ``run.json``.
+    """Read the run record (``run.json``) in a folder.
 
     Raises:
-        ArtefactError: if the file is missing or damaged, or the folder holds several seeds; the message names
-            ``expected``.
+        ArtefactError: if the file is missing or damaged, or the folder holds a run per seed; the message contains
+            ``expected``, such as "a run of train-agent".
     """
     if not os.path.lexists(folder / RUN_FILE):
         seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
@@ -149,15 +152,15 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
 
 
 def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
-    """Read a finished run's record.
+    """Read the run record of a finished run.
 
     Args:
         folder: run folder.
-        expected: expected kind of run, for the error.
-        result: name of a required output file.
+        expected: expected kind of run in words, for the error message.
+        result: name of an output file that the run must have.
 
     Raises:
-        ArtefactError: if the run is missing, unfinished, or has another kind.
+        ArtefactError: if the run is missing or unfinished, or has no output ``result``.
     """
     run = read_run(folder, expected)
     if run.status != "done":
@@ -168,7 +171,7 @@ def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
 
 
 def run_folders(path: Path) -> list[Path]:
-    """Return the runs in a multi-seed folder by ascending seed, or any other path alone."""
+    """Return the run folders ``seed-N`` in a folder with several seeds, by ascending seed; else the path alone."""
     if (path / RUN_FILE).exists() or not path.is_dir():
         return [path]
     seeds = {int(match[1]): run for run in path.iterdir() if (match := _SEED.fullmatch(run.name))}
@@ -176,7 +179,7 @@ def run_folders(path: Path) -> list[Path]:
 
 
 def run_name(folder: Path) -> str:
-    """Return a run's display name: the folder name, for a seed after the parent folder's name."""
+    """Return a display name for a run: the folder name; for a folder ``seed-N``, ``<parent folder>-seed-N``."""
     folder = folder.resolve()
     return f"{folder.parent.name}-{folder.name}" if _SEED.fullmatch(folder.name) else folder.name
 

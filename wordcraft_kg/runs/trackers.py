@@ -12,11 +12,11 @@ from wordcraft_kg.runs.folder import RunFolder
 from wordcraft_kg.runs.record import Status
 
 Log = Callable[[int, Mapping[str, float | None]], None]
-"""Takes the number of finished epochs or steps, and metrics by name, None for a missing value."""
+"""Logging function: takes the number of finished epochs or steps, and metrics by name (None for a missing value)."""
 
 
 class Tracker(Protocol):
-    """Receives training metrics.
+    """Interface of a metric tracker: an object that receives the metrics of a training.
 
     Example:
         >>> class Printer:
@@ -33,21 +33,21 @@ class Tracker(Protocol):
     """
 
     def log(self, step: int, values: Mapping[str, float]) -> None:
-        """Log metrics by name; ``step``, in epochs or steps, only grows, also in a resumed run."""
+        """Log metrics by name; ``step`` counts finished epochs or steps and only grows, also in a resumed run."""
         ...
 
     def close(self, status: Status) -> None:
-        """Close when the training is ``done``, ``interrupted`` or ``failed``."""
+        """Close the tracker at the end of the training; the status is ``done``, ``interrupted`` or ``failed``."""
         ...
 
 
 class TensorBoard:
-    """Event files in the run folder's ``tensorboard/``."""
+    """Metric tracker that writes TensorBoard event files to ``tensorboard/`` in the run folder."""
 
     library = "torch.utils.tensorboard"
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], step: int):
-        """Continue from ``step``; remove metrics of later steps."""
+        """Open the event files; for a resumed run, continue from ``step`` and remove metrics of later steps."""
         writer = import_module(self.library).SummaryWriter
         self._writer = writer(str(folder / "tensorboard"), purge_step=step or None)
 
@@ -60,7 +60,7 @@ class TensorBoard:
 
 
 class WeightsAndBiases:
-    """An offline Weights & Biases run in the run folder's ``wandb/``, without data about the machine.
+    """Metric tracker that writes an offline Weights & Biases run to ``wandb/``, without data about the machine.
 
     Upload with ``wandb sync``. A resumed run is a new Weights & Biases run.
     """
@@ -88,11 +88,11 @@ TRACKERS: dict[str, type[TensorBoard] | type[WeightsAndBiases]] = {
     "tensorboard": TensorBoard,
     "wandb": WeightsAndBiases,
 }
-"""Trackers by name; each takes a run folder, settings by name, and the first epoch or step."""
+"""Tracker classes by name; each takes the run folder, settings by name, and the number of epochs or steps before."""
 
 
 def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
-    """Check named trackers, and return all trackers without duplicates.
+    """Check the trackers that are given by name, and return all trackers without duplicates.
 
     Raises:
         ConfigError: for an unknown name, with the nearest known names.
@@ -114,7 +114,7 @@ def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
 
 
 def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
-    """Return all trackers given by name; a resumed run opens these again."""
+    """Return all trackers that are given by name; a resumed run opens these trackers again."""
     return tuple(tracker for tracker in trackers if isinstance(tracker, str))
 
 
@@ -122,10 +122,10 @@ def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
 def tracking(
     run: RunFolder[Any], trackers: Sequence[Tracker | str], settings: Mapping[str, Any], step: int = 0
 ) -> Iterator[Log]:
-    """Open trackers, yield a function that logs to all trackers, and close them.
+    """Open the trackers of a run, yield a function that logs metrics to all trackers, and close the trackers.
 
     Args:
-        run: a live run.
+        run: folder of the run in training.
         trackers: result of :func:`checked_trackers`.
         settings: all settings by name.
         step: number of epochs or steps before the run was resumed.

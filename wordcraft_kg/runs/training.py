@@ -1,4 +1,4 @@
-"""The training template: begin or resume a run, train, finish; for one seed or several."""
+"""The steps that all trainings share: begin or resume a run, train, finish; for one seed or several."""
 
 import os
 from abc import ABC, abstractmethod
@@ -24,16 +24,16 @@ T = TypeVar("T")
 
 
 class Training(ABC, Generic[C, P, T]):
-    """One training with settings ``C``, checkpoint progress ``P`` and outcome ``T``; trainers are subclasses.
+    """Base class for trainers: one training, with settings ``C``, checkpoint progress ``P`` and outcome ``T`` (types).
 
     :func:`train` calls the methods in definition order; for a resumed run, without :meth:`prepare` and :meth:`begin`.
 
     Attributes:
-        kind: kind of run.
-        config_type: settings class.
-        decided: names of settings that the training chooses if None.
+        kind: constants shared by all runs.
+        config_type: class of the settings.
+        decided: names of settings that the training chooses if the value is None.
         config: settings, including the chosen values.
-        opened: graph and split.
+        opened: graph and split to train on.
     """
 
     kind: ClassVar[RunKind[Any]]
@@ -45,31 +45,31 @@ class Training(ABC, Generic[C, P, T]):
 
     @classmethod
     def input_hashes(cls, config: C) -> Mapping[str, str | None]:
-        """Return the hash of each input except the graph, by setting name."""
+        """Return a hash for each input other than the graph, such as a scorer, by the name of the setting."""
         return {}
 
     def prepare(self) -> None:
-        """Check inputs and do slow work before a new run folder is made."""
+        """Check the inputs and do slow preparations, before the folder of a new run is made."""
 
     @abstractmethod
     def begin(self, run: RunFolder[P], report: Progress | None) -> Mapping[str, Any]:
         """Write the first files of a new run; return keyword arguments for :meth:`RunFolder.begin`."""
 
     def restored(self, run: RunFolder[P]) -> Checkpoint[P] | None:
-        """Return the last checkpoint; None if the training saves finished parts instead."""
+        """Return the last checkpoint of a resumed run; None if the trainer saves finished parts instead of epochs."""
         return run.checkpoints.load()
 
     @abstractmethod
     def fit(self, run: RunFolder[P], report: Progress | None, log: Log, checkpoint: Checkpoint[P] | None) -> T:
-        """Train to the end or the first Ctrl-C, from the checkpoint if given.
+        """Train to the end or the first Ctrl-C, from the checkpoint if given, and return the outcome.
 
-        If ``run`` is not live, call ``run.resume(config)`` after restoring.
+        If ``run.is_live`` is False, call ``run.resume(config)`` after restoring the checkpoint.
         """
 
     @classmethod
     @abstractmethod
     def outcome(cls, files: RunFiles) -> T:
-        """Return a finished run's outcome."""
+        """Read the outcome of a finished run from the run's files."""
 
 
 def train(
@@ -82,14 +82,15 @@ def train(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> T:
-    """Train into a folder, or resume an interrupted run with the same settings and data.
+    """Train into a run folder, or resume an interrupted run with the same settings and data; return the outcome.
 
     Args:
         trainer: trainer class.
         config: all settings.
         out: run folder. Default: :meth:`RunConfig.default_folder`.
         force: train anew and replace the folder.
-        keep: whether, or for which folder, to return the outcome of a finished run with the same settings and data.
+        keep: whether to return the outcome of a finished run with the same settings and data, or a function that
+            decides this for a folder.
         trackers: metric trackers, by name or as objects.
         progress: progress callback; True shows a bar.
 
@@ -183,18 +184,18 @@ def train_seeds(
     trackers: Iterable[Tracker | str] = (),
     progress: Callable[[int], Progress | bool | None] = lambda seed: None,
 ) -> Iterator[tuple[int, T]]:
-    """Train each seed in ``parent/seed-N``, keep finished runs and resume interrupted runs.
+    """Train once per seed, in the run folders ``parent/seed-N``; keep finished runs and resume interrupted runs.
 
     Args:
         trainer: trainer class.
         configs: settings by seed.
-        parent: folder for all runs.
+        parent: folder for all run folders.
         force: train all seeds again.
         trackers: metric trackers, by name or as objects.
-        progress: returns the progress callback for a seed.
+        progress: function that returns the progress callback for a seed.
 
     Yields:
-        Each seed with the outcome.
+        Each seed with the outcome of the training.
 
     Raises:
         OutputExistsError: if ``parent`` is a run.
@@ -212,7 +213,7 @@ def train_seeds(
 
 @contextmanager
 def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Progress | None]:
-    """Yield the given progress callback, or for True a bar in a terminal or notebook."""
+    """Yield the given progress callback; for True, a callback for a progress bar in a terminal or notebook."""
     if progress is not True:
         yield progress or None
         return

@@ -1,10 +1,10 @@
-"""Train link predictors with PyKEEN into model folders that serve as scorers.
+"""Train link predictors (models that score triples) with PyKEEN, into model folders that open as scorers.
 
 Read ``config`` first (all settings), then ``training``, ``fitting`` (epochs, validation, checkpoints), ``builders``
 (from settings to a PyKEEN model, and from the model to scorer tensors) and ``records``. ``complex`` and
-``symmetric_lcwa`` are the paper's model and objective, ``pykeen_bridge`` guards PyKEEN's global generators,
-``regularisation`` chooses weights on small and on large books, ``popularity`` adds log counts to the embeddings, and
-``tuning`` searches settings::
+``symmetric_lcwa`` are model and objective of the WordCraft paper (Jiang et al. 2020), ``pykeen_bridge`` guards PyKEEN's
+global generators, ``regularisation`` chooses weights on small and on large books, ``popularity`` adds the log counts
+of entities to the embeddings, and ``tuning`` searches settings::
 
     trained = train_links(LinksConfig("everyday", ComplExConfig(epochs=20)), Path("models/mine"))
     model = open_model(trained.folder)

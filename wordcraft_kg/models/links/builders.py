@@ -1,4 +1,4 @@
-"""Build PyKEEN models and training loops from settings, and extract scorer tensors."""
+"""Build PyKEEN models and training loops from settings, and extract the tensors that a scorer needs."""
 
 from contextlib import suppress
 from typing import Any
@@ -23,7 +23,7 @@ from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:
-    """Build a PyKEEN model and the training loop.
+    """Build a PyKEEN model from settings, and return the training loop that holds the model.
 
     Raises:
         ConfigError: if PyKEEN has no such model, or cannot build the model with these settings.
@@ -32,7 +32,7 @@ def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> Trainin
 
 
 def is_factored(name: str) -> bool:
-    """Return whether ComplEx embeddings can represent a PyKEEN model's scores without a table.
+    """Return whether ComplEx embeddings can represent the scores of a PyKEEN model, so that no score table is needed.
 
     Raises:
         ConfigError: if PyKEEN has no such model.
@@ -41,7 +41,7 @@ def is_factored(name: str) -> bool:
 
 
 def check_table_fits(model: str, num_entities: int) -> None:
-    """Check that the score table, if a PyKEEN model needs a table, is small enough.
+    """Check that a PyKEEN model needs no table of all scores, or that the table is small enough.
 
     Raises:
         ConfigError: if the table is too large, or PyKEEN has no such model.
@@ -56,10 +56,10 @@ def check_table_fits(model: str, num_entities: int) -> None:
 
 
 def scorer_kind(config: LinkSettings, num_entities: int) -> str:
-    """Return the scorer kind for a model.
+    """Return the file format for a model's scorer: ``complex`` (embeddings) or ``table`` (all scores).
 
-    ComplEx is saved as embeddings (``complex``), any other model as a score ``table``, or above the limit as embeddings
-    if :func:`is_factored`.
+    ComplEx is saved as embeddings. Any other model is saved as a score table, or above the size limit as embeddings if
+    :func:`is_factored`.
 
     Raises:
         ConfigError: if the table is too large and the model is not factored.
@@ -71,9 +71,9 @@ def scorer_kind(config: LinkSettings, num_entities: int) -> str:
 
 
 def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[str, dict[str, torch.Tensor]]:
-    """Return scorer kind and scorer tensors for a model trained on ``triples``.
+    """Return the scorer kind (see :func:`scorer_kind`) and the tensors to save for a model trained on ``triples``.
 
-    ComplEx embeddings include popularity; a table comes with the model parameters.
+    ComplEx embeddings include popularity (log counts); a score table comes with the model parameters.
     """
     kind = scorer_kind(config, model.num_entities)
     if kind == TableScorer.kind:
@@ -117,7 +117,7 @@ def _embeddings(model: Model) -> dict[str, torch.Tensor]:
 
 
 def model_class(name: str) -> type[Model]:
-    """Return a PyKEEN model class by name, except ComplEx, which always means the paper's model.
+    """Return the PyKEEN model class with a given name, except for ComplEx, which has its own training command.
 
     Raises:
         ConfigError: if the name is unknown (the error lists the nearest names), or ComplEx.
@@ -133,7 +133,7 @@ def model_class(name: str) -> type[Model]:
 
 
 def trainable_models() -> list[type[Model]]:
-    """Return all PyKEEN embedding models that can be built from triples alone, by name."""
+    """Return all PyKEEN model classes with embeddings that need only triples for training, in order of the names."""
     three = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 2]])
     factory = TriplesFactory(three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)})
     trainable = []

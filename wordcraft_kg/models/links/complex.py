@@ -18,15 +18,15 @@ from wordcraft_kg.models.scorers.factors import real_dot
 
 
 class MatmulComplExInteraction(ComplExInteraction):
-    """ComplEx interaction with one real matrix product for one-against-all shapes."""
+    """ComplEx score function for PyKEEN that scores many candidates with a single real matrix product."""
 
     def forward(self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
-        """Score triples, ``Re<h, r, conj(t)>``.
+        """Return the scores ``Re<h, r, conj(t)>`` for embeddings of head, relation and tail.
 
         Args:
-            h: complex, shape (*batch, d).
-            r: complex, shape (*batch, d).
-            t: complex, shape (*batch, d).
+            h: head embeddings, complex, shape (*batch, d).
+            r: relation embeddings, complex, shape (*batch, d).
+            t: tail embeddings, complex, shape (*batch, d).
 
         Returns:
             float, broadcast batch shape. If an argument has shape (1, N, d) and the remaining two (B, 1, d), the (B, N)
@@ -51,7 +51,7 @@ def _is_one(x: torch.Tensor) -> bool:
 
 
 class ComplExN3(ERModel):
-    """ComplEx with softmax cross entropy and the N3 regulariser.
+    """PyKEEN model: ComplEx with softmax cross entropy and the N3 regulariser (sum of cubed moduli).
 
     PyKEEN's ``pipeline`` and ``hpo_pipeline`` accept ``model="ComplExN3"``. Train with
     ``training_loop="IndexedSymmetricLCWA"``, which regularises each looked-up factor once. PyKEEN's stock
@@ -77,7 +77,7 @@ class ComplExN3(ERModel):
         regularizer_kwargs: Mapping[str, Any] | None = None,
         **kwargs: Any,
     ) -> None:
-        """Set up embeddings and interaction.
+        """Set up the embeddings and the score function.
 
         Args:
             embedding_dim: number of complex dimensions.

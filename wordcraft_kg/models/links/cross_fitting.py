@@ -1,7 +1,7 @@
-"""Train a model for each fold on all other train recipes, in parallel if cores allow.
+"""Cross-fitting: train a model for each fold of the train recipes on all remaining folds, in parallel if possible.
 
-Finished folds are saved among the run's checkpoints, so a resumed run trains only missing folds. A fold's model depends
-on settings and triples alone, not on process or order.
+Finished models are saved among the run's checkpoints, so a resumed run trains only missing models. A fold's model
+depends on settings and triples alone, not on process or order.
 """
 
 import logging
@@ -37,7 +37,7 @@ AfterEpoch = Callable[[int], None]
 
 
 def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
-    """Return settings with a decided number of folds.
+    """Return the settings with the number of cross-fitting folds decided: as given, or a default for the graph.
 
     Raises:
         ConfigError: if the given number is impossible for the split.
@@ -97,12 +97,12 @@ def _kept(folder: Path) -> Checkpoints[FoldDone]:
 def train_folds(
     folder: Path, folds: Folds, settings: LinkSettings, *, seconds: float, after_epoch: Callable[[int, int], None]
 ) -> None:
-    """Train all missing fold models.
+    """Train all missing fold models (for each fold of train recipes, a model trained on the remaining folds).
 
     Args:
         folder: run folder.
-        folds: the folds.
-        settings: main model settings, with the final number of ``epochs``.
+        folds: folds of the train recipes.
+        settings: settings of the main model, with the final number of ``epochs``.
         seconds: duration of the main training, which decides on parallel processes.
         after_epoch: called regularly with the finished and total epochs over all folds; may raise to end the training.
 
@@ -125,7 +125,7 @@ def train_folds(
 
 
 def write_link_folds(folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings) -> FoldsRecord:
-    """Write all fold files; return the record."""
+    """Write the files for all fold models; return the record with the cross-fitting metrics."""
     kept = _kept(folder)
 
     def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:

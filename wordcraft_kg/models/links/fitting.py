@@ -1,4 +1,4 @@
-"""Train a PyKEEN model, with validation, trace and checkpoints, or without a run folder."""
+"""Train a PyKEEN model: in a run folder with validation, trace (metrics per epoch) and checkpoints, or without."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -57,7 +57,7 @@ def train_epochs(
 
 
 def fit(settings: LinkSettings, factory: TriplesFactory, after_epoch: Callable[[int], None]) -> Model:
-    """Train a model without a run folder; equal settings and triples give the same model as a run.
+    """Return a model trained without a run folder; equal settings and triples give the same model as a run.
 
     Args:
         settings: model and training settings.
@@ -87,16 +87,16 @@ class _Epochs(TrainingCallback):
 
 
 QUIET = 20.0
-"""Seconds between reports within an epoch."""
+"""Seconds between progress reports within an epoch."""
 
 
 class Epochs(TrainingCallback):
-    """PyKEEN callback for all epochs in a run.
+    """PyKEEN callback for a training in a run folder: validates, logs, saves checkpoints and stops the training.
 
-    Epoch ``n`` draws from (seed, n) alone, so a checkpoint needs no generator state.
+    Random numbers in epoch ``n`` depend on (seed, n) alone, so a checkpoint needs no generator state.
 
     Attributes:
-        so_far: trace, seconds and best epoch.
+        so_far: progress so far: trace (metrics per epoch), seconds and best epoch.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Epochs(TrainingCallback):
         progress: Progress | None,
         log: Log,
     ):
-        """Start without epochs; ``triples`` has shape (T, 3)."""
+        """Start before the first epoch; ``triples`` are the training triples, shape (T, 3)."""
         super().__init__()
         self.run, self.opened, self.triples, self.settings = run, opened, triples, settings
         self.report, self.log = progress, log
@@ -133,7 +133,7 @@ class Epochs(TrainingCallback):
             self.report(epoch - 1, self._total, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
-        """Validate, note, save, log and report an epoch; stop after the last one."""
+        """Validate, save, log and report after an epoch, if due; stop the training after the last epoch."""
         settings = self.settings
         is_ranked = self._valid is not None and (epoch % settings.eval_every == 0 or epoch == settings.epochs)
         row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=self._validate() if is_ranked else None, seconds=0.0)
@@ -156,7 +156,7 @@ class Epochs(TrainingCallback):
         seed_everything(settings.seed, epoch + 1)
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
-        """Restore a checkpoint with the same model and settings.
+        """Load model, optimiser and progress from a checkpoint into a new loop with the same model and settings.
 
         Raises:
             ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and epochs.
@@ -173,7 +173,7 @@ class Epochs(TrainingCallback):
         self.so_far = checkpoint.progress
 
     def restore_best(self, loop: TrainingLoop) -> None:
-        """Restore the best epoch if patience is set."""
+        """Load the best epoch's parameters into the loop's model, if ``patience`` is set."""
         if self.settings.patience and self._best:
             loop.model.load_state_dict(self._best)
 

@@ -1,4 +1,4 @@
-"""Entity popularity as an exact part of ComplEx, in three more dimensions per relation.
+"""Popularity (log counts of entities in the training triples) as part of ComplEx, in three dimensions per relation.
 
 A softmax over entities first learns how often each entity is an answer. On a small book the embeddings learn little
 more, and counting works better. So a multiple of the log counts is added to the scores.
@@ -11,11 +11,11 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
 
 DIMS = 3 * len(RELATIONS)
-"""Complex dimensions for popularity."""
+"""Number of complex dimensions for popularity, over all relations."""
 
 
 def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return ``log(1 + n)`` for each entity's counts as head, and as tail, by relation: two tensors, shape (R, E)."""
+    """Count entities as heads and as tails of triples (T, 3); return ``log(1 + n)``, two tensors of shape (R, E)."""
     heads, relations, tails = triples.T
     shape = (len(RELATIONS), num_entities)
     counts = (np.bincount(relations * num_entities + ends, minlength=shape[0] * shape[1]) for ends in (heads, tails))
@@ -24,7 +24,7 @@ def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def with_popularity(embeddings: dict[str, torch.Tensor], triples: Ids, weight: float) -> dict[str, torch.Tensor]:
-    """Return embeddings that add ``weight * (log(1 + n_head) + log(1 + n_tail))`` to all scores.
+    """Return ComplEx embeddings with ``weight * (log(1 + n_head) + log(1 + n_tail))`` added to all scores.
 
     Let ``f`` be the head term, ``g`` the tail term, ``x = (f + g) / 2`` and ``y = (f - g) / 2``. In a relation's three
     dimensions, entities have ``s + x / 2s``, ``s - x / 2s`` and ``s + i y / s``, and the relation has 1, -1 and -i:
@@ -36,7 +36,7 @@ def with_popularity(embeddings: dict[str, torch.Tensor], triples: Ids, weight: f
     Args:
         embeddings: ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d).
         triples: triples to count, shape (T, 3).
-        weight: 0 or more.
+        weight: popularity weight, 0 or more.
 
     Returns:
         embeddings with d + 6 dimensions; unchanged if the weight is 0.

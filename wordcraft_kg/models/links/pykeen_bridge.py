@@ -1,4 +1,4 @@
-"""Bridge to PyKEEN: triples factories, scores, and a guard around global seeding."""
+"""Bridge to PyKEEN: convert triples, compute all scores, and guard the global generators that PyKEEN seeds."""
 
 import gc
 import logging
@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 
 
 def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples: bool = False) -> TriplesFactory:
-    """Return a PyKEEN triples factory with the graph's entity and relation ids."""
+    """Return triples (T, 3) as a PyKEEN triples factory, with the entity and relation ids of the graph."""
     return TriplesFactory(
         mapped_triples=torch.from_numpy(triples.copy()),
         entity_to_id={label: i for i, label in enumerate(graph.entities)},
@@ -28,12 +28,12 @@ def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples:
 
 @torch.no_grad()
 def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -> torch.Tensor:
-    """Score all triples, by relation, head and tail, shape (R, E, E).
+    """Return the scores of all triples by relation, head and tail, shape (R, E, E).
 
     Args:
         model: PyKEEN model; set to evaluation mode.
-        entities: PyKEEN entity ids in result order, shape (E,).
-        relations: PyKEEN relation ids in result order.
+        entities: PyKEEN's entity ids in the order of the result, shape (E,).
+        relations: PyKEEN's relation ids in the order of the result.
     """
     entities = entities.to(model.device)
     # 64 heads at a time: some interactions build a (heads, entities, dim) tensor.
@@ -50,7 +50,7 @@ def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -
 
 
 def seed_everything(seed: int, epoch: int = 0) -> None:
-    """Seed PyKEEN's global generators by root seed and epoch, inside :func:`pykeen_guard`."""
+    """Seed the global generators that PyKEEN uses (Python, NumPy, torch) by seed and epoch, in :func:`pykeen_guard`."""
     value = int(np.random.SeedSequence([seed, epoch]).generate_state(1)[0])
     random.seed(value)
     np.random.seed(value)  # noqa: NPY002 - PyKEEN's negative samplers use this generator
@@ -59,7 +59,7 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
 
 @contextmanager
 def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
-    """Seed the global generators for PyKEEN and set torch's CPU threads; restore everything afterwards.
+    """Seed the global generators for PyKEEN and set torch's CPU threads in this block; restore both afterwards.
 
     Objects alive at the start are exempt from garbage collection: PyKEEN collects after each epoch, which takes 0.2 s
     for all imported objects.
@@ -86,7 +86,7 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
 
 @contextmanager
 def quiet_pykeen() -> Iterator[None]:
-    """Suppress PyKEEN, helper and sparse-optimiser warnings about internal options."""
+    """Suppress warnings from PyKEEN and torch's sparse tensors about internal options in this block."""
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

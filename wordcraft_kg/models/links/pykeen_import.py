@@ -1,4 +1,4 @@
-"""Scorers from models trained with PyKEEN's pipeline."""
+"""Make scorers from models that were trained with PyKEEN's own pipeline."""
 
 import torch
 from pykeen.models import Model
@@ -13,12 +13,12 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 
 
 def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> TableScorer:
-    """Compute a table scorer from a PyKEEN model.
+    """Return a table scorer (a scorer with a table of all triple scores) for a trained PyKEEN model.
 
     Args:
         model: the model, on any device, with or without inverse triples.
         factory: the model's training triples. Labels must match the graph; ids may differ.
-        opened: the graph, and the split for evaluation.
+        opened: the graph of the scorer, and the split for evaluation.
 
     Raises:
         GraphMismatchError: if model and graph have different entities or relations.

@@ -1,4 +1,4 @@
-"""Records in a link predictor's model folder."""
+"""JSON records in a link predictor's model folder."""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.wording import counted
@@ -14,8 +14,8 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         epoch: number from 1.
         loss: mean loss over the batches.
-        valid_mrr: MRR on the validation triples, if validated.
-        seconds: duration, including validation.
+        valid_mrr: mean reciprocal rank (MRR) on the validation triples; None if not validated.
+        seconds: duration of the epoch, including validation.
     """
 
     epoch: int
@@ -25,7 +25,7 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Candidate(Record, frozen=True, kw_only=True):
-    """A regularisation with the MRR on held-out train recipes."""
+    """A candidate regularisation: N3 weight and popularity weight, with the MRR on held-out train recipes."""
 
     n3: float
     popularity: float
@@ -33,15 +33,15 @@ class Candidate(Record, frozen=True, kw_only=True):
 
 
 class Choice(Record, frozen=True, kw_only=True):
-    """``choice.json``: the regularisation chosen on held-out train recipes.
+    """Content of ``choice.json``: the regularisation chosen on held-out train recipes.
 
     Attributes:
         n3: chosen N3 weight.
         popularity: chosen popularity weight.
         mrr: MRR on the held-out triples with these weights.
-        frequency_mrr: MRR on the same triples with the frequency rule.
+        frequency_mrr: MRR on the same triples with the frequency rule, which ranks entities by training counts.
         candidates: all candidates.
-        folds: number of random held-out samples.
+        folds: number of random samples of held-out recipes.
         epochs: epochs per training.
         queries: number of held-out queries over all folds.
     """
@@ -57,11 +57,11 @@ class Choice(Record, frozen=True, kw_only=True):
 
     @property
     def beats_counting(self) -> bool:
-        """Whether any candidate beats the frequency rule."""
+        """Whether any candidate has a higher MRR than the frequency rule."""
         return max(candidate.mrr for candidate in self.candidates) > self.frequency_mrr
 
     def __str__(self) -> str:
-        """Return the choice and the metrics in a line."""
+        """Return the chosen weights and the metrics as a line of text."""
         without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
         return (
             f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on {self.queries:,} held-out train "
@@ -71,12 +71,12 @@ class Choice(Record, frozen=True, kw_only=True):
 
 
 class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """``metrics.json``: training metrics.
+    """Content of ``metrics.json``: metrics from the training of a link predictor.
 
     Attributes:
         kg: training graph: partial or full.
-        train_fraction: training fraction.
-        label_noise: label noise.
+        train_fraction: fraction of the train recipes used for training.
+        label_noise: fraction of these recipes with a wrong result.
         triples: number of training triples.
         epochs: number of epochs.
         best_epoch: best epoch by validation MRR, if validated.
@@ -89,8 +89,8 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
         train_mrr_triples: number of triples ranked for ``train_mrr``.
         choice: chosen regularisation, if any.
         folds: number of cross-fitting folds.
-        fold_mrr: fold models' out-of-sample MRR on train triples, if any.
-        fold_in_sample_mrr: main model's in-sample MRR on the same triples.
+        fold_mrr: out-of-sample MRR on train triples, by the fold models, if any.
+        fold_in_sample_mrr: in-sample MRR on the same triples, by the main model.
     """
 
     kg: KG
@@ -113,14 +113,14 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class FoldDone(Record, frozen=True, kw_only=True):
-    """Record for a fold model in an unfinished run: training triples' hash, and epochs."""
+    """Record saved with a finished fold model in an unfinished run: hash of the training triples, and epochs."""
 
     trained_on: Hash
     epochs: Count
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):
-    """Training progress in a checkpoint."""
+    """Training progress in a checkpoint: duration, best epoch, early stop, and trace (metrics per epoch)."""
 
     seconds: float
     best_mrr: float | None
@@ -130,7 +130,7 @@ class LinkProgress(Record, frozen=True, kw_only=True):
 
 
 def links_history(files: RunFiles) -> History:
-    """Return a link predictor's history."""
+    """Return a link predictor's training history: settings, metrics, trace and facts for reports."""
     config, metrics = LinksConfig.read(files.folder), files.record("metrics.json", LinkMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),

@@ -1,4 +1,4 @@
-"""Choose the regularisation for ComplEx on small and large books, with held-out train recipes.
+"""Choose the regularisation for ComplEx on small and large recipe books, with held-out train recipes.
 
 No single weight suits hundreds and thousands of recipes, and on tens of thousands of entities a few epochs learn less
 than the frequency rule. So short trainings hold out and rank train recipes, as the split does. Each training covers all
@@ -28,16 +28,16 @@ from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampl
 SMALL = 2_000
 """Largest number of train recipes in a small book; larger books use the fixed default."""
 FOLDS = 4
-"""For a small book; a large book needs only one fold."""
+"""Number of held-out samples for a small book; a large book needs only one sample."""
 HELD_OUT = 0.2
 RANKED = 2_000
 """Largest number of ranked triples per fold; fewer above 30,000 entities."""
 SHARE_OF_EPOCHS = 0.1
 """Epochs per fold as a fraction of all epochs: with two N3 weights and four folds, about one more training."""
 N3 = (0.01, 0.1)
-"""For a small book."""
+"""Candidate N3 weights for a small book."""
 POPULARITY = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Weights for the log counts. At 16 the counts nearly decide the order, and the embeddings break ties."""
+"""Candidate weights for the log counts. At 16 the counts nearly decide the order, and the embeddings break ties."""
 
 CAUTION = 0.05
 """Share of the best MRR to trade for more popularity: short trainings overfit less than the full training."""
@@ -50,7 +50,9 @@ def choose(
     *,
     recipes: Ids | None = None,
 ) -> Choice | None:
-    """Choose open weights: N3 and popularity on a small book, only popularity on a large book (sampled softmax).
+    """Choose weights that the settings leave open: N3 and popularity on a small book, else only popularity.
+
+    On a large book, weights are chosen only for a sampled softmax.
 
     Args:
         opened: graph and split; only the train recipes are used.
@@ -59,8 +61,8 @@ def choose(
         recipes: training recipes, shape (n, 3). Default: all train recipes.
 
     Returns:
-        All candidates and the choice: most popularity among all candidates with nearly the best MRR. None without open
-        weights, or with too few held-out triples.
+        All candidates and the choice: most popularity among all candidates with nearly the best MRR.
+        None without open weights, or with too few held-out triples.
     """
     split = opened.split
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
@@ -131,10 +133,10 @@ def _reciprocal_ranks(fold: Split, settings: ComplExConfig, after_epoch: Callabl
 
 
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:
-    """Split the train recipes again, with the same kind of split.
+    """Split the train recipes again into a train and a test part, with the same kind of split.
 
     Args:
-        split: the whole graph's split.
+        split: split of the whole graph.
         held_out: share of pairs, or goals, in the new test part.
         seed: split seed.
         recipes: recipes to split, shape (n, 3). Default: all train recipes.

@@ -1,4 +1,4 @@
-"""Files in a finished model folder."""
+"""Write the files in the model folder of a trained link predictor."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def write_results(
     progress: LinkProgress,
     choice: Choice | None = None,
 ) -> tuple[Scorer, LinkMetrics]:
-    """Write scorer files, metrics and trace; return scorer and metrics."""
+    """Write a trained model's scorer, metrics and trace (metrics per epoch); return scorer and metrics."""
     model.eval()
     graph, triples = train_sample.graph, train_sample.triples
     kind, tensors = scorer_tensors(settings, model, triples)
@@ -59,14 +59,14 @@ def write_results(
 
 
 def with_folds(folder: Path, metrics: LinkMetrics, record: FoldsRecord) -> LinkMetrics:
-    """Add the fold metrics, and write ``metrics.json`` again."""
+    """Return the metrics with the cross-fitting metrics added, and write ``metrics.json`` again."""
     metrics = replace(metrics, folds=record.count, fold_mrr=record.mrr, fold_in_sample_mrr=record.in_sample_mrr)
     write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
     return metrics
 
 
 def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
-    """Return the model card."""
+    """Return the model card (``README.md``) for a link predictor."""
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
     sample = describe_train_sample(settings.train_fraction, settings.label_noise) or "the train recipes"
     seen = f"the triples of {sample} only."

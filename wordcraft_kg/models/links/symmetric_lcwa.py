@@ -24,7 +24,9 @@ from wordcraft_kg.base.errors import ConfigError
 
 
 class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
-    """Both-side softmax cross entropy with index targets, for models with one embedding per entity and relation.
+    """PyKEEN training loop: softmax cross entropy for heads and for tails, with target indices.
+
+    The loop is for models with a single embedding per entity and per relation:
 
     ``loss = mean_b [ -log p(t | h, r) - log p(h | r, t) ] + regularisation(h) + (r) + (t)``, with the softmax over all
     entities and each looked-up factor regularised once.
@@ -33,7 +35,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     """
 
     def __init__(self, model: ERModel, *args: Any, **kwargs: Any) -> None:
-        """Set the loop up as PyKEEN does.
+        """Check the model, and set up the loop with PyKEEN's arguments.
 
         Raises:
             ConfigError: for a loss other than cross entropy, or a model without single embeddings.
@@ -92,7 +94,7 @@ training_loop_resolver.register(IndexedSymmetricLCWATrainingLoop, raise_on_confl
 def sampled_cross_entropy(
     true: torch.Tensor, sampled: torch.Tensor, log_expected: torch.Tensor, is_true: torch.Tensor
 ) -> torch.Tensor:
-    """Return the mean cross entropy of the true entities against sampled entities.
+    """Return the mean cross entropy over B queries, with a softmax over the true entity and S sampled entities.
 
     ``mean_b [ log( exp s_b + Σ_j exp(s_bj - log m_j) ) - s_b ]``, summed over all sampled j except the true entity. If
     every entity is sampled once and expected once (``m_j = 1``), the result is the cross entropy over all entities.
@@ -110,7 +112,7 @@ def sampled_cross_entropy(
 
 
 class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
-    """Both-side softmax cross entropy over sampled entities, drawn anew for each batch.
+    """PyKEEN training loop: softmax cross entropy for heads and for tails over entities sampled for each batch.
 
     Entity j is drawn with probability ``q_j = (1 / E + c_j / 2 T) / 2``, where c_j counts j among the 2 T heads and
     tails: the uniform half gives every entity negative examples, and the other half follows the frequencies, which a

@@ -38,11 +38,11 @@ CHOICE = "choice.json"
 
 @dataclass(frozen=True)
 class TrainedLinks:
-    """Outcome of a training run.
+    """Outcome of :func:`train_links`.
 
     Attributes:
         folder: model folder.
-        epoch: last trained epoch; an interrupted run has a checkpoint there.
+        epoch: last trained epoch; an interrupted run has a checkpoint of this epoch.
         metrics: content of ``metrics.json``; None if interrupted (the same call resumes the run).
     """
 
@@ -97,7 +97,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     decided = ("folds", "n3", "popularity", "negatives")
 
     def __init__(self, config: LinksConfig, opened: OpenedGraph):
-        """Decide the settings that depend on the graph.
+        """Decide all settings that depend on the graph, and draw the training recipes.
 
         Raises:
             ConfigError: if the settings do not fit the graph or machine.

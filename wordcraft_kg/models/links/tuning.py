@@ -1,4 +1,4 @@
-"""Choose settings with Optuna on validation triples, never on test triples.
+"""Search model settings with Optuna by the MRR on validation triples, never on test triples.
 
 A search folder holds ``search.json`` (the definition), ``trials.jsonl`` (a line per finished trial) and ``best.toml``
 (the best settings so far, for ``--config``). A trial depends only on the seed, the trial number and earlier trials, so
@@ -53,7 +53,7 @@ _OTHERS: dict[str, BaseDistribution] = {
 
 
 class Trial(Record, frozen=True, kw_only=True):
-    """A line of ``trials.jsonl``: settings and validation MRR, None if the loss was not finite."""
+    """A line of ``trials.jsonl``: a training's settings and validation MRR, None if the loss was not finite."""
 
     number: Count
     valid_mrr: Share | None
@@ -62,7 +62,7 @@ class Trial(Record, frozen=True, kw_only=True):
 
 
 class Search(Record, frozen=True, kw_only=True):
-    """``search.json``: a search definition, without the number of trials."""
+    """Content of ``search.json``: all arguments that define a search, without the number of trials."""
 
     format: Literal["wordcraft-kg search 1"] = "wordcraft-kg search 1"
     graph: str
@@ -74,7 +74,7 @@ class Search(Record, frozen=True, kw_only=True):
 
 
 class Tuned(Record):
-    """A search's best settings, and the matching command.
+    """Outcome of a search: the best settings, and the training command that accepts these settings.
 
     Attributes:
         out: search folder.
@@ -129,7 +129,7 @@ def tune(
     force: bool = False,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Search model settings on the partial graph, or resume a search with fewer trials.
+    """Search the model settings with the best validation MRR on the partial graph, or add trials to an earlier search.
 
     Args:
         opened: graph and split; a missing validation part is drawn from the train recipes.

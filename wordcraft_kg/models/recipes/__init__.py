@@ -1,1 +1,1 @@
-"""Recipe scorers: estimate how plausible a result is for a pair, fitted on held-out recipes."""
+"""Recipe scorers: models that estimate how plausible a result is for two ingredients, fitted on held-out recipes."""

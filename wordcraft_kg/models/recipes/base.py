@@ -1,4 +1,4 @@
-"""Closed-form predictions from recipes, and link features for the rankers."""
+"""Predictions computed from recipes without training, and link features for the rankers (small networks)."""
 
 from dataclasses import dataclass
 
@@ -13,21 +13,21 @@ from wordcraft_kg.models.scorers.pair_features import FLOOR
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """Tables of shape (E, E) computed from recipes and words.
+    """Tables of shape (E, E) for all pairs of E entities, computed from recipes and word vectors.
 
-    An entity without recipes is described by words alone and does not change other entities' rows.
+    An entity without recipes is described by words alone and does not change the rows of known entities.
 
     Attributes:
-        recipes: the recipes, shape (n, 3).
+        recipes: the recipes as ids (ingredient, ingredient, result), shape (n, 3).
         seen: ids of all entities in the recipes.
-        text: word cosines.
+        text: cosines between the word vectors of entities.
         kernel: entity similarity by recipes and words.
-        structure: similarity by recipes alone.
+        structure: entity similarity by recipes alone.
         alike: the normalised kernel, squared.
         words_like: positive word cosines to the power 4.
-        combines, components: links from the recipes, 1 or 0.
+        combines, components: combinesWith and componentOf links of the recipes, 1 or 0, row = head.
         completed: see :func:`~wordcraft_kg.models.scorers.kernel.completion`.
-        pairs, parts: combinesWith and componentOf as predicted by the kernel, standardised.
+        pairs, parts: standardised scores for combinesWith and componentOf links, predicted with the kernel.
     """
 
     recipes: Ids
@@ -45,7 +45,7 @@ class Base:
 
     @classmethod
     def of(cls, recipes: Ids, text: Tensor) -> "Base":
-        """Compute all tables; ``text`` holds word cosines, or zeros."""
+        """Compute all tables from recipes (n, 3) and word cosines ``text`` (E, E), which are zeros without words."""
         size = len(text)
         kernel = similarity(recipes, text)
         combines, components = link_matrices(recipes, size)
@@ -67,12 +67,15 @@ class Base:
         )
 
     def column(self, number: int) -> Tensor:
-        """Return a recipe column, shape (n,)."""
+        """Return a recipe column (0 and 1: ingredients, 2: results) as entity ids, shape (n,)."""
         return torch.from_numpy(self.recipes[:, number].copy())
 
 
 def link_features(base: Base) -> tuple[Tensor, Tensor]:
-    """Return features for all combinesWith (symmetric) and componentOf links, shapes (E, E, F), row = head."""
+    """Return F features for all possible combinesWith links (symmetric) and componentOf links.
+
+    Each tensor has shape (E, E, F), row = head; F depends on the relation.
+    """
     return torch.stack(_of_pairs(base), dim=-1), torch.stack(_of_parts(base), dim=-1)
 
 

@@ -1,8 +1,8 @@
-"""Fit a recipe scorer by stacking: rankers learn from features of held-out recipes.
+"""Fit a recipe scorer by stacking: rankers (small networks) learn from features of held-out recipes.
 
 Each fold's features come from the remaining folds, and a ranker learns feature weights. The final scorer applies the
-ranker to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007). The scorer without a fold is
-fitted in the same way on the remaining folds.
+ranker to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007). For cross-fitting, a scorer
+without a fold is fitted in the same way on the remaining folds.
 """
 
 import math
@@ -25,12 +25,12 @@ WEIGHT_DECAY = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Ranker:
-    """``score(x) = second · relu(x first + first_bias) + bias``, on raw features.
+    """A network that scores F raw features: ``score(x) = second · relu(x first + first_bias) + bias``.
 
     Attributes:
-        first: shape (F, H).
+        first: weights of the H hidden units, shape (F, H).
         first_bias: shape (H,).
-        second: shape (H,).
+        second: output weights, shape (H,).
         bias: shape ().
     """
 
@@ -40,12 +40,12 @@ class Ranker:
     bias: Tensor
 
     def __call__(self, features: Tensor) -> Tensor:
-        """Score features of shape (..., F)."""
+        """Return scores of shape (...) for features of shape (..., F)."""
         return torch.relu(features @ self.first + self.first_bias) @ self.second + self.bias
 
 
 Batch = tuple[Tensor, Tensor, Tensor]
-"""Features (B, N, F) for N candidates and B queries; masks for competing and right candidates (B, N)."""
+"""B queries with N candidates: features (B, N, F), and two masks for competing and right candidates (B, N)."""
 
 
 def fit_ranker(
@@ -57,10 +57,12 @@ def fit_ranker(
     learning_rate: float,
     generator: torch.Generator,
 ) -> Ranker:
-    """Fit a ranker by ``-log Σ_right softmax(scores)``, with AdamW and one cycle of the learning rate.
+    """Fit a ranker that scores right candidates above competing candidates.
+
+    The loss per query is ``-log Σ_right softmax(scores)``, minimised with AdamW and one cycle of the learning rate.
 
     Args:
-        batches: the queries.
+        batches: training queries, see :data:`Batch`.
         mean: feature means, shape (F,).
         deviation: feature standard deviations, shape (F,).
         epochs: passes over the batches.
@@ -102,16 +104,16 @@ def _shuffled(amount: int, epochs: int, generator: torch.Generator) -> Iterator[
 
 
 LinkRankers = tuple[Ranker, Ranker]
-"""Rankers for combinesWith and componentOf."""
+"""A ranker for combinesWith links and a ranker for componentOf links."""
 LINK_QUERIES = 300
-"""Queries per fold, relation and side."""
+"""Largest number of queries per fold, relation and side (head or tail)."""
 LINK_BATCH = 32
 LINK_EPOCHS = 10
 LINK_RATE = 5e-3
 UNKNOWN = 0.1
-"""Share of entities to hold out once."""
+"""Share of entities to hold out, so that rankers learn from words alone."""
 TABLES = (8, 2)
-"""Numbers of distractors on each recipe's tables."""
+"""Numbers of distractors (entities outside the recipe) on the two tables for each held-out recipe."""
 PAIR_BATCH = 256
 PAIR_EPOCHS = 30
 PAIR_RATE = 1e-2
@@ -125,14 +127,17 @@ def fit_recipe_scorer(
     seed: int = 0,
     after: Callable[[], None] = lambda: None,
 ) -> tuple[RecipeKnowledge, LinkRankers]:
-    """Fit a recipe scorer without the left-out folds; return knowledge and link rankers.
+    """Fit a recipe scorer on all folds except the left-out folds.
 
     Args:
         folds: folds of train recipes, held out in turn.
-        text: word cosines of entities, shape (E, E); zeros without words.
-        left_out: folds without influence on the result.
+        text: cosines between word vectors of entities, shape (E, E); zeros without words.
+        left_out: numbers of folds without influence on the result.
         seed: seed for rankers and tables.
         after: called after each fold; may raise to end the fit.
+
+    Returns:
+        The knowledge (all tables and weights that score recipes), and the link rankers.
     """
     turns = [fold for fold in range(folds.count) if fold not in left_out]
     rng = np.random.default_rng([seed, *sorted(left_out)])
@@ -153,13 +158,13 @@ def fit_recipe_scorer(
 
 
 def knowledge_from(base: Base, rankers: LinkRankers) -> RecipeKnowledge:
-    """Compute the knowledge from recipes and link rankers, with an all-zero pair ranker."""
+    """Compute the knowledge (tables that score recipes) from base tables and link rankers, with a zero pair ranker."""
     links = tuple(_scored(ranker, features) for ranker, features in zip(rankers, link_features(base), strict=True))
     return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]))
 
 
 def scorer_tensors(knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Ids) -> dict[str, Tensor]:
-    """Return a scorer's tensors: knowledge, link rankers and training recipes, shape (n, 3)."""
+    """Return all tensors to save for a recipe scorer, by name: knowledge, link rankers and training recipes (n, 3)."""
     return {
         **knowledge.constants(),
         **{
@@ -187,13 +192,13 @@ def fit_link_rankers(
     generator: torch.Generator,
     after: Callable[[], None] = lambda: None,
 ) -> tuple[list[Base], LinkRankers]:
-    """Fit rankers for both relations on links from held-out folds and to unknown entities.
+    """Fit a ranker for each relation, on links from held-out folds and links to held-out (unknown) entities.
 
     See :func:`fit_recipe_scorer` for the arguments; ``rng`` draws queries and unknown entities, ``generator`` the
     initial weights.
 
     Returns:
-        The bases without each fold, and the rankers.
+        A :class:`Base` for each fold, computed without the fold, and the two rankers.
     """
     size = folds.split.graph.num_entities
     turns = [fold for fold in range(folds.count) if fold not in left_out]

@@ -30,14 +30,14 @@ from wordcraft_kg.runs.record import read_finished_run
 
 
 def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScorer:
-    """Return a recipe scorer with n more entities that have words but no recipes.
+    """Return a copy of a recipe scorer that scores n more entities, described by words without recipes.
 
     Recipes and rankers stay, and old entities keep the same scores, up to rounding in 16-bit tables.
 
     Args:
-        scorer: recipe scorer for E entities; a cross-fitted scorer is replaced by the main scorer.
-        labels: new labels; new ids follow the old ids.
-        text: word cosines by id, shape (E + n, E + n).
+        scorer: recipe scorer for E entities; for a cross-fitted scorer, the main scorer is extended.
+        labels: labels of the n new entities, with ids from E on.
+        text: cosines between the word vectors of all entities, by id, shape (E + n, E + n).
 
     Raises:
         ConfigError: if the scorer has another kind, a label is invalid or known, or there are too many entities.
@@ -74,13 +74,13 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
 def with_words(
     folder: str | Path, scorer: Scorer, labels: Sequence[str], *, where: Callable[[str], str] = lambda label: ""
 ) -> RecipeScorer:
-    """Extend a model folder's scorer with new entities, described by words.
+    """Return a copy of a model folder's scorer that scores new entities by the words in the labels.
 
     Args:
         folder: folder written by ``train-recipes``.
         scorer: the folder's scorer.
-        labels: new labels, without duplicates.
-        where: returns an error prefix for a label.
+        labels: labels of the new entities, without duplicates.
+        where: function that returns a prefix for errors about a label, such as a line number.
 
     Raises:
         UnknownEntityError: if the model uses no words, or a label has no word vector.

@@ -1,4 +1,4 @@
-"""Records in a recipe scorer's folder."""
+"""JSON records in a recipe scorer's model folder."""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import KG
@@ -8,23 +8,23 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 class FitDone(Record, frozen=True, kw_only=True):
-    """Record for a fit in an unfinished run: the training triples' hash."""
+    """Record saved with a finished fit in an unfinished run: the hash of the training triples."""
 
     trained_on: Hash
 
 
 class RecipeMetrics(Record, frozen=True, kw_only=True):
-    """``metrics.json``: recipe scorer metrics.
+    """Content of ``metrics.json``: metrics from the training of a recipe scorer.
 
     Attributes:
         kg: training graph: partial or full.
-        train_fraction: training fraction.
-        label_noise: label noise.
+        train_fraction: fraction of the train recipes used for training.
+        label_noise: fraction of these recipes with a wrong result.
         recipes: number of training recipes.
         seconds: duration of all fits.
         folds: number of cross-fitting folds.
-        fold_mrr: fold models' out-of-sample MRR on train triples, if any.
-        fold_in_sample_mrr: main model's in-sample MRR on the same triples.
+        fold_mrr: out-of-sample mean reciprocal rank (MRR) on train triples, by the fold models, if any.
+        fold_in_sample_mrr: in-sample MRR on the same triples, by the main model.
     """
 
     kg: KG
@@ -38,7 +38,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
 
 
 def recipes_history(files: RunFiles) -> History:
-    """Return a recipe scorer's history."""
+    """Return a recipe scorer's training history: settings, metrics and facts for reports."""
     config, metrics = RecipesConfig.read(files.folder), files.record("metrics.json", RecipeMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),

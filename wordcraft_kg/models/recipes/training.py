@@ -1,6 +1,6 @@
-"""Fit recipe scorers into a model folder: on all train recipes, and without each fold.
+"""Fit recipe scorers into a model folder: on all train recipes, and for cross-fitting without each fold in turn.
 
-Fits run in parallel if cores allow. Finished fits are saved, so a resumed run makes only missing fits.
+Fits run in parallel if there are enough CPU cores. A resumed run makes only fits that were not finished.
 """
 
 import time
@@ -45,10 +45,10 @@ ALONE = 1_000
 
 @dataclass(frozen=True)
 class TrainedRecipes:
-    """Outcome of a run.
+    """Outcome of :func:`train_recipes`.
 
     Attributes:
-        folder: model folder.
+        folder: model folder with the recipe scorer.
         metrics: content of ``metrics.json``.
     """
 
@@ -87,7 +87,7 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
     """Return folds of training recipes.
 
     Raises:
-        ConfigError: if there is no partial graph, or the graph or training set is too large or small.
+        ConfigError: if the split gives no partial graph, or the graph or training set is too large or small.
     """
     check_dense("a recipe scorer", opened.graph.num_entities)
     split = opened.split
@@ -166,7 +166,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     config_type = RecipesConfig
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
-        """Draw the folds and look up word vectors.
+        """Draw the cross-fitting folds and look up the word vectors of all entities.
 
         Raises:
             ConfigError: if the settings do not fit the graph.
@@ -184,7 +184,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return {"inputs": inputs}
 
     def restored(self, run: RunFolder[FitDone]) -> None:
-        """Return no checkpoint: finished fits are saved instead."""
+        """Return None in place of a checkpoint: a resumed run skips all saved fits."""
 
     def fit(  # noqa: D102 - inherited
         self, run: RunFolder[FitDone], report: Progress | None, log: Log, checkpoint: Checkpoint[FitDone] | None

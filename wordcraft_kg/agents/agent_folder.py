@@ -19,7 +19,7 @@ from wordcraft_kg.runs.record import RunRecord, run_name
 AGENTS = RunKind(AgentConfig.commands, "agent", unit="step", progress=AgentProgress)
 _METRICS = "metrics.jsonl"
 INPUTS = ("policy.json", "constants.safetensors")
-"""Files that exist from the start and never change; their hashes are in ``run.json``."""
+"""Files in a run folder that never change during training; ``run.json`` holds the hashes."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class AgentRun:
 
 @dataclass(frozen=True)
 class OpenedAgent(AgentRun):
-    """An agent ready for evaluation: policy weights at ``checkpoint``, and the training graph, verified by hash."""
+    """An agent ready for evaluation: records, policy at ``checkpoint``, and training graph, verified by hash."""
 
     policy: Policy
     opened: OpenedGraph
@@ -90,7 +90,7 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
     """Open an agent's run folder for evaluation; an unfinished run is opened at the last checkpoint.
 
     Args:
-        folder: ``train-agent`` run folder.
+        folder: run folder, written by ``train_agent`` or the command train-agent.
         graph: new location of the training graph if the folder was moved, or the opened graph.
 
     Raises:

@@ -137,7 +137,7 @@ class ImpalaConfig:
 
 
 KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample")
-"""Policy settings for the use of a scorer."""
+"""Names of the policy settings that only have an effect with a scorer."""
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.runs.trackers import Log
 
 EVALUATED: tuple[TaskPart, ...] = ("train", "test")
-"""Splits on which a trained agent is evaluated."""
+"""Parts of the split on which a trained agent is evaluated."""
 DISTRACTOR_SEEDS = 5
 CURVE_TASKS = 4_000
-"""Maximum number of tasks per split for a point on a learning curve; the final evaluation uses far more."""
+"""Maximum number of tasks per part of the split for a point on a learning curve; the final evaluation uses far more."""
 
 
 class MetricsFile:

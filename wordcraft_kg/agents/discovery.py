@@ -32,12 +32,12 @@ Behaviour 7, 1481-1489."""
 CANDIDATES = 16
 """Number of results per pair that a player with a scorer considers; the remaining results are improbable."""
 MARKS = (1, 10, 20, 50, 100)
-"""Numbers of attempts in a summary."""
+"""Numbers of attempts at which a summary reports known entities."""
 _BYTES_PER_ROW = 100  # in the frame of curves and derived frames
 PAIR_BYTES = 40
-"""Memory per entity pair for a player with a scorer: two tables and sums of rows."""
+"""Bytes per entity pair for a player with a scorer: two tables and sums of rows."""
 MOST_BYTES = 4 * 2**30
-"""Maximum memory for a player with a scorer."""
+"""Maximum memory for a player with a scorer, in bytes."""
 _MAX_SCORE = 50.0  # standard deviations; exp of larger numbers would overflow
 
 
@@ -249,7 +249,7 @@ DISCOVERERS = {
     "empowerment": "knows the graph: results that make the most new entities",
     "empowerment-scorer": "guided by a link predictor: results expected to make the most new entities",
 }
-"""Description by player."""
+"""Short descriptions of the players, by name."""
 
 
 def make_discoverers(

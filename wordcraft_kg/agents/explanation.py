@@ -32,9 +32,9 @@ from wordcraft_kg.models.scorers.recipes import Witness
 
 _MAX_PAIRS = 3  # with evidence, per action
 MOST_ON_TABLE = 64
-"""Maximum size for a custom table; time grows with the square."""
+"""Maximum number of entities on a custom table; computing time grows with the square."""
 Model = Literal["no_scorer", "no_recipes", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"]
-"""Answering model by training recipes; ``no_knowledge``: all models were trained on recipes in the plan."""
+"""Model behind the scores, by training recipes; ``no_knowledge``: all models were trained on recipes in the plan."""
 
 
 class SlotEvidence(Record):

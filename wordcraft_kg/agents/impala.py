@@ -23,9 +23,9 @@ from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
-"""Losses per update, summed over the batch, and the gradient norm before clipping."""
+"""Names of the losses (summed over the batch) and of the gradient norm before clipping."""
 FIGURES = (*LOSSES, "rewards", "episodes", "successes", "updates")
-"""Sums since the last reading: losses, rewards, and counts of finished episodes, goals and updates."""
+"""Names of the sums since metrics were last taken: losses, rewards, and counts of episodes, goals and updates."""
 
 
 class _Unroll(NamedTuple):

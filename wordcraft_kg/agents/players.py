@@ -33,13 +33,13 @@ from wordcraft_kg.models.scorers.scales import SelfEdges
 
 Player = Callable[[State, np.random.Generator], Ids]
 PLAYERS: Registry[Callable[[Split], Player]] = Registry("wordcraft_kg.players")
-"""Player constructors from other packages."""
+"""Player constructors that other packages register, by name."""
 SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
-"""Slot scores by goal, selection, table and task, for example a source."""
+"""A function that scores slots by goal, selection, table and task, for example a source."""
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""Scores for recipes ``a + b -> c`` by broadcastable ids of a, b and c."""
+"""A function that scores recipes ``a + b -> c``, for tensors of ids a, b and c that broadcast."""
 CELLS = 200_000
-"""Batch size for slot pairs: a state with A slots has A² pairs."""
+"""Maximum number of slot pairs to score at once: a state with A slots has A² pairs."""
 
 
 def random_entity(state: State, rng: np.random.Generator) -> Ids:

@@ -144,7 +144,7 @@ def _folded(network: Policy) -> list[FoldedSource]:
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
-    """Policy for PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
+    """A policy for PPO and A2C with our network: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
 
     ``network`` is a policy of this package, from :func:`~wordcraft_kg.models.policies.folder.make_policy` or
     ``load_policy``. Training changes a copy, ``model.policy.network``, but neither scores nor constant vectors, which
@@ -161,9 +161,9 @@ class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
 
 
 class MaskableSB3Policy(_NetworkPolicy, MaskableActorCriticPolicy):
-    """:class:`SB3Policy` for MaskablePPO of sb3-contrib, with optional custom masks.
+    """:class:`SB3Policy` for MaskablePPO of sb3-contrib, which accepts additional action masks.
 
-    Environment masks are redundant, because empty slots are always excluded.
+    The environment's own masks change nothing, because empty slots are always excluded.
     """
 
 

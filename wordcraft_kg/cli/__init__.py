@@ -39,9 +39,9 @@ CORE = {
     "Comparisons and studies": ["compare", "reference", "reproduce"],
     "Tasks and play": ["tasks", "discover"],
 }
-"""Core commands, by help group."""
+"""Commands of the package itself, by group in the help."""
 APPS = {point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")}
-"""App commands and their entry points."""
+"""Entry points of the commands that apps add, by command name."""
 ALL = [name for names in CORE.values() for name in names] + sorted(APPS)
 PROGRAM = "wordcraft-kg"
 

@@ -21,7 +21,7 @@ from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
 from wordcraft_kg.cli.console import Output
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
-"""Option names that differ from the setting's name."""
+"""Option names by Python setting name, where the two differ."""
 RENAMED = {
     "ask-opinions": "elicit",
     "baselines": "evaluate-agent",
@@ -41,7 +41,7 @@ RENAMED = {
     "--noise": "--label-noise",
     "--share": "--train-fraction",
 }
-"""Former names of commands and options."""
+"""New names of renamed commands and options, by former name."""
 INTERRUPTED = 130
 _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cyclopts.completion import CompletionContext
 
 AGENT = "train-agent"
-"""Kind of run that trains an agent."""
+"""Kind of run, as in ``run.json``, that trains an agent."""
 
 
 def _complete_book(context: "CompletionContext") -> Iterator[str]:

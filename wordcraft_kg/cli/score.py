@@ -27,7 +27,7 @@ EXAMPLES = (
     "wordcraft-kg score models/everyday-recipes _ + water = dough",
 )
 EXPLAINED = 3
-"""Answers shown with supporting recipes."""
+"""Number of answers that are shown with supporting recipes."""
 
 
 def score(

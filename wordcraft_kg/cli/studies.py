@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.studies.tasks import Workers
 
 LISTED = 10
-"""Tasks to list in a dry run or a failure message."""
+"""Maximum number of tasks to list in a dry run or a failure message."""
 
 
 @Parameter(name="*", group="Engine")

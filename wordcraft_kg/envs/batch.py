@@ -19,7 +19,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
-"""Names of the outcome codes."""
+"""Names of the outcomes of a step; a code is an index into this tuple."""
 
 _DENSE_LIMIT = 4_096  # entities up to which pairs are looked up in a square table, of 4 bytes a cell
 

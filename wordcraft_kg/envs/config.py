@@ -23,8 +23,9 @@ class RewardConfig:
 
     Attributes:
         wrong_pair_penalty: subtracted if an attempt makes nothing.
-        irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate.
-        intermediate_reward: added when an intermediate in a plan is first made.
+        irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate (a product of a plan
+            before the goal).
+        intermediate_reward: added when an attempt first makes an intermediate.
     """
 
     wrong_pair_penalty: float = 0.0
@@ -37,7 +38,7 @@ class RewardConfig:
 
 
 REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
-"""Presets; ``official`` has the values in the paper's released code, with sub-goal rewards enabled."""
+"""Reward presets by name; ``official`` has the values in the paper's released code, with sub-goal rewards enabled."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,9 @@ class WordCraftConfig:
         ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in the paper's released
             code).
         illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an error.
-        num_tasks: how many tasks to draw at depth 3 and above, and at depth 2 in large graphs.
-        task_seed: random seed for these tasks.
+        num_tasks: number of tasks to sample if all tasks are too many: at depth 3 and above, and at depth 2 in large
+            graphs.
+        task_seed: random seed for this sample.
 
     Example:
         >>> WordCraftConfig(depth=2, num_distractors=8).attempts

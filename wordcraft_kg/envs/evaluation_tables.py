@@ -8,9 +8,9 @@ from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.world import World
 
 MOST_TASKS = 50_000
-"""Most tasks to play by default; larger parts are sampled at even spacing."""
+"""Most tasks to play by default; if a part of the split has more, evenly spaced tasks are played."""
 EVALUATION_SEED = 0
-"""Seed of the distractors, independent of an agent's seed."""
+"""Seed for distractors in evaluation, independent of an agent's seed."""
 
 
 def distance_of(amount: int, limit: int | None) -> int:

@@ -131,5 +131,5 @@ def test_entities_that_a_task_does_not_need_can_all_be_distractors():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("c", "a", "d")])
     world = World(graph, WordCraftConfig(part="all", depth=2, num_distractors=0))
     assert sorted(world.tasks.starts[0].tolist())[:2] == [graph.id_of("a"), graph.id_of("b")]
-    with pytest.raises(ConfigError, match="graph has 4 entities, and a task needs up to 4; expected at most 0"):
+    with pytest.raises(ConfigError, match="graph has 4 entities, of which a task needs up to 4; expected at most 0"):
         world.variant(num_distractors=1)

@@ -29,24 +29,24 @@ def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_s
     page = open_page(java_script_enabled=has_script)
     page.goto(f"{site}/episode?part=train&task=3")
     before = page.locator("main").inner_text()
-    page.get_by_text("Change the table and ask again").click()
+    page.get_by_text("Edit the table").click()
     lines = page.locator("input[name=table]")
     shown = values_of(lines)
     kept = [label for label in shown[1:] if label]
     added = next(label for label in ("honey", "fire", "salt", "water") if label not in shown)
     lines.first.fill("")
     lines.last.fill(f" {added} ")
-    page.get_by_role("button", name="Ask").click()
+    page.get_by_role("button", name="Show actions").click()
     page.wait_for_url("**/episode?*table=*")
     assert "edited table" in page.locator("h1").inner_text()
     assert values_of(page.locator("input[name=table]")) == [*kept, added, "", "", ""]
     rows = page.locator("table").first.locator("tbody th").all_inner_texts()
     assert {row.removeprefix("▶ ").split("part of")[0].strip() for row in rows} == {*kept, added}
-    # What is held is the first pick, and takes effect at once where there is a script.
-    page.locator("#held").select_option(added)
+    # The selection is the first action, and takes effect at once with scripts.
+    page.locator("#selection").select_option(added)
     if not has_script:
-        page.get_by_role("button", name="Ask").click()
-    page.wait_for_url("**held=*")
+        page.get_by_role("button", name="Show actions").click()
+    page.wait_for_url("**selection=*")
     assert f"Holding {added}" in page.locator("main").inner_text()
     assert page.locator("h3").all_inner_texts() == ["Action 1"]
     page.get_by_role("link", name="Back to the original table").click()
@@ -63,15 +63,15 @@ def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_pa
         page = open_page(viewport=PHONE)
         page.goto(f"{site}/tasks")
         assert page.evaluate(TOO_WIDE) == []
-        links = page.locator("tbody a", has_text="look")
+        links = page.locator("tbody a", has_text="show")
         addresses = [links.nth(i).get_attribute("href") for i in range(links.count())]
         assert len(addresses) == len(HOSTILE)
         for address in addresses:
             page.goto(site + address)
             assert page.evaluate(TOO_WIDE) == []
             heading = page.locator("h1").inner_text()
-            page.get_by_text("Change the table and ask again").click()
-            page.get_by_role("button", name="Ask").click()
+            page.get_by_text("Edit the table").click()
+            page.get_by_role("button", name="Show actions").click()
             page.wait_for_url("**table=*")
             assert page.locator("h1").inner_text() == f"{heading}, edited table"
             assert page.evaluate(TOO_WIDE) == []
@@ -95,7 +95,7 @@ def test_tasks_are_filtered_and_lead_to_their_episodes(open_page: OpenPage, site
     page.wait_for_url("**success=never*")
     goal = page.locator("tbody th").first.inner_text()
     assert page.locator("tbody tr").first.locator("td").nth(2).inner_text() == "0 of 5 tables"
-    page.locator("tbody a", has_text="look").first.click()
+    page.locator("tbody a", has_text="show").first.click()
     assert goal in page.locator("h1").inner_text()
     assert "goal not made" in page.locator("main").inner_text()
     page.go_back()

@@ -64,7 +64,7 @@ def test_a_recipe_may_be_written_in_many_ways(words, slots):
         (["flour", "+"], "ConfigError", "cannot parse recipe 'flour +'"),
         (["flour", "water", "+"], "ConfigError", "cannot parse recipe 'flour water +'"),
         (["flour", "+", "water", "+", "dough"], "ConfigError", "cannot parse recipe"),
-        (["flour", "+", "water", "dough", "bread"], "ConfigError", "Write a label of several words in quotes"),
+        (["flour", "+", "water", "dough", "bread"], "ConfigError", "Quote labels with several words"),
         (["flour", "combinesWith", "water", "+"], "ConfigError", "cannot parse query"),
         (["flour"], "ConfigError", "a recipe such as a + b"),
     ],

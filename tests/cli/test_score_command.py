@@ -250,8 +250,13 @@ def test_new_words_in_a_file_are_scored_and_listed_and_unknown_words_refused(
 @pytest.mark.parametrize(
     ("folder", "word", "says", "kind"),
     [
-        ("recipes", "flouurr", ["no entity 'flouurr'.", "No word of it has a vector in glove."], "UnknownEntityError"),
-        ("links", "yogurt", ["no entity 'yogurt'.", "knows the entities of its graph only"], "UnknownEntityError"),
+        (
+            "recipes",
+            "flouurr",
+            ["no entity 'flouurr'.", "No word in this label has a vector in glove."],
+            "UnknownEntityError",
+        ),
+        ("links", "yogurt", ["no entity 'yogurt'.", "knows only the graph's entities"], "UnknownEntityError"),
         ("recipes", "_", "both slots are open", "ConfigError"),
         ("recipes", "", "both slots are open", "ConfigError"),
     ],

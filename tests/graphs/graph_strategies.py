@@ -48,13 +48,15 @@ def labels() -> st.SearchStrategy[str]:
     return st.text(AWKWARD | PRINTED, min_size=1, max_size=6).filter(lambda label: not label.isspace())
 
 
+def _canonical(row: tuple[str, str, str]) -> Recipe:  # Hypothesis takes the text of a lambda for a regular expression
+    return Recipe.of(*row)
+
+
 @st.composite
 def books(draw: st.DrawFn, name: str = "book") -> RecipeBook:
     known = draw(st.lists(labels(), min_size=1, max_size=8, unique=True))
     label = st.sampled_from(known)
-    recipes = draw(
-        st.lists(st.tuples(label, label, label), min_size=1, max_size=10, unique_by=lambda row: Recipe.of(*row))
-    )
+    recipes = draw(st.lists(st.tuples(label, label, label), min_size=1, max_size=10, unique_by=_canonical))
     base = draw(st.none() | st.sets(label))
     listed = draw(st.sets(label))
     return RecipeBook.of(name, recipes, base=base, listed=listed, keep_self_results=True)

@@ -141,7 +141,7 @@ def test_the_map_keeps_its_colours_when_another_entity_is_chosen(explored):
 
 def test_each_colour_of_layers_is_in_the_legend_with_the_number_of_its_entities(explored):
     view = view_of(explored, Map(colour="layer"))
-    legend = PAGES["map"].distractor_seed(view, Map(colour="layer"), lambda *_: "")["legend"]
+    legend = PAGES["map"].draw(view, Map(colour="layer"), lambda *_: "")["legend"]
     assert sum(number for _, _, number in legend) == 80
     assert legend[0] == ("shade-0", "base", len(explored.opened.graph.base))
     assert len(legend) == len({style for style, _, _ in legend}) == 5

@@ -28,7 +28,10 @@ def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(
 
 @pytest.mark.parametrize(
     ("settings", "said"),
-    [({}, ""), ({"share": 0.5, "noise": 0.25}, "50 % of the train recipes, 25 % of them with a wrong result")],
+    [
+        ({}, ""),
+        ({"train_fraction": 0.5, "label_noise": 0.25}, "50 % of the train recipes, 25 % of them with a wrong result"),
+    ],
 )
 def test_a_model_that_was_taught_a_dose_says_of_what(settings: dict[str, float], said: str, tmp_path: Path):
     config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, folds=0, **settings))  # type: ignore[arg-type]

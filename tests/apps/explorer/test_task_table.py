@@ -111,7 +111,7 @@ def test_episodes_of_another_graph_are_an_error(opened: OpenedGraph):
     _, lines = played_at_random(opened, 1)
     graph = RecipeGraph.from_recipes([["a", "b", "c"], ["c", "b", "d"]])
     tasks = make_tasks(graph, 1, make_split(graph, SplitConfig("none")), "train")
-    with pytest.raises(ArtefactError, match="of another graph: no entity"):
+    with pytest.raises(ArtefactError, match="to another graph: no entity"):
         TaskResults.of(tasks, lines)
 
 

@@ -277,7 +277,7 @@ def set_to(name: str, value: object):
         (set_to("fold0.entity_real", torch.zeros(())), "fold 0 of 3 is missing or damaged"),
         (set_to("fold0.entity_real", torch.zeros(80, 14, dtype=torch.float64)), "fold 0 of 3 is missing or damaged"),
         (set_to("fold0.entity_real", torch.full((80, 14), torch.nan)), "fold0.entity_real holds NaN"),
-        (drop("of_recipe"), "which recipe is in which fold"),
+        (drop("of_recipe"), "no assignment from recipes to folds"),
     ],
 )
 def test_a_missing_or_damaged_fold_is_named(spoilt_folds, tensors, said):

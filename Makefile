@@ -14,7 +14,7 @@ help:
 	@echo "make install  set up .venv only"
 	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
 	@echo "make browser  the tests of pages in Chromium"
-	@echo "make lint     ruff, mypy, and the directions of imports"
+	@echo "make lint     ruff, mypy, directions of imports, generated pages, language"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/terms.md from the glossary"
 	@echo "make site     the guides, the Python reference and the book everyday in the explorer as a website, in site/"
 	@echo "make clean    remove what was built; .venv stays"
@@ -65,6 +65,7 @@ lint: install
 	$(BIN)/python docs/make_terms.py --check
 	$(BIN)/python docs/make_partial_graph.py --check
 	$(BIN)/python docs/make_results.py --check
+	$(BIN)/python docs/check_prose.py
 
 format: install
 	$(BIN)/ruff check --fix .

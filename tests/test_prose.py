@@ -19,7 +19,7 @@ def script():
 
 def test_errors_are_the_messages_of_raised_errors_without_settings(script):
     tree = ast.parse('raise ConfigError(f"`of` {x}: it is wrong")\nrefuse("name", 1, "less")\nprint("of it")')
-    assert "".join(script.errors(tree)).split() == [":", "it", "is", "wrong", "name", "less"]
+    assert " ".join(script.errors(tree)).split() == [":", "it", "is", "wrong", "name", "less"]
 
 
 def test_docstrings_are_counted_without_code_and_strings_without_docstrings(script):

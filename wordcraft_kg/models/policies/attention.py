@@ -1,4 +1,4 @@
-"""The self-attention actor-critic, alone or guided by knowledge.
+"""The self-attention actor-critic, alone or with scores from knowledge sources.
 
 Tables have few slots, so product shapes matter more than sizes: ``index_select`` fetches vectors, a row's slots are
 columns in a single small product, and softmax runs along the first axis.
@@ -20,11 +20,12 @@ FOLD_LIMIT = 300
 
 
 class AttentionPolicy(Policy):
-    """Self-attention actor-critic, alone or guided by sources; permuting slots permutes logits.
+    """Self-attention actor-critic, alone or guided by knowledge sources; permuting slots permutes logits.
 
-    ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α), and
-    with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with separate weights. An MLP is the paper's linear
-    map W, a rectifier and a linear map; W, with a bias, is applied to the sum.
+    With vectors x for goal g, selection s and slot i, ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w
+    = softmax(α)`` over the slots (or the raw α), and with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)``
+    with separate weights. Logits are β, or α without sources. An MLP is a linear map W with bias, a rectifier and a
+    linear map; W is applied after the sum over slots.
 
     Source: Jiang et al. 2020, sections "Self-attention Actor-Critic Network" and "Learning Mixing Coefficients".
     """
@@ -75,17 +76,17 @@ class AttentionPolicy(Policy):
 
 
 def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
-    """Mix source logits, slot by slot: ``β_i = Σ_s λ_s · source_s,i``.
+    """Mix the sources' scores into a logit for each slot: ``β_i = Σ_s λ_s · source_s,i``.
 
     Empty slots become -inf *after* mixing, so no λ can revive empty slots.
 
     Args:
-        logits: shape (B, S, A), a channel per active source; α first if active.
-        lambdas: shape (B, S).
+        logits: scores, shape (B, S, A), a channel per source in use; attention logits α first if in use.
+        lambdas: mixing weights, shape (B, S).
         slot_mask: shape (B, A), bool. True for occupied slots.
 
     Returns:
-        shape (B, A). Exactly -inf where ``slot_mask`` is False.
+        mixed logits, shape (B, A). Exactly -inf where ``slot_mask`` is False.
 
     Source: Jiang et al. 2020, appendix "Learning Mixing Coefficients"; differs by masking after mixing.
     """
@@ -98,13 +99,13 @@ def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
 
 
 class TableAttention(nn.Module):
-    """Scaled dot-product attention from goal and selection to slots: ``α_i = Q([x_g; x_s]) · K(x_i) / √d``.
+    """Scaled dot-product attention from goal g and selection s to each slot: ``α_i = Q([x_g; x_s]) · K(x_i) / √d``.
 
     As ``q · K x = (Kᵀ q) · x``, and vectors do not depend on the sample, keys are folded into the query. K has no bias,
     which would shift all slots equally.
 
-    Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The second selection, always empty at
-    decisions, is omitted from the query.
+    Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The paper's query also has the second
+    selection, which is always empty when an action is chosen.
     """
 
     def __init__(self, dim: int, key_size: int):
@@ -113,7 +114,7 @@ class TableAttention(nn.Module):
         self.key = nn.Linear(dim, key_size, bias=False)
 
     def weights(self) -> dict[str, Tensor]:
-        """Return ``query``, ``query.bias`` and, unless folded, ``key``."""
+        """Return the tensors for :meth:`rows`: ``query``, ``query.bias`` and, unless folded into the query, ``key``."""
         key = self.key.weight / math.sqrt(self.key.out_features)
         if self.key.in_features <= FOLD_LIMIT:
             return {"query": self.query.weight.T @ key, "query.bias": self.query.bias @ key}
@@ -121,7 +122,7 @@ class TableAttention(nn.Module):
 
     @staticmethod
     def rows(weights: Mapping[str, Tensor], goal: Tensor, selection: Tensor) -> Tensor:
-        """Return ``Kᵀ q / √d``, shape (B, F); the product with a slot's vector is α."""
+        """Return ``Kᵀ q / √d``, shape (B, F); the dot product with a slot's entity vector is the slot's α."""
         query, bias, vectors = weights["query"], weights["query.bias"], weights.get("vectors")
         if vectors is not None:
             both = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
@@ -133,20 +134,20 @@ class TableAttention(nn.Module):
 
 
 class Slots:
-    """Entity vectors on a table batch (B, A), from vectors for all ids (E + 1, F), or None for one-hot vectors."""
+    """The entity vectors on a table batch (B, A), by vectors for all ids (E + 1, F); None for one-hot vectors."""
 
     def __init__(self, vectors: Tensor | None, table: Tensor):
         self.table = table
         self.vectors = None if vectors is None else look_up(vectors, table)
 
     def dot(self, rows: Tensor) -> Tensor:
-        """Return ``r · x_i`` for each slot: rows (B, F) -> (B, A)."""
+        """Return each slot's dot product ``r · x_i`` with the row r for its table: rows (B, F) -> (B, A)."""
         if self.vectors is not None:
             return torch.bmm(rows[:, None, :], self.vectors.transpose(1, 2))[:, 0]
         return nn.functional.pad(rows, (0, 1)).gather(1, self.table)
 
     def sum(self, weights: Tensor, num_entities: int) -> Tensor:
-        """Return ``Σ_i w_i x_i``: weights (B, A) -> (B, F)."""
+        """Return each table's weighted sum of entity vectors, ``Σ_i w_i x_i``: weights (B, A) -> (B, F)."""
         if self.vectors is not None:
             return torch.bmm(weights[:, None, :].contiguous(), self.vectors)[:, 0]
         sums = weights.new_zeros(len(weights), num_entities + 1)

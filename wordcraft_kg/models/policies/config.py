@@ -73,7 +73,7 @@ class PolicyConfig:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Sources in use, in mixing order."""
+        """Names of the knowledge sources in use, in mixing order."""
         names = [source.strip() for source in self.use.split(",")]
         known = source_names()
         unknown = [source for source in names if source not in known]

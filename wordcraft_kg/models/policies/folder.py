@@ -1,4 +1,4 @@
-"""Making policies; writing and loading self-contained policy folders."""
+"""Make policies; write and load self-contained policy folders."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -42,16 +42,17 @@ def make_policy(
     tasks: TaskSet | None = None,
     seed: int = 0,
 ) -> tuple[Policy, EntityFeatures | None]:
-    """Return an untrained policy for a graph, and the features unless learned.
+    """Return an untrained policy for a graph, and its entity features (None for learned vectors).
 
     Args:
         config: policy settings.
         graph: recipe graph.
-        num_slots: number of slots; only an mlp depends on this number.
-        scorer: scorer for the sources, see :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
+        num_slots: table slots; only an mlp depends on this number.
+        scorer: scorer for the knowledge sources, see
+            :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
         observed: the scorer's training triples, for ``self_edges`` ``observed``.
         tasks: training tasks, such as ``world.tasks``; required by cross-fitted scorers.
-        seed: for parameters and random features; global generators stay unchanged.
+        seed: random seed for parameters and random features; global generators stay unchanged.
 
     Raises:
         ConfigError: if settings conflict or do not fit the graph.
@@ -88,7 +89,7 @@ def _policy(config: PolicyConfig, vectors: EntityVectors, num_slots: int, source
 
 
 def write_constants(folder: Path, policy: Policy) -> None:
-    """Write the untrained parts: ``policy.json`` and ``constants.safetensors`` (features, scores)."""
+    """Write a policy's untrained parts (features, scores): ``policy.json`` and ``constants.safetensors``."""
     description = {
         "format": _POLICY_FORMAT,
         "graph": policy.graph_hash,
@@ -106,13 +107,13 @@ def write_constants(folder: Path, policy: Policy) -> None:
 
 
 def write_parameters(folder: Path, policy: Policy) -> None:
-    """Write the trained parameters: ``policy.safetensors``."""
+    """Write a policy's trained parameters: ``policy.safetensors``."""
     parameters = copied(dict(policy.named_parameters()))
     write_atomically(folder / "policy.safetensors", safetensors.torch.save(parameters))
 
 
 def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]) -> Policy:
-    """Rebuild a policy from a policy folder's files. Raises ArtefactError for inconsistent files."""
+    """Rebuild a policy from the contents of a policy folder. Raises ArtefactError for inconsistent files."""
     description = read_json(folder / "policy.json")
     tensors = read_tensors(folder / "constants.safetensors", constants)
     try:
@@ -181,7 +182,7 @@ wordcraft-kg, so training settings are not recorded here and training cannot be 
 
 
 def usage(entities: tuple[str, ...]) -> str:
-    """Return the model card's usage section."""
+    """Return the section of the model card that shows how to use a policy for these entities."""
     goal, one, other = (entities * 3)[:3]
     return f"""```python
 from wordcraft_kg import load_policy
@@ -192,7 +193,7 @@ policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # the first action
 
 
 def load_policy(folder: str | Path) -> Policy:
-    """Load a policy from a finished run or a saved policy; the folder suffices.
+    """Load a policy from a finished run or a saved policy; neither graph nor scorer is needed.
 
     Raises:
         ArtefactError: if the run is unfinished, or a file is missing or damaged.

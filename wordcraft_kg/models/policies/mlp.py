@@ -7,9 +7,9 @@ from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOut
 
 
 class MLPPolicy(Policy):
-    """The paper's simple baseline: a hidden layer on the vectors for goal, selection and all slots, in order.
+    """The simple baseline in Jiang et al. 2020: a hidden layer on the vectors for goal, selection and slots, in order.
 
-    Works for a single table size. Source: Jiang et al. 2020, appendix "Extended Discussion".
+    Works for a single number of slots. Source: appendix "Extended Discussion".
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, num_slots: int):

@@ -1,4 +1,4 @@
-"""Policies as torch modules: from goal, selection and table ids to slot logits and a state value."""
+"""Policies as torch modules: from goal, selection and table ids to a logit per slot and a state value."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
@@ -19,13 +19,14 @@ Weights = dict[str, Tensor]
 
 
 class PolicyOutput(NamedTuple):
-    """Policy output for a batch of states.
+    """A policy's output for a batch with B states, A slots and S mixed scores per slot.
 
     Attributes:
         logits: β, shape (B, A): unnormalised log-probabilities, -inf for empty slots.
         value: V, shape (B,): expected discounted return.
-        sources: mixture terms, shape (B, S, A): α if mixed in, then external scores; None without mixture.
-        lambdas: λ by term, shape (B, S); None without mixture.
+        sources: mixed scores, shape (B, S, A): attention logits α if in use, then the knowledge sources' scores; None
+            without sources.
+        lambdas: mixing weights λ, shape (B, S); None without sources.
     """
 
     logits: Tensor
@@ -35,7 +36,7 @@ class PolicyOutput(NamedTuple):
 
 
 class Action(NamedTuple):
-    """The choice of a slot, with the label of the entity there and the slot's probability."""
+    """The choice of a table slot, the label of the entity in the slot, and the slot's probability."""
 
     slot: int
     entity: str
@@ -43,18 +44,18 @@ class Action(NamedTuple):
 
 
 class EntityVectors(nn.Module):
-    """Entity vectors x: constant, learned or one-hot (implicit); id E (empty) has the zero vector.
+    """Entity vectors x: constant, learned or one-hot (not stored); the id E (empty slot) has the zero vector.
 
     Attributes:
-        num_entities: E.
+        num_entities: E, the number of entities.
         dim: F, the vector length.
-        is_one_hot: vectors are unit vectors.
+        is_one_hot: True if vector i is the i-th unit vector.
     """
 
     vectors: Tensor
 
     def __init__(self, num_entities: int, vectors: Tensor | None = None, *, learned_dim: int = 0):
-        """Use constant vectors, shape (E, F), else learned vectors of ``learned_dim``, else one-hot vectors."""
+        """Use ``vectors``, constant, (E, F); else learned vectors with ``learned_dim`` > 0; else one-hot."""
         super().__init__()
         self.num_entities = num_entities
         self.is_one_hot = vectors is None and not learned_dim
@@ -67,27 +68,27 @@ class EntityVectors(nn.Module):
         self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
 
     def weights(self) -> dict[str, Tensor]:
-        """Return ``vectors`` by id, shape (E + 1, F); an empty mapping for one-hot vectors."""
+        """Return all vectors as ``vectors``, shape (E + 1, F); an empty mapping for one-hot vectors."""
         return {} if self.is_one_hot else {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
 
 
 def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
-    """Return vectors for ids with any shape: shape (*ids, F)."""
+    """Return the vectors for ids with any shape: shape (*ids, F) from vectors (E + 1, F)."""
     return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
 
 
 class Policy(nn.Module):
-    """Base class: ``policy(goal, selection, table)`` for id batches, :meth:`act` for a single state in labels.
+    """Base class of policies: ``policy(goal, selection, table)`` for batches of ids, :meth:`act` for one state.
 
     Ids equal environment ids: entities 0 to E - 1, and E for an empty slot or no selection.
 
     Attributes:
         config: settings.
-        num_entities: E.
+        num_entities: E, the number of entities.
         sources: knowledge sources by name; see :mod:`wordcraft_kg.models.policies.sources`.
-        labels: names of the mixture terms, in order: ``alpha`` if mixed in, then the sources.
-        entities: labels in id order; set, like ``graph_hash``, on making or loading.
-        graph_hash: the graph's content hash.
+        labels: names of the mixed scores, in order: ``alpha`` (attention) if in use, then the sources.
+        entities: entity labels in id order; like ``graph_hash``, set by ``make_policy`` and ``load_policy``.
+        graph_hash: content hash of the recipe graph.
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
@@ -104,16 +105,16 @@ class Policy(nn.Module):
 
     @property
     def reads_task(self) -> bool:
-        """Some source's scores depend on the task number."""
+        """Whether a source's scores depend on the task, so that :meth:`forward` needs task numbers."""
         return any(source.reads_task for source in self.sources.values())
 
     def bind(self, tasks: TaskSet) -> None:
-        """Set the tasks to which later task numbers refer; no effect unless :attr:`reads_task`."""
+        """Set the task set that task numbers in later calls index; no effect unless :attr:`reads_task`."""
         for source in self.sources.values():
             source.bind(tasks)
 
     def weights(self) -> Weights:
-        """Return tensors derived from parameters only, for reuse in many calls."""
+        """Return tensors computed from parameters only, which several :meth:`forward` calls can share."""
         raise NotImplementedError
 
     def forward(
@@ -142,7 +143,7 @@ class Policy(nn.Module):
     def external_scores(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
     ) -> Tensor | None:
-        """Return the sources' constant scores, shape (B, S, A), for reuse; None without sources."""
+        """Return the knowledge sources' scores, (B, S, A), for reuse in :meth:`forward`; None without sources."""
         if not self.sources:
             return None
         return torch.stack([source(goal, selection, table, task) for source in self.sources.values()], dim=1)
@@ -156,13 +157,14 @@ class Policy(nn.Module):
         *,
         generator: torch.Generator | None = None,
     ) -> Action:
-        """Choose a slot in a single state, given as labels or ids.
+        """Choose a slot in a single state; entities are labels or ids.
 
         Args:
             goal: entity to make.
             table: entities on the table; None for empty slots.
             selection: selected entity, None without selection.
-            generator: CPU generator that samples a slot; by default the first most probable slot.
+            generator: CPU generator that samples a slot; without generator, the most probable slot (the first if
+                equal).
 
         Raises:
             UnknownEntityError: with the nearest labels.
@@ -178,7 +180,7 @@ class Policy(nn.Module):
         return Action(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
 
     def id_of(self, entity: Entity | None) -> int:
-        """Return an entity's id, or E for None. UnknownEntityError names the nearest labels."""
+        """Return the id for a label or id, E for None. UnknownEntityError names the nearest labels."""
         if entity is None:
             return self.num_entities
         if isinstance(entity, str):
@@ -191,5 +193,5 @@ class Policy(nn.Module):
 
 
 def log_policy(logits: Tensor) -> Tensor:
-    """Return log-probabilities for masked logits (B, A), slots first: shape (A, B); -inf for empty slots."""
+    """Convert logits (B, A) to log-probabilities, slots first: shape (A, B); -inf for empty slots."""
     return torch.log_softmax(logits.T.contiguous(), dim=0)

@@ -91,15 +91,15 @@ _UNSEEN = 0.01
 
 
 class VoteScorer(Scorer):
-    """Scores a recipe by the number of known recipes with the same result that use each ingredient.
+    """Scores a recipe by how many known recipes make the same result from each ingredient.
 
     With ``n_xc`` the number of known recipes that make c from x, and ``m_c`` the number that make c, ::
 
         score(a, b -> c) = log((n_ac + eps) (n_bc + eps) / (m_c + 1)).
 
     As P(c) is about ``m_c`` and P(x | c) about ``n_xc / m_c``, this is naive Bayes. If an entity is paired with the
-    same entity, the second factor is ``eps``: no entity votes twice. Scores of triples sum over the missing entity of
-    the recipe::
+    same entity, the second factor is ``eps``: no entity votes twice. Triple scores sum over the recipe's missing
+    entity::
 
         score(a, combinesWith, b) = log sum over c of exp score(a, b -> c)
         score(x, componentOf, c) = log sum over b of exp(score(x, combinesWith, b) + score(x, b -> c))
@@ -122,13 +122,13 @@ class VoteScorer(Scorer):
         self._made = torch.tensor(np.bincount(result, minlength=size), dtype=torch.float64, device=self.device)
 
     def votes(self, ingredients: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Return the number of known recipes that make each result from each ingredient; float64, ids broadcast."""
+        """Count the known recipes that make each result from each ingredient; float64, ids broadcast."""
         keys = self.entity_ids(ingredients) * len(self.entities) + self.entity_ids(results)
         rows = torch.searchsorted(self._keys, keys)
         return torch.where(self._keys[rows] == keys, self._counts[rows], 0.0)
 
     def score_recipes(self, one: EntityIds, other: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Score recipes, float32; ids or labels broadcast, and the order of the ingredients is irrelevant."""
+        """Score recipes, float32; ids or labels broadcast, and both ingredient orders score the same."""
         a, b, c = self.entity_ids(one), self.entity_ids(other), self.entity_ids(results)
         second = torch.where(a == b, 0.0, self.votes(b, c))
         weight = (self.votes(a, c) + self.unseen) * (second + self.unseen) / (self._made[c] + 1)

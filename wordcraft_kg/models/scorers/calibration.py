@@ -1,16 +1,16 @@
-"""Calibration: probabilities for triples, fitted to scores of models that were trained without these triples.
+"""Calibration: probabilities for triples, fitted to scores by models trained without these triples.
 
-Train recipes are cut into folds; each fold has a model trained without the fold. A score enters as the log-odds t of
-its percentile rank among all pairs of different entities outside the train triples, so models with different scales are
+Train recipes are cut into folds; each fold has a model trained without the fold. A score enters as its percentile
+rank's log-odds t among all pairs of different entities outside the train triples, so models with different scales are
 comparable. Each relation has a curve for pairs of different entities and a second curve for self pairs (an entity with
 the same entity),
 
 ``P(true | log-odds t) = σ(α + Σ_i β_i s_i(t))``, where ``s_i`` is the part of t within the i-th segment of the axis and
 ``β_i >= 0``, so probabilities never decrease with the score.
 
-A fold's model has not seen the fold's triples, which are a share c of all true unseen triples. Recipes outside the
-train part of the split look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``.
-The whole model has seen the folds' triples; by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the remaining triples.
+A fold's model has not seen the fold's triples, which are a share c of all true unseen triples. Recipes outside train
+look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The whole model has seen
+the folds' triples; by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the remaining triples.
 
 A softmax turns recipe scores into a distribution over results, given that the pair makes something; the temperature
 maximises the likelihood of the folds' recipes (Guo et al. 2017).
@@ -61,15 +61,15 @@ _Floats = NDArray[np.float64]
 
 
 class Curve(Record, frozen=True, kw_only=True):
-    """The probability that a triple is true, as a function of its score's rank log-odds, for the whole model.
+    """The probability that a triple is true, as a function of rank log-odds, for the model trained on all folds.
 
     Attributes:
-        intercept: α of the model trained on all folds, for triples outside the train triples.
+        intercept: α, for triples outside the train triples.
         slopes: β by segment (see :data:`SEGMENTS`); a single slope for the whole axis, or empty if only the base rate
             was fitted.
-        rate: base rate, the share of true triples without knowledge of scores.
+        rate: base rate, the probability without scores.
         true: number of true triples in the fit.
-        cells: number of all triples in the fit, true or not.
+        cells: number of triples in the fit, true or not.
         reason: why only the base rate was fitted, else empty.
     """
 
@@ -89,9 +89,9 @@ class RelationCurves(Record, frozen=True, kw_only=True):
     """Calibration for a relation: maps scores to rank log-odds, and rank log-odds to probabilities.
 
     Attributes:
-        known_share: c, the share of known triples among all true triples that a fold's model has not seen.
-        scores: quantiles of the scores by the model trained on all folds, ascending.
-        rank_log_odds: log-odds of the percentile rank of each quantile in ``scores``.
+        known_share: c, the known share among all true triples that a fold's model has not seen.
+        scores: score quantiles for the model trained on all folds, ascending.
+        rank_log_odds: each quantile's percentile rank, as log-odds.
         distinct: curve for pairs of different entities.
         itself: curve for self pairs (an entity with the same entity).
     """
@@ -119,7 +119,7 @@ class Probabilities(Record, frozen=True, kw_only=True):
     def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
         """Fit probabilities for ``whole``, trained on all folds, to ``seen``: score histograms by fold model.
 
-        From recipes outside the train part of the split, only the number is used.
+        Only the number of recipes outside train is used.
         """
         size, train = len(whole.entities), folds.triples()
         true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
@@ -153,14 +153,14 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Seen:
-    """Histograms of the scores that a fold's model gives to triples outside its training data.
+    """Histograms of a fold model's scores for triples outside its training data.
 
     Attributes:
-        true: shape (2, 2, B): number of the fold's triples by relation, self pair (0 or 1) and bin of rank log-odds.
+        true: shape (2, 2, B): the fold's triples, counted by relation, self pair (0 or 1) and bin of rank log-odds.
         others: as ``true``, for triples outside the train triples; weighted if sampled.
-        results: shape (N, E): scores of all E entities as results, for N sampled pairs from the fold; None without
+        results: shape (N, E): scores for all E entities as results, for N pairs sampled from the fold; None without
             recipe scores.
-        right: shape (N, E), bool: whether the entity is a correct result of the pair.
+        right: shape (N, E), bool: whether the pair makes the entity.
     """
 
     true: _Floats
@@ -195,11 +195,11 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
 
 
 def known_share(folds: Folds, relation: int) -> float:
-    """Return c, the share of the fold's triples among all true triples that the fold's model has not seen.
+    """Return c, the fold's share among all true triples that the fold's model has not seen.
 
     The number of new triples falls as a power p of the number of train recipes, measured without a fold and without two
     folds: ``c = m / (m + m')`` with m the mean number of new triples per fold and ``m' = m (outside / n_fold) (K / (K -
-    1))^-p``. From recipes outside the train part of the split, only the number is used.
+    1))^-p``. Only the number of recipes outside train is used.
     """
     graph, count = folds.split.graph, folds.count
     train = folds.seen()
@@ -220,13 +220,13 @@ def known_share(folds: Folds, relation: int) -> float:
 
 
 def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
-    """Fit a probability curve to histograms of scores, or only the base rate if the scores are uninformative.
+    """Fit a probability curve to score histograms, or only the base rate if the scores are uninformative.
 
     Args:
-        true: shape (K, B), number of true triples by fold and bin of rank log-odds.
+        true: shape (K, B), true triples, counted by fold and bin of rank log-odds.
         others: shape (K, B), remaining triples, including unknown true triples.
-        share: c, the share of known triples among all true unseen triples.
-        slopes: number of segments of the axis with separate slopes.
+        share: c, the known share among all true unseen triples.
+        slopes: number of axis segments with separate slopes.
     """
     known, total = float(true.sum()), float(true.sum() + others.sum())
     shift = math.log1p(-share)

@@ -1,4 +1,4 @@
-"""Limits on the size of score tables, and names of score settings; this module imports no torch."""
+"""Score table limits and score settings; this module imports no torch."""
 
 from typing import Literal
 

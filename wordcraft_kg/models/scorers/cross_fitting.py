@@ -31,12 +31,12 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
 class Fold(Record, frozen=True, kw_only=True):
-    """Record of a model that was trained on the train recipes without one fold.
+    """A model trained without one fold, and its ranking metrics.
 
     Attributes:
         trained_on: hash of the training triples, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
         triples: number of training triples.
-        queries: number of ranking queries on the fold's triples outside the training triples, all or a sample.
+        queries: number of ranking queries on the fold's unseen triples, all or a sample.
         mrr: filtered MRR on these queries; None without queries.
         in_sample_mrr: MRR on the same queries by the model trained on all train recipes.
     """
@@ -49,11 +49,11 @@ class Fold(Record, frozen=True, kw_only=True):
 
 
 class FoldsRecord(Record, frozen=True, kw_only=True):
-    """The file ``folds.json``: describes the folds of a model folder and the model trained without each fold.
+    """The file ``folds.json``: a model folder's folds, and the model trained without each fold.
 
     Attributes:
-        seed: seed for the random assignment of recipes to folds.
-        hash: hash of the split and the folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
+        seed: random seed that assigns recipes to folds.
+        hash: hash for split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
         folds: a record per fold.
     """
 
@@ -74,7 +74,7 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
     @property
     def mrr(self) -> float | None:
-        """Mean reciprocal rank on train triples of left-out folds; forecasts the MRR on test triples."""
+        """Mean reciprocal rank on train triples by models without the triple's fold; forecasts the test MRR."""
         return self._mean([fold.mrr for fold in self.folds])
 
     @property
@@ -88,7 +88,7 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
 
 class CrossFitted(Scorer):
-    """A scorer trained on all train recipes, together with K scorers that are each trained without one of K folds.
+    """A scorer trained on all train recipes, with K fold scorers: one trained without each of K folds.
 
     Scores and tables come from the scorer ``whole``. Agents that learn on train tasks need scores from
     :meth:`left_out`; knowledge sources made with tasks choose the right fold, see
@@ -96,11 +96,11 @@ class CrossFitted(Scorer):
 
     Attributes:
         whole: scorer trained on all train recipes.
-        record: seed, hash and metrics of the folds.
-        of_recipe: fold of each recipe, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes
+        record: fold seed, hash and metrics.
+        of_recipe: each recipe's fold, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes
             outside train.
         probabilities: maps scores to probabilities; None in folders from older versions.
-        train_results: result ids of the training recipes if some were left out or made wrong, see
+        train_results: training results if some recipes were left out or made wrong, see
             :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None for unchanged train recipes.
     """
 
@@ -182,7 +182,7 @@ class CrossFitted(Scorer):
         return TrainSample(graph, self.train_results)
 
     def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
-        """Return the training triples of the model trained without a fold, shape (T, 3).
+        """Return the training triples for the model without a given fold, shape (T, 3).
 
         Raises:
             LeakError: if the fold's model was not trained on the recipes outside the fold.
@@ -212,7 +212,7 @@ class CrossFitted(Scorer):
 
 
 def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) -> CrossFitted:
-    """Train a scorer on all train recipes of a split, and one scorer for each left-out fold.
+    """Train a scorer on a split's train recipes, and one scorer for each left-out fold.
 
     ``make`` returns a scorer for the split's graph; it receives training recipes, ids of shape (n, 3), and nothing
     else.
@@ -256,7 +256,7 @@ def folds_of(scorer: TripleScorer) -> CrossFitted | None:
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
-    """Return a mask of each model's training recipes, shape (K + 2, num_recipes), given the fold of each recipe.
+    """Return a mask with each model's training recipes, shape (K + 2, num_recipes), given each recipe's fold.
 
     Rows: the model trained on all K folds, the K models trained without one fold, and an empty model without recipes.
     """
@@ -266,11 +266,11 @@ def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
 
 
 def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return, for each of N tasks, the number of a model trained without the recipes in the task's plans; shape (N,).
+    """Return, for each of N tasks, a model number: a model trained without the recipes in the task's plans; shape (N,).
 
     A plan lists the recipes that make the task's goal. Numbers are rows of :func:`seen_by_models`: 0 for tasks without
     train recipes, 1 + fold if all train recipes are in a single fold, K + 1 (the empty model) for several folds.
-    ``of_recipe`` contains the fold of each recipe.
+    ``of_recipe`` contains each recipe's fold.
 
     Raises:
         LeakError: if a model has seen a task's recipe.

@@ -19,7 +19,7 @@ _NAMES = [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
 
 
 class TableScorer(StoredScorer):
-    """A scorer with a table of all scores, shape (R, E, E): by relation, head and tail, for E entities."""
+    """A scorer with a score table, shape (R, E, E): by relation, head and tail, for E entities."""
 
     kind: ClassVar[str] = "table"
 
@@ -42,7 +42,7 @@ class TableScorer(StoredScorer):
 
     @classmethod
     def of(cls, scorer: Scorer) -> "TableScorer":
-        """Compute the table of all scores by any scorer, and return the table as a scorer."""
+        """Compute the table with all scores by another scorer, and return a scorer with this table."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name)
 
@@ -65,7 +65,7 @@ class _Bilinear(StoredScorer):
 
 
 class FactorsScorer(_Bilinear):
-    """A scorer that computes the score of a pair in relation r as ``left_r[head] · right_r[tail]``, without a table.
+    """A scorer that computes pair scores in relation r as ``left_r[head] · right_r[tail]``, without a table.
 
     All bilinear scorers have this form (RESCAL, DistMult, ComplEx, a low-rank kernel). Factors have shape (E, m) for E
     entities; m may differ between relations.
@@ -154,7 +154,7 @@ class ComplExScorer(_Bilinear):
         check_shapes(tensors, {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")})
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return the real and imaginary parts of entity and relation embeddings, by name."""
+        """Return the embeddings' real and imaginary parts by name."""
         parts = {"entity": self.entity, "relation": self.relation}
         return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
 

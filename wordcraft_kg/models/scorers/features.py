@@ -1,4 +1,4 @@
-"""Entity features, the input vectors of models: word vectors of the labels, one-hot or random vectors."""
+"""Entity features, the models' input vectors: word vectors for labels, one-hot or random vectors."""
 
 import codecs
 import gzip
@@ -41,7 +41,7 @@ _MAX_FLOAT = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True)
 class EntityFeatures:
-    """Feature vectors: one vector of length D for each of E entities.
+    """Feature vectors: a vector with D numbers for each entity, E in all.
 
     Attributes:
         source: where the vectors come from.
@@ -99,7 +99,7 @@ def make_features(
     Args:
         spec: name or file of the features, as above.
         labels: entity labels in id order.
-        pooling: mean, or element-wise maximum, of the vectors of a label's words.
+        pooling: mean, or element-wise maximum, over a label's word vectors.
         allow_missing: use zeros even if more than a tenth of the entities lack a vector.
         seed: random seed for ``random`` and ``shuffled:``, 0 or more.
 

@@ -132,7 +132,7 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
 def make_scorer(
     kind: str, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
 ) -> Scorer:
-    """Make a scorer from the name of its kind, a key of :data:`SCORERS`, and its tensors; small factors become a table.
+    """Make a scorer from its kind, a key in :data:`SCORERS`, and its tensors; small factors become a table.
 
     ``settings`` are the scorer's ``device`` and ``name``. Raises KeyError for a missing tensor, ValueError for a tensor
     that does not fit the entities.
@@ -146,9 +146,9 @@ Tensors = Mapping[str, torch.Tensor]
 
 
 def stored(scorer: TripleScorer) -> StoredScorer:
-    """Return a scorer with the same scores that can be written to a folder; models of left-out folds are dropped.
+    """Return an equal scorer that can be written to a folder, without models for left-out folds.
 
-    A scorer that is no :class:`StoredScorer` becomes a score table, or matrix factors if the table would be too large.
+    Scorers outside :class:`StoredScorer` become a score table, or matrix factors if the table would be too large.
 
     Raises:
         ConfigError: if neither is possible, or a score is not finite.
@@ -190,7 +190,7 @@ def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) 
 def write_folds(
     folder: Path, folds: Folds, whole: Scorer, kind: str, part: Callable[[int], tuple[str, Tensors]]
 ) -> FoldsRecord:
-    """Write the models trained without each fold, and return the record of the folds.
+    """Write the models trained without each fold, and return the fold record.
 
     ``part`` returns the training triples' hash and the tensors for the model without a given fold; ``whole`` is the
     scorer trained on all train recipes, ``kind`` the kind of the fold scorers.

@@ -24,7 +24,7 @@ TEXT = 0.2
 
 
 def profiles(recipes: Ids, num_entities: int) -> Any:
-    """Return a profile of each entity, its uses in recipes (n, 3): unit rows in a sparse matrix, shape (E, M).
+    """Return a profile for each entity, its uses in recipes (n, 3): unit rows in a sparse matrix, shape (E, M).
 
     With C the symmetric combinesWith links, P the componentOf links (ingredient, result) and R the contexts (partner,
     result), rows are ``[C | P | Pᵀ | 2 R]``, damped and normalised; zeros for entities without recipes.
@@ -57,7 +57,7 @@ def cosines(vectors: Tensor) -> Tensor:
 
 
 def similarity(recipes: Ids, text: Tensor) -> Tensor:
-    """Return the similarities of entities ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E).
+    """Return entity similarities ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E).
 
     ``recipes`` (n, 3) give the profiles, ``text`` holds word cosines (E, E). The matrix is positive semi-definite
     without words; vectors with few dimensions may cause negative eigenvalues.
@@ -74,7 +74,7 @@ def normalised(kernel: Tensor) -> Tensor:
 
 
 def check_vectors(vectors: NDArray[np.floating] | None, num_entities: int) -> None:
-    """Raise ConfigError unless ``vectors`` is None or has one row of word-vector values for each entity."""
+    """Raise ConfigError unless ``vectors`` is None or has one row for each entity."""
     if vectors is not None and (vectors.ndim != 2 or len(vectors) != num_entities):
         raise ConfigError(
             f"`vectors` have shape {vectors.shape}; expected {num_entities:,} rows, a row per entity. Make vectors "
@@ -95,9 +95,9 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen
     Entities outside ``seen`` are only predicted, ``K A Kᵀ``: missing links give no negative evidence.
 
     Args:
-        kernel: k, similarities of entities, shape (E, E), symmetric; negative eigenvalues count as 0.
+        kernel: k, entity similarities, shape (E, E), symmetric; negative eigenvalues count as 0.
         links: Y, shape (E, E), 1 for known links and 0 otherwise.
-        ridge: λ, the strength of the regularisation.
+        ridge: λ, the regularisation strength.
         seen: ids of training entities; all by default.
 
     Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel ridge regression";
@@ -144,7 +144,7 @@ def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
-    """Return combinesWith and componentOf links of recipes: shape (E, E) each, row = head, 1 for links, else 0."""
+    """Return the recipes' combinesWith and componentOf links: shape (E, E) each, row = head, 1 or 0."""
     triples = recipe_triples(recipes)
     tables = torch.zeros(2, num_entities, num_entities)
     heads, relations, tails = torch.from_numpy(triples.copy()).T
@@ -155,7 +155,7 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
 def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Score all combinesWith and componentOf links by a similarity kernel, shape (E, E) each, row = head.
 
-    The regression and the scaling of scores use only the entity ids in ``seen``, by default all entities.
+    Regression and scaling use only the entity ids in ``seen``, by default all entities.
     """
     size = len(kernel)
 

@@ -32,7 +32,7 @@ class LinkWitness(Record):
 
     Attributes:
         weight: similarity to the scored link, 1 for equality.
-        share: this weight as a share of the total weight of all supporting links.
+        share: weight relative to the sum over all supporting links.
         recipes: training recipes with this link, at most :data:`RECIPES`.
         more: number of further training recipes with this link.
     """
@@ -72,7 +72,7 @@ class LinkEvidence:
     """Finds the training links, and the recipes with these links, that support a scored link.
 
     Attributes:
-        roles: similarities of entities by the scorer's scores.
+        roles: entity similarities by the scorer's scores.
         recipes: shape (n, 3), training recipes.
 
     Raises:
@@ -91,7 +91,7 @@ class LinkEvidence:
         self.entities = scorer.entities
 
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
-        """Return the training links that support a given link, shape (n, 3), and the weight of each, shape (n,).
+        """Return the training links that support a link, shape (n, 3), and their weights, shape (n,).
 
         The given link is excluded. For an entity combined with the same entity, each supporting link counts in a single
         direction only.

@@ -1,4 +1,4 @@
-"""The recipe kernel for large graphs: matrix factors replace tables of all pairs of entities."""
+"""The recipe kernel for large graphs: matrix factors replace tables with all entity pairs."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class SparseSimilarity:
 
     Attributes:
         shared: entity profiles, only the columns with two or more entities, sparse, shape (E, M).
-        own: squared length of each profile in the remaining columns, shape (E,); added to the diagonal only.
+        own: squared length in each profile's remaining columns, shape (E,); added to the diagonal only.
         words: unit word vectors, shape (E, D), zeros for unknown words; D is 0 without vectors.
     """
 
@@ -60,7 +60,7 @@ class SparseSimilarity:
 
     @classmethod
     def of(cls, recipes: Ids, num_entities: int, vectors: NDArray[np.floating] | None = None) -> "SparseSimilarity":
-        """Return the similarities of entities, from recipes (n, 3) and optional word vectors (E, D).
+        """Return the entity similarities from recipes (n, 3) and optional word vectors (E, D).
 
         Raises:
             ConfigError: if the vectors do not fit the entities.
@@ -75,7 +75,7 @@ class SparseSimilarity:
         return cls(shared, own, torch.nn.functional.normalize(words, dim=1))
 
     def times(self, block: _Block) -> _Block:
-        """Return the product of the kernel matrix (E, E) with a dense matrix, shape (E, m).
+        """Return the product: kernel matrix (E, E) times a dense matrix (E, m).
 
         Negative word cosines count as positive: conjugate gradients need a positive semi-definite kernel. Both forms
         rank equally well.
@@ -137,7 +137,7 @@ def two_step(kernel: SparseSimilarity, links: Any) -> _Product:
 
 
 def spread(image: _Block) -> float:
-    """Estimate the root mean square of the entries of a matrix M from ``image``, M times a standard normal matrix.
+    """Estimate the root mean square entry in a matrix M from ``image``, M times a standard normal matrix.
 
     Source: Hutchinson 1990.
     """
@@ -153,9 +153,9 @@ class Term(NamedTuple):
 
 
 def factored_sum(terms: Sequence[Term], drawn: _Block) -> tuple[_Block, _Block]:
-    """Return factors ``left`` and ``right``, shape (E, m): ``left rightᵀ`` approximates the weighted sum of matrices.
+    """Return factors ``left`` and ``right``, shape (E, m): ``left rightᵀ`` approximates a weighted matrix sum.
 
-    The error is close to that of the best approximation of rank m. ``drawn`` is a standard normal matrix, shape (E, m).
+    The approximation is nearly the best with rank m. ``drawn`` is a standard normal matrix, shape (E, m).
 
     Source: Halko, Martinsson and Tropp 2011, "Finding structure with randomness", algorithm 4.4.
     """
@@ -175,9 +175,9 @@ def factored_sum(terms: Sequence[Term], drawn: _Block) -> tuple[_Block, _Block]:
 class LowRankKernelScorer(FactorsScorer):
     """Approximates :class:`KernelScorer` by low-rank matrix factors, for graphs too large for a score table.
 
-    The scores of the two-step regression and of the completion are scaled to root mean square 1; a seeded randomised
-    singular value decomposition factors their sum. Truncating the kernel would lose more, because the kernel spectrum
-    is flat. combinesWith scores are only nearly symmetric: the error may differ between (a, b) and (b, a).
+    Two-step regression and completion are scaled to root mean square 1; a seeded randomised singular value
+    decomposition factors the sum. Truncating the kernel would lose more, because the kernel spectrum is flat.
+    combinesWith scores are only nearly symmetric: the error may differ between (a, b) and (b, a).
     """
 
     def __init__(
@@ -190,10 +190,10 @@ class LowRankKernelScorer(FactorsScorer):
         seed: int = 0,
         **kwargs: Any,
     ):
-        """Compute the factors of the scores in each relation.
+        """Compute the score factors for each relation.
 
-        Arguments as for :class:`KernelScorer`, plus ``rank``, the length m of the factors, and a ``seed`` for the
-        random matrix. Raises ConfigError for an invalid rank, or vectors that do not fit.
+        Arguments as for :class:`KernelScorer`, plus ``rank``, the factors' length m, and a ``seed`` for the random
+        matrix. Raises ConfigError for an invalid rank, or vectors that do not fit.
         """
         from scipy import sparse
 

@@ -19,10 +19,10 @@ NEAR_SYNONYM = 0.7
 
 @stage("looking for near-synonyms")
 def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:
-    """Return a mask of the test recipes that reword a train recipe, shape (num_recipes,).
+    """Return a mask for test recipes that reword a train recipe, shape (num_recipes,).
 
     Test recipe {a, b} -> c counts if a train recipe {a', b} -> c exists with cos(a, a') >= ``threshold``; ``features``
-    holds the word vectors of the entities.
+    holds the entities' word vectors.
     """
     graph = split.graph
     unit = features.unit_vectors
@@ -39,7 +39,7 @@ def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: floa
 
 
 def near_synonym_triples(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> NDArray[np.bool_]:
-    """Return a mask of the triples that a recipe in the mask ``recipes`` gives, shape (T,) for triples (T, 3).
+    """Return a mask for triples (T, 3) that a recipe in the mask ``recipes`` gives, shape (T,).
 
     A triple counts even if further recipes give the triple, so the remaining triples contain no near-synonyms.
     """

@@ -1,7 +1,7 @@
-"""Features of a pair of ingredients and a goal, from known recipes, and a small neural network that scores them.
+"""Features for two ingredients and a goal, from known recipes, and a small neural network that scores the features.
 
-Policies score many tables of entities at each step, so features of two entities are looked up in arrays. The evidence
-depends on three entities; its sum runs over the few recipes with results most similar to the goal.
+Policies score many tables at each step, so features for two entities are looked up in arrays. The evidence depends on
+three entities; its sum runs over the few recipes with results most similar to the goal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -60,10 +60,10 @@ class Support(NamedTuple):
     """A known recipe that supports another recipe, with its weight.
 
     Attributes:
-        recipe: ids of both ingredients and the result.
-        weight: similarity of the recipes, 1 for equality: the product of the entity similarities of both ingredients
-            (in the better order) and the result.
-        share: weight as a share of the sum of all weights.
+        recipe: ids for both ingredients and the result.
+        weight: recipe similarity, 1 for equality: the product of entity similarities for both ingredients (in the
+            better order) and the result.
+        share: weight relative to the sum over all supporting recipes.
     """
 
     recipe: tuple[int, int, int]
@@ -72,24 +72,23 @@ class Support(NamedTuple):
 
 
 class RecipeKnowledge(nn.Module):
-    """Arrays and networks for scoring any pair of ingredients with any goal, for M models (one per left-out fold).
+    """Arrays and networks that score any ingredient pair with any goal, for M models, such as the fold models.
 
-    Row E of an array is the empty slot. The evidence is ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r)
-    k(b, a_r)]`` over the recipes r with results most similar to c, with the squared normalised similarity k.
+    Row E is the empty slot. The evidence is ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]``
+    over the recipes r with results most similar to c, with the squared normalised similarity k.
 
     Attributes:
         parts: shape (M, E + 1, E + 1, 2), half: componentOf scores by ingredient and goal, from the recipe kernel and
             from the link ranker, a learned link scorer.
-        pairs: shape (M, E + 1, E + 1, 2), half: combinesWith scores of pairs, likewise.
+        pairs: shape (M, E + 1, E + 1, 2), half: combinesWith scores, likewise.
         numbers: shape (M, E + 1, E + 1), int32: number of a known pair, 0 for unknown pairs.
         results: shape (M, N + 1, L), int32: results by known pair, padded with E.
         alike: shape (M, E + 1, E + 1), half: k.
         words: shape (E + 1, E + 1), half: word cosines.
-        counts: shape (M, E + 1, 2): log(1 + n), with n the number of recipes that use an entity, and that make an
-            entity.
+        counts: shape (M, E + 1, 2): log(1 + n), for n recipes that use, and that make, an entity.
         supporting: shape (M, E + 1, R, 3), int16: recipes with results most similar to a goal, padded with E.
-        first, first_bias, second, bias: weights of the networks, with F features and H hidden units: shapes (M, F, H),
-            (M, H), (M, H) and (M,).
+        first, first_bias, second, bias: network weights, with F features and H hidden units: shapes (M, F, H), (M, H),
+            (M, H) and (M,).
     """
 
     parts: Tensor
@@ -116,7 +115,7 @@ class RecipeKnowledge(nn.Module):
 
     @classmethod
     def stacked(cls, models: Sequence["RecipeKnowledge"]) -> Self:
-        """Combine the knowledge of several models along the first axis of each array."""
+        """Combine several models' knowledge along each array's first axis."""
         nothing = models[0].num_entities
         shape = [max(model.results.shape[axis] for model in models) for axis in (1, 2)]
 
@@ -142,7 +141,7 @@ class RecipeKnowledge(nn.Module):
         return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return F features for each of P pairs of slots, shape (F, B, P); pairs in the order of :func:`pairs_of`.
+        """Return F features for each of P slot pairs, shape (F, B, P); pairs in the order of :func:`pairs_of`.
 
         Ids are int64: ``goal`` (B,), ``table`` (B, A) with E for empty slots, and the number of the ``model`` to use
         (B,).
@@ -200,7 +199,7 @@ class RecipeKnowledge(nn.Module):
         return self._words_alike
 
     def supporting_recipes(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Support]:
-        """Return up to ``limit`` training recipes of a model that support ``a + b -> goal``, largest share first."""
+        """Return up to ``limit`` of a model's training recipes that support ``a + b -> goal``, largest share first."""
         supporting, alike = self.supporting[model, goal].long(), self.alike[model]
         one, other, result = supporting.T
         like_goal = alike[goal, result].float()
@@ -216,7 +215,7 @@ class RecipeKnowledge(nn.Module):
         ]
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Score all pairs of slots as recipes for the goal: shape (B, A, A), in nats; -inf for empty slots."""
+        """Score all slot pairs as recipes for the goal: shape (B, A, A), in nats; -inf for empty slots."""
         features = self.features(goal, table, model).transpose(0, 1)
         first = self.first.transpose(1, 2).index_select(0, model)
         hidden = torch.baddbmm(self.first_bias.index_select(0, model)[:, :, None], first, features).relu_()
@@ -241,7 +240,7 @@ BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "
 def knowledge_of(
     recipes: Ids, kernel: Tensor, text: Tensor, tables: tuple[Tensor, Tensor], links: tuple[Tensor, Tensor]
 ) -> RecipeKnowledge:
-    """Return the knowledge of one model from its training recipes (n, 3); network weights are zero.
+    """Return one model's knowledge from its training recipes (n, 3); network weights are zero.
 
     All tables have shape (E, E): ``kernel`` holds similarities, ``text`` word cosines, ``tables`` combinesWith and
     componentOf scores by the recipe kernel, ``links`` the same by the link ranker (a learned link scorer).
@@ -286,7 +285,7 @@ def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
 
 
 def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return the first and the second slot of each pair of slots, shape (P,) each, with first <= second."""
+    """Return the first and the second slot in each slot pair, shape (P,) each, with first <= second."""
     one, other = torch.triu_indices(slots, slots, device=device)
     return one, other
 

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class TripleScorer(Protocol):
-    """Interface of all scorers of triples in a recipe graph; a higher score means more plausible, on any scale.
+    """Interface for scorers, which score triples in a recipe graph; higher means more plausible, on any scale.
 
     Attributes:
-        graph_hash: content hash of the recipe graph.
+        graph_hash: the recipe graph's content hash.
         entities: entity labels in id order.
     """
 
@@ -33,13 +33,13 @@ class TripleScorer(Protocol):
         ...
 
     def table(self, relation: "int | str") -> "torch.Tensor":
-        """Return the scores of all pairs in a relation: shape (E, E), float32, row = head, column = tail."""
+        """Return the scores for all pairs in a relation: shape (E, E), float32, row = head, column = tail."""
         ...
 
 
 @runtime_checkable
 class FactoredScorer(TripleScorer, Protocol):
-    """Interface of scorers that compute the scores of all pairs by a product of two matrices, without a table."""
+    """Interface for scorers that compute all pair scores as a product of two matrices, without a table."""
 
     def factors(self, relation: "int | str") -> "tuple[torch.Tensor, torch.Tensor]":
         """Return ``left`` and ``right``, shape (E, m), float32: a pair scores ``left[head] · right[tail]``."""

@@ -1,4 +1,4 @@
-"""Ranks of the true answers to test triples, metrics with intervals, metrics by relation, and calibration."""
+"""Ranking the true answers to test triples: metrics with intervals, metrics by relation, and calibration."""
 
 from typing import Annotated
 
@@ -26,12 +26,12 @@ CELLS = 2**23
 
 
 class RankingMetrics(Record, omit_defaults=True):
-    """Link prediction metrics over a set of ranked queries; without queries, only ``queries`` is set.
+    """Link prediction metrics over ranked queries; without queries, only ``queries`` is set.
 
     Attributes:
-        queries: number of queries, triples with the head or the tail left open.
+        queries: number of queries (triples with an open head or tail).
         mrr: mean reciprocal rank.
-        hits_at_1, hits_at_3, hits_at_10: share of queries with rank at most k.
+        hits_at_1, hits_at_3, hits_at_10: share of queries with rank <= k.
         mean_rank: mean rank, from 1.
         amri: adjusted mean rank index, 0 for a random order and 1 for a perfect order (Berrendorf et al. 2020).
         mrr_ci: 95 % interval of ``mrr``, if computed.
@@ -48,7 +48,7 @@ class RankingMetrics(Record, omit_defaults=True):
 
 
 class CalibrationBin(Record):
-    """Queries with similar confidence: mean confidence, accuracy of the best candidates, and number of queries."""
+    """Queries with similar confidence: mean confidence, best candidates' accuracy, and number of queries."""
 
     confidence: Share
     accuracy: Share
@@ -56,7 +56,7 @@ class CalibrationBin(Record):
 
 
 class Calibration(Record):
-    """Expected calibration error, and the queries in bins of equal size, sorted by confidence."""
+    """Expected calibration error, and the queries in equal-sized bins by confidence."""
 
     ece: Share
     bins: tuple[CalibrationBin, ...]
@@ -83,7 +83,7 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
     Args:
         scorer: the scorer to evaluate.
         triples: shape (T, 3), the triples to rank.
-        known: shape (K, 3), all true triples of train and test recipes.
+        known: shape (K, 3), all true triples from train and test recipes.
 
     Returns:
         2 T rows, first all tail queries, then all head queries, in the given order. Columns: head, relation, tail
@@ -187,14 +187,14 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
 
 
 def random_reciprocal_ranks(ranks: pd.DataFrame) -> NDArray[np.float64]:
-    """Return each query's expected reciprocal rank in a random order of its n candidates, ``H_n / n``."""
+    """Return each query's expected reciprocal rank if its n candidates are in random order, ``H_n / n``."""
     n = ranks["candidates"].to_numpy(dtype=np.int64)
     harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max(initial=1) + 1))])
     return np.asarray(harmonic[n] / n)
 
 
 def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
-    """Return the exact expected metrics for random orders of the candidates."""
+    """Return the exact expected metrics if the candidates are in random order."""
     n = ranks["candidates"].to_numpy(dtype=float)
     if not len(n):
         return RankingMetrics(0)
@@ -239,7 +239,7 @@ def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000,
 
 
 def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
-    """Compare the softmax confidence of each query's best candidate with the accuracy of these candidates.
+    """Compare the softmax confidence in each query's best candidate with these candidates' accuracy.
 
     Most unseen triples have several plausible answers, so confidences near 1 are not expected.
     """
@@ -255,7 +255,7 @@ def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
-    """Return masks of the rows for metrics by relation: all, each relation, each relation with each side."""
+    """Return row masks for metrics by relation: all, each relation, each relation with each side."""
     relation, side = ranks["relation"].to_numpy(), ranks["side"].to_numpy()
     masks = {"all": np.ones(len(ranks), dtype=bool)}
     masks |= {name: relation == i for i, name in enumerate(RELATIONS)}

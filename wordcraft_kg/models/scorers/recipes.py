@@ -56,21 +56,20 @@ class RecipeScores(TripleScorer, Protocol):
         ...
 
     def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
-        """Return at most ``limit`` training recipes that support a recipe, largest share of the evidence first."""
+        """Return at most ``limit`` training recipes that support a recipe, largest evidence share first."""
         ...
 
 
 class RecipeScorer(StoredScorer):
     """A learned scorer for recipes and links: small networks (rankers) on features from known recipes.
 
-    The networks learn from features of recipes outside each fold's training data. Recipe scores are in nats: the
-    log-odds, up to a constant, that a pair of ingredients makes the goal, given that some pair on the table does. Link
-    scores come from the link ranker.
+    The networks learn from out-of-sample features. Recipe scores are in nats: the log-odds, up to a constant, that an
+    ingredient pair makes the goal, given that some pair on the table does. Link scores come from the link ranker.
 
     Attributes:
         knowledge: feature arrays and the recipe ranker.
         recipes: shape (n, 3), training recipes.
-        link_rankers: weights of the link ranker by relation, for entities outside the graph.
+        link_rankers: link ranker weights by relation, for entities outside the graph.
 
     Raises:
         KeyError: if a tensor is missing.
@@ -87,7 +86,7 @@ class RecipeScorer(StoredScorer):
         self.link_rankers = {relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS}
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return all tensors of the scorer by name; :meth:`restored` makes the scorer from these tensors."""
+        """Return the scorer's tensors by name; :meth:`restored` makes the scorer from these tensors."""
         links = {
             f"{relation}.{name}": weights
             for relation, ranker in self.link_rankers.items()

@@ -17,16 +17,15 @@ _Rows = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class EntityRoles:
-    """Similarities between entities by role; a role is the head or the tail of a relation.
+    """Similarities between entities by role; the four roles are head and tail in each relation.
 
-    In a role, an entity is represented by its row (as head) or column (as tail) of scores with all entities, centred by
-    row and column; uncentred rows mainly show which entities score high overall. Only row products matter, so factors
-    can replace tables: :attr:`units` are then different coordinates for the same vectors.
+    In a role, an entity is represented by its scores with all entities (row as head, column as tail), centred by row
+    and column; uncentred rows mainly show which entities score high overall. Only row products matter, so factors can
+    replace tables: :attr:`units` are then different coordinates for the same vectors.
 
     Attributes:
         units: unit vectors by relation and side (head, tail), shape (E, m); 0 for entities without scores.
-        lengths: shape (E, 4), float32: length of each entity's vector in each role, relative to the root mean square
-            over the role.
+        lengths: shape (E, 4), float32: vector lengths by entity and role, relative to the role's root mean square.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")

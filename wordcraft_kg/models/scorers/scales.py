@@ -1,4 +1,4 @@
-"""Scores on a common scale, so that the scores of several scorers and relations can be mixed."""
+"""A common scale for scores, so that several scorers and relations can be mixed."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -23,15 +23,15 @@ def scaled_table(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> Tensor:
-    """Return the scaled scores of all pairs of entities in a relation: shape (E, E), row = head.
+    """Return scaled scores for all entity pairs in a relation: shape (E, E), row = head.
 
     Args:
         scorer: any scorer.
         relation: relation id.
         scale: ``standardise`` (mean 0, deviation 1), ``ranks`` (percentile ranks among all pairs), ``log-softmax``
             (over heads, for each tail) or ``none`` (raw scores).
-        self_edges: scores of an entity with itself: ``keep`` all, keep only pairs in ``observed``, or ``drop`` all.
-            Dropped scores become the mean over pairs of different entities.
+        self_edges: pairs with equal head and tail: ``keep`` all scores, keep only pairs in ``observed``, or ``drop``
+            all. Dropped scores become the mean over pairs of different entities.
         observed: the scorer's training triples, shape (T, 3).
 
     Raises:
@@ -61,12 +61,12 @@ FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "none")
 
 @dataclass(frozen=True)
 class ScaledFactors:
-    """Scaled scores of a relation as matrix factors: a pair scores ``left[head] · right[tail] - shift``.
+    """Scaled scores for a relation as matrix factors: a pair scores ``left[head] · right[tail] - shift``.
 
     Attributes:
         left, right: factors, shape (E, m).
         shift: the same for all pairs, shape ().
-        dropped: shape (E,), bool: entities that score ``itself``, shape (), when paired with themselves.
+        dropped: shape (E,), bool: entities with self score ``itself``, shape ().
     """
 
     left: Tensor

@@ -1,4 +1,4 @@
-"""The base class of scorers; a new scorer implements the method ``_score`` for ids."""
+"""The base class for scorers; a new scorer implements the method ``_score`` for ids."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -21,11 +21,11 @@ RelationIds = int | str | Tensor
 
 
 class Scorer(ABC):
-    """Base class of scorers, which rate how plausible triples are: stores entity labels and converts labels to ids.
+    """Base class for scorers, which rate how plausible triples are: stores labels and converts labels to ids.
 
     Attributes:
         entities: entity labels in id order.
-        graph_hash: content hash of the scorer's recipe graph.
+        graph_hash: the recipe graph's content hash.
         device: torch device for computation and results.
         name: name in reports.
     """
@@ -49,7 +49,7 @@ class Scorer(ABC):
 
     @property
     def observed(self) -> Ids | None:
-        """Triples that count as observed in training, shape (T, 3); None for the triples of the training recipes."""
+        """Triples that count as observed in training, shape (T, 3); None for the training recipes' triples."""
         return None
 
     @abstractmethod
@@ -65,12 +65,12 @@ class Scorer(ABC):
         return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
 
     def table(self, relation: int | str) -> Tensor:
-        """Return the scores of all pairs in a relation, (E, E), row = head; 1.5 GiB for 20,000 entities."""
+        """Return scores for all pairs in a relation, (E, E), row = head; 1.5 GiB for 20,000 entities."""
         everything = torch.arange(len(self.entities), device=self.device)
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 
     def entity_ids(self, entities: EntityIds) -> Tensor:
-        """Convert labels or ids to an int64 tensor of ids; UnknownEntityError names the nearest labels."""
+        """Convert labels or ids to int64 ids on the device; UnknownEntityError names the nearest labels."""
         if not isinstance(entities, torch.Tensor):
             values = np.asarray(entities)
             if values.dtype.kind == "U":
@@ -87,7 +87,7 @@ class Scorer(ABC):
         return ids
 
     def relation_ids(self, relations: RelationIds) -> Tensor:
-        """Convert relation names or ids to an int64 tensor of ids; UnknownEntityError names the relations."""
+        """Convert relation names or ids to int64 ids; UnknownEntityError names the relations."""
         if isinstance(relations, str):
             if relations not in RELATIONS:
                 hint = nearest(relations, RELATIONS)
@@ -113,7 +113,7 @@ class StoredScorer(Scorer):
     """A scorer that can be written to a model folder and read again, as named tensors.
 
     Attributes:
-        kind: name of the scorer class in ``vocabulary.json`` and key in
+        kind: the scorer class's name in ``vocabulary.json`` and key in
             :data:`~wordcraft_kg.models.scorers.folder.SCORERS`.
     """
 
@@ -121,7 +121,7 @@ class StoredScorer(Scorer):
 
     @abstractmethod
     def tensors(self) -> dict[str, Tensor]:
-        """Return all tensors of the scorer by name; :meth:`restored` makes the scorer from these tensors."""
+        """Return the scorer's tensors by name; :meth:`restored` makes the scorer from these tensors."""
 
     @staticmethod
     @abstractmethod

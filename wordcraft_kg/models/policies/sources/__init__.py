@@ -1,13 +1,13 @@
-"""Sources: the single path from knowledge to decisions.
+"""Sources: knowledge as a score for each table slot, for use in decisions.
 
-A source scores table slots: ``source(goal, selection, table) -> (B, A)``. Policies mix sources, wrappers add scores to
-observations, scripted players follow scores, explanations and reports name columns by source. A policy's own attention
-logits are called :data:`ALPHA`.
+A source scores table slots: ``source(goal, selection, table) -> (B, A)``. Policies mix sources, environment wrappers
+add source scores to observations, scripted players choose slots by source scores, and reports have a column per source.
+A policy's own attention logits are called :data:`ALPHA`.
 
-A new source subclasses :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry point in the group
-``wordcraft_kg.sources`` registers an installed package's source for all commands;
-:func:`~wordcraft_kg.models.policies.sources.registry.register_source` registers in Python. This package imports no
-torch::
+To add a source, subclass :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry point in the group
+``wordcraft_kg.sources`` makes the source known to all commands;
+:func:`~wordcraft_kg.models.policies.sources.registry.register_source` makes it known in the running process only. This
+package imports no torch::
 
     sources = make_sources(["u", "v"], load_scorer("models/mine"))
     sources[0](goal, selection, table)
@@ -23,12 +23,12 @@ GROUP = "wordcraft_kg.sources"
 
 @dataclass(frozen=True)
 class Label:
-    """A source's names.
+    """The names under which a source appears in settings, formulas and reports.
 
     Attributes:
         name: name in settings and records.
         symbol: symbol in formulas.
-        about: column header; ``{selection}`` is replaced by the selected entity.
+        about: column header in tables; ``{selection}`` is replaced by the selected entity.
         words: name in running text; by default ``name``.
         meaning: explanatory sentence for reports.
     """
@@ -44,16 +44,16 @@ class Label:
 
     @property
     def needs_selection(self) -> bool:
-        """Scores are meaningful only with a selection."""
+        """Whether the scores are meaningful only with a selected entity."""
         return "{selection}" in self.about
 
     @property
     def coefficient(self) -> str:
-        """Symbol for the mixing coefficient."""
+        """Symbol of the source's mixing weight, a λ with the source's symbol."""
         return f"λ{self.symbol}"
 
     def title(self, selection: str | None) -> str:
-        """Return the column header, given the selected entity (None without selection)."""
+        """Return the column header for tables, given the selected entity (None without selection)."""
         return f"{self.about.format(selection=selection or 'nothing')} ({self.symbol})"
 
 
@@ -83,18 +83,18 @@ LABELS = dict(BUILT_IN)
 
 @cache
 def installed_sources() -> dict[str, EntryPoint]:
-    """Return entry points for installed sources by name."""
+    """Return the entry points, by name, with which installed packages provide further sources."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def source_names() -> tuple[str, ...]:
-    """Return all source names in mixing order: built-in sources, then plug-ins by name."""
+    """Return all source names in mixing order: built-in sources, then installed and registered sources by name."""
     plug_ins = {*LABELS, *installed_sources()} - BUILT_IN.keys()
     return (*BUILT_IN, *sorted(plug_ins))
 
 
 def label_of(name: str) -> Label:
-    """Return the label for a source or ``alpha``; KeyError for unknown names."""
+    """Return the label (all names and symbols) for a source or ``alpha``; KeyError for unknown names."""
     if name == ALPHA.name:
         return ALPHA
     if name in LABELS:

@@ -1,4 +1,4 @@
-"""Pair-score sources: u, with the selection, and v, with the goal."""
+"""Sources with scores for pairs: u scores a slot's entity with the selection, v with the goal."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -22,10 +22,11 @@ _FACTORS = {"left": "N m float32", "right": "N m float32", "shift": "float32", "
 
 
 class PairSource(FoldedSource):
-    """Scores each slot's entity with a key, the goal or the selection, by a score table or by factors.
+    """Scores each slot's entity with a key entity (the goal or the selection), by a score table or matrix factors.
 
-    Cross-fitted scorers add a first axis with K + 2 models to each buffer; the last model is empty and scores 0. The
-    task selects the model; without a task, the whole model scores.
+    For cross-fitted scorers (a model per left-out fold), each buffer has a first axis with K + 2 models: one trained on
+    all K folds, one without each fold, and an empty model that scores 0. The task selects the model, by default the
+    first.
 
     Attributes:
         scores: buffer, shape (E + 1, E + 1): score table by key and slot's entity; 0 for empty slots.
@@ -48,7 +49,7 @@ class PairSource(FoldedSource):
 
     @classmethod
     def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
-        """Make the source from a relation's scores, with the slot's entity as head and the key as tail."""
+        """Make the source from a scorer's scores in a relation: head is the slot's entity, tail the key."""
         size = len(scorer.entities)
         constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
         folded = folds_of(scorer)
@@ -84,7 +85,7 @@ class PairSource(FoldedSource):
 
     @abstractmethod
     def key(self, goal: Tensor, selection: Tensor) -> Tensor:
-        """Return the entity to score slots with, shape (B,)."""
+        """Return the entity to score the slots with, the goal or the selection; shape (B,)."""
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
         key = self.key(goal, selection)[:, None]
@@ -105,7 +106,7 @@ class PairSource(FoldedSource):
 
 
 class CombinesWith(PairSource):
-    """``u_i = L(e_i, combinesWith, e_s)``; 0 without selection.
+    """The source u, ``u_i = L(e_i, combinesWith, e_s)``: link score for slot i with selection s, 0 without.
 
     Source: Jiang et al. 2020, section "Link Prediction Model".
     """
@@ -121,7 +122,7 @@ class CombinesWith(PairSource):
 
 
 class ComponentOf(PairSource):
-    """``v_i = L(e_i, componentOf, e_g)``.
+    """The source v, ``v_i = L(e_i, componentOf, e_g)``: link score for slot i with the goal g.
 
     Source: Jiang et al. 2020, section "Link Prediction Model".
     """

@@ -1,4 +1,4 @@
-"""w: the score for the best recipe that makes the goal with a slot's entity."""
+"""The source w: the score for the best recipe that makes the goal with a slot's entity."""
 
 from collections.abc import Mapping
 
@@ -32,13 +32,15 @@ _LAYOUTS = {
 
 
 class BestRecipe(FoldedSource):
-    """``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
+    """The source w, ``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)``.
 
-    S is a recipe score in nats, so w needs no common scale. Weighted recipe lists use
+    Slot i, selection s and goal g form a recipe; j runs over the table. S is a recipe score in nats, so w needs no
+    common scale. Scorers with a weighted recipe list use
     :class:`~wordcraft_kg.models.policies.sources.weighted.BestWeighted`.
 
     Attributes:
-        knowledge: tables and rankers, K + 1 models for cross-fitted scorers.
+        knowledge: arrays and networks that compute S; for cross-fitted scorers K + 1 models, on all folds and without
+            each fold.
     """
 
     label = W
@@ -74,7 +76,7 @@ class BestRecipe(FoldedSource):
 
     @staticmethod
     def serves(scorer: TripleScorer) -> bool:
-        """Return whether a scorer has the recipe scores for this source."""
+        """Return whether a scorer has recipe scores, which this source needs."""
         return isinstance(whole_of(scorer), RecipeScorer | WeightedRecipes)
 
     @classmethod
@@ -133,7 +135,7 @@ class BestRecipe(FoldedSource):
         )
 
     def knows(self, recipes: Tensor, model: int) -> Tensor:
-        """Return a mask for recipes (n, 3) in a model's train sample, shape (n,)."""
+        """Return a mask of the recipes (n, 3) in a model's training data, shape (n,)."""
         one, other, result = recipes.T
         number = self.knowledge.numbers[model, one, other].long()
         return (number > 0) & (self.knowledge.results[model, number] == result[:, None]).any(1)

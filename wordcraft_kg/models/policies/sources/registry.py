@@ -1,4 +1,4 @@
-"""Sources by name: built-in, installed and registered."""
+"""Look up sources by name: built-in, installed and registered."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -22,12 +22,12 @@ _CLASSES: dict[str, type[Source]] = {kind.label.name: kind for kind in (Combines
 
 
 def register_source(kind: _SourceT) -> _SourceT:
-    """Register a source under its label's name in this process; a class decorator.
+    """Make a source class known under its label's name, in this process only; a class decorator.
 
     Commands and worker processes find sources by entry points in the group ``wordcraft_kg.sources``.
 
     Raises:
-        ConfigError: if the name is built in.
+        ConfigError: if a built-in source has the name.
     """
     name = kind.label.name
     if name == ALPHA.name or name in BUILT_IN:
@@ -37,7 +37,7 @@ def register_source(kind: _SourceT) -> _SourceT:
 
 
 def source_class(name: str) -> type[Source]:
-    """Return a source class by name. Raises ConfigError for unknown names."""
+    """Return the source class with a name. Raises ConfigError for unknown names."""
     if name not in _CLASSES:
         point = installed_sources().get(name)
         if point is None:
@@ -50,10 +50,10 @@ def source_class(name: str) -> type[Source]:
 
 
 def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale) -> bool:
-    """Return whether score tables are too large, so that sources must score by factors.
+    """Return whether score tables would be too large, so that the named sources must score by matrix factors.
 
     Raises:
-        ConfigError: if factors are needed but unavailable.
+        ConfigError: if the scorer or the scale does not allow factors.
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
@@ -78,13 +78,13 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
 def make_sources(
     names: Iterable[str], scorer: TripleScorer, view: ScoreView = AS_IS, *, tasks: TaskSet | None = None
 ) -> list[Source]:
-    """Make a scorer's sources by name; ``view`` selects scale and self edges.
+    """Make sources by name from a scorer; ``view`` selects the common scale and the treatment of self edges.
 
-    ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, cross-fitted sources serve only test
-    tasks.
+    ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, sources from cross-fitted scorers serve
+    only test tasks.
 
     Raises:
-        ConfigError: if the scorer cannot serve a source, or only by a too large table (before computing the table).
+        ConfigError: if the scorer cannot serve a source, or would need a table that is too large.
         LeakError: if a model has seen a task's recipes.
         GraphMismatchError: if the tasks belong to another graph or split than the scorer's folds.
 

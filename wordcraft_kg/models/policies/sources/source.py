@@ -1,4 +1,4 @@
-"""Base classes for sources, and for sources with a model per fold."""
+"""Base classes: for sources, and for sources with a model per left-out fold."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -21,14 +21,14 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 
 @dataclass(frozen=True)
 class ScoreView:
-    """Settings for reading a scorer; the default keeps raw scores.
+    """Settings for the scores that a source reads from a scorer; by default raw scores.
 
     Attributes:
-        scale: see :func:`~wordcraft_kg.models.scorers.scales.scaled_table`.
-        self_edges: see there.
+        scale: common scale, see :func:`~wordcraft_kg.models.scorers.scales.scaled_table`.
+        self_edges: scores of an entity with itself, see there.
         observed: the scorer's training triples, shape (T, 3), for ``self_edges`` ``observed``.
-        by_factors: use the scorer's factors because a score table would be too large.
-        tasks: tasks to score, required by cross-fitted scorers, see :meth:`Source.bind`.
+        by_factors: use the scorer's matrix factors, for graphs too large for a score table.
+        tasks: tasks to score, required by scorers with a model per left-out fold, see :meth:`Source.bind`.
     """
 
     scale: Scale = "none"
@@ -43,13 +43,13 @@ AS_IS = ScoreView()
 
 
 class Source(nn.Module, ABC):
-    """Gradient-free slot scores from buffers that are saved with a policy.
+    """Base class of sources, which score each table slot without gradients, from buffers saved with a policy.
 
     Attributes:
-        label: name and symbol.
-        reads_task: scores depend on the task number.
+        label: name and symbol of the source.
+        reads_task: True if scores depend on the task.
         num_entities: E, also the id for empty slots and no selection.
-        graph_hash: the graph's content hash; empty for sources restored with a policy.
+        graph_hash: content hash of the recipe graph; empty for sources restored with a policy.
     """
 
     label: ClassVar[Label]
@@ -62,26 +62,26 @@ class Source(nn.Module, ABC):
 
     @property
     def name(self) -> str:
-        """Name in settings and records."""
+        """Name of the source in settings and records."""
         return self.label.name
 
     @classmethod
     @abstractmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Source":
-        """Make the source from a scorer; ConfigError if the scorer lacks the scores."""
+        """Make the source from a scorer; ConfigError if the scorer lacks the scores that the source needs."""
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Source":
-        """Return a source with buffers sized for the saved constants."""
+        """Return a source with buffers of the saved constants' shapes, into which a policy is then loaded."""
         return cls(num_entities)
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:
-        """Estimate the number of bytes in a scorer's constants before computation."""
+        """Estimate how many bytes the source's buffers would take for a scorer."""
         return 0
 
     def bind(self, tasks: TaskSet) -> None:
-        """Set the tasks to which later task numbers refer; no effect unless scores depend on the task.
+        """Set the task set that task numbers in later calls index; no effect unless :attr:`reads_task`.
 
         Raises:
             LeakError: if a model has seen a task's recipes.
@@ -95,17 +95,18 @@ class Source(nn.Module, ABC):
     def evidence(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
     ) -> "tuple[Evidence | None, ...]":
-        """Return up to ``limit`` supporting recipes per slot in a single state (B = 1); None without evidence."""
+        """Return each slot's evidence in a single state (B = 1), up to ``limit`` recipes; None without evidence."""
         return (None,) * table.shape[1]
 
 
 def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int) -> None:
-    """Check saved constants: types and shapes.
+    """Check the shapes and types of tensors that were saved as a source's constants.
 
     Args:
         constants: tensors by name.
-        layouts: axes and type by name, such as ``N N float32``; axes with the same name have the same size.
-        sizes: known axis sizes.
+        layouts: names of axes, then type, by tensor name, such as ``N N float32``; axes with the same name have the
+            same size.
+        sizes: known sizes by axis name.
 
     Raises:
         KeyError: if a constant is missing.
@@ -120,7 +121,7 @@ def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str],
 
 
 class Evidence(NamedTuple):
-    """Evidence for a slot: the assumed partner, and supporting recipes, largest share first."""
+    """Evidence for a slot's score: the assumed second ingredient, and supporting recipes, largest share first."""
 
     partner: int
     supporting: tuple[Support, ...]
@@ -132,8 +133,8 @@ class FoldedSource(Source):
     Models are numbered as in :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`.
 
     Attributes:
-        fold_of_recipe: buffer for cross-fitted scorers, shape (num_recipes,), int64; empty without tasks.
-        model_of_task: model by bound task, then the whole model, shape (N + 1,). Not saved.
+        fold_of_recipe: buffer, the fold of each recipe, shape (num_recipes,), int64; empty if made without tasks.
+        model_of_task: model number for each of N tasks, then 0 for unlisted tasks, shape (N + 1,). Not saved.
     """
 
     fold_of_recipe: Tensor
@@ -149,7 +150,7 @@ class FoldedSource(Source):
 
     @staticmethod
     def num_folds(constants: Mapping[str, Tensor]) -> int | None:
-        """Return the number of folds in saved constants, None without fold models."""
+        """Return the number of left-out folds in saved constants; None if there is a single model."""
         if "fold_of_recipe" not in constants:
             return None
         check_constants(constants, {"fold_of_recipe": "recipes int64"})
@@ -158,14 +159,14 @@ class FoldedSource(Source):
 
     @staticmethod
     def fold_numbers(scorer: CrossFitted, view: ScoreView) -> Tensor:
-        """Return folds by recipe; empty for sources made without tasks."""
+        """Return the fold of each recipe; empty for sources made without tasks."""
         if view.tasks is None:
             return torch.empty(0, dtype=torch.int64)
         check_scorer(scorer, view.tasks.graph)
         return torch.from_numpy(scorer.of_recipe.copy())
 
     def bound(self, view: ScoreView) -> Self:
-        """Bind the source to the view's tasks, if any, and return the source."""
+        """Call :meth:`bind` with the view's tasks, if any, and return the source."""
         if view.tasks is not None:
             self.bind(view.tasks)
         return self
@@ -189,11 +190,11 @@ class FoldedSource(Source):
         self.bound_to = tasks.hash
 
     def model_of(self, task: Tensor | None) -> Tensor | None:
-        """Return the model for each state, shape (B,); None for the whole model.
+        """Return the number of the model that scores each state, shape (B,), given the states' task numbers.
 
         Raises:
-            LeakError: if the tasks are unknown.
-            IndexError: for a number without task.
+            LeakError: if :meth:`bind` was never called.
+            IndexError: if a task number is out of range.
         """
         if task is None or not self.reads_task:
             return None

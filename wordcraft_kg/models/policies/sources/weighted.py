@@ -1,4 +1,4 @@
-"""w from a weighted recipe list."""
+"""The source w from a list of recipes with weights, such as recipes elicited from a language model."""
 
 from collections.abc import Mapping
 from typing import Protocol, Self, runtime_checkable
@@ -14,21 +14,22 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 @runtime_checkable
 class WeightedRecipes(TripleScorer, Protocol):
-    """A scorer with a weighted recipe list, such as elicited recipes."""
+    """Interface of scorers with a list of weighted recipes, such as recipes elicited from a language model."""
 
     def weighted_recipes(self) -> tuple[Tensor, Tensor]:
-        """Return recipes, shape (n, 3), int64, by ascending key, and positive weights, shape (n,)."""
+        """Return recipes, ids (n, 3), ascending by :func:`recipe_keys`, and positive weights, shape (n,)."""
         ...
 
 
 class BestWeighted(Source):
-    """``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)`` over the table.
+    """The source w, ``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)``.
 
-    S is a listed recipe's weight, otherwise 0. The list uses no graph recipe, so nothing can leak.
+    Slot i, selection s and goal g form a recipe; j runs over the table. S is the recipe's weight in the list, 0 for
+    unlisted recipes. The list uses no graph recipe, so nothing can leak.
 
     Attributes:
         keys: buffer, shape (n + 1,), see :func:`recipe_keys`; the last key equals no recipe's key.
-        weights: buffer, shape (n + 1,).
+        weights: buffer, shape (n + 1,), by key; the last weight is 0.
     """
 
     label = W
@@ -64,18 +65,18 @@ class BestWeighted(Source):
 
 
 def recipe_keys(recipes: Tensor, size: int) -> Tensor:
-    """Return order-independent recipe keys, shape (..., 3) -> (...).
+    """Return a number for each recipe, equal for both orders of the ingredients: shape (..., 3) -> (...).
 
-    Ids are 0 .. E, where E is an empty slot; keys with E differ from all entity keys.
+    Ids are 0 .. E, where E = ``size`` is an empty slot; recipes with E share no key with recipes of entities.
     """
     one, other, result = recipes.unbind(-1)
     return (torch.minimum(one, other) * (size + 1) + torch.maximum(one, other)) * (size + 1) + result
 
 
 def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Tensor:
-    """Return recipe weights, shape (..., 3) -> (...); 0 for unlisted recipes.
+    """Return the weight of each recipe, ids (..., 3) -> (...); 0 for unlisted recipes.
 
-    ``keys``, ascending, and ``weights``, shape (n + 1,), end with :func:`with_end` and 0; ``size`` is E.
+    ``keys``, ascending, and ``weights``, shape (n + 1,), end with :func:`with_end`'s key and 0; ``size`` is E.
     """
     wanted = recipe_keys(recipes, size).contiguous()
     rows = torch.searchsorted(keys, wanted)
@@ -83,5 +84,5 @@ def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Ten
 
 
 def with_end(keys: Tensor) -> Tensor:
-    """Append a largest key, so searches always end at a key."""
+    """Append a key larger than all recipe keys, so that each search in the sorted keys finds an index."""
     return torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])

@@ -34,7 +34,7 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
 
     Args:
         folder: folder written by a training command, ``elicit`` or ``save_scorer``.
-        graph: current path of the training graph, if the graph has moved since training.
+        graph: current path of the training graph, if moved.
 
     Raises:
         ArtefactError: if the folder is unfinished or damaged, or the graph is missing.

@@ -22,7 +22,7 @@ class History:
 
     Attributes:
         config: settings; ``kg``, ``train_fraction``, ``label_noise`` and ``seed`` have the same meaning for all models.
-        facts: facts about the training for a report, by name.
+        facts: facts for a report, by name.
         metrics: training metrics, if any.
         trace: a record per epoch, if any.
         chosen: names of settings chosen by the training, which may differ between seeds.
@@ -60,7 +60,7 @@ class Model:
 
     @property
     def trace(self) -> Sequence[Any]:
-        """A record per training epoch, with the attributes ``epoch`` and ``loss``."""
+        """A record per epoch, with ``epoch`` and ``loss``."""
         return self.history.trace
 
     @property
@@ -87,7 +87,7 @@ class Model:
 
     @property
     def learned_from(self) -> str:
-        """Training fraction and label noise in words; an empty string for all recipes without noise."""
+        """Training fraction and label noise in words; empty for all recipes without noise."""
         return describe_train_sample(self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0))
 
     @cached_property

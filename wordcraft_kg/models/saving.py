@@ -56,7 +56,7 @@ def save_scorer(
     Args:
         folder: folder to write.
         scorer: scorer for the graph's triples.
-        opened: graph of the scorer, and split for evaluation.
+        opened: graph, and split for evaluation.
         kg: training data: ``partial`` for train recipes only; ``full`` with other recipes from the graph, so that
             metrics are marked as memory; ``none`` without recipes, for example from words alone.
         origin: one-line description for reports. Default: the scorer's name.
@@ -112,7 +112,7 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
 
 
 def saved_history(files: RunFiles) -> History:
-    """Return the training history (settings and facts) of a scorer that was saved by :func:`save_scorer`."""
+    """Return settings and facts for a scorer saved by :func:`save_scorer`."""
     config = SavedConfig.read(files.folder)
     facts = {"trained by": "someone else, and saved as a model folder", "what it is": config.origin}
     return History(config, facts, is_trained=False)

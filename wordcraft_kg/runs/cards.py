@@ -16,12 +16,12 @@ def scorer_card(
     """Return the model card (Markdown text) for a scorer, a model that scores triples or recipes.
 
     Args:
-        opened: graph and split of the training, described before the first of the ``points``.
-        title: heading of the card.
-        about: paragraph on the purpose and the training data.
-        points: facts about the training, listed as bullets.
-        closing: paragraph with caveats about the metrics.
-        usage: lines of Python example code, which may use the variable ``scorer``.
+        opened: graph and split, described before the first of the ``points``.
+        title: heading.
+        about: purpose and training data.
+        points: facts, one per line.
+        closing: caveats about the metrics.
+        usage: example code lines that use ``scorer``.
     """
     graph, split = opened.graph, opened.split.config
     where = f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; split `{split.kind}`, seed {split.seed}"

@@ -1,4 +1,4 @@
-"""Checkpoints: all weights, optimiser state and progress in a training, in files that survive a power failure."""
+"""Checkpoints: the whole state of a training, in files that survive a power failure."""
 
 import hashlib
 import logging
@@ -41,8 +41,8 @@ class Checkpoints(Generic[P]):
     """The checkpoints in a run folder: tensors ``checkpoints/epoch-N.safetensors`` with JSON records ``epoch-N.json``.
 
     Attributes:
-        folder: the folder ``checkpoints`` in the run folder.
-        last: number of the checkpoint that was saved or loaded last; None before.
+        folder: the folder ``checkpoints``.
+        last: number of the last saved or loaded checkpoint, if any.
     """
 
     def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
@@ -52,7 +52,7 @@ class Checkpoints(Generic[P]):
         self.last: int | None = None
 
     def records(self) -> dict[int, Path]:
-        """Return the paths of all JSON records by checkpoint number, latest checkpoint first."""
+        """Return the JSON record paths by checkpoint number, latest first."""
         matches = ((re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path) for path in self.folder.glob("*.json"))
         return dict(sorted(((int(match[1]), path) for match, path in matches if match), reverse=True))
 
@@ -99,7 +99,7 @@ class Checkpoints(Generic[P]):
         raise ArtefactError(f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`.")
 
     def drop(self) -> None:
-        """Remove the folder with all checkpoints."""
+        """Remove all checkpoints."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def read(self, number: int) -> Checkpoint[P]:

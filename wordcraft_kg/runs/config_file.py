@@ -38,7 +38,7 @@ class RunConfig:
 
     @property
     def command(self) -> str:
-        """The training command that accepts these settings and names the table in ``config.toml``."""
+        """The training command for these settings, which names the table in ``config.toml``."""
         return self.commands[0]
 
     def default_folder(self, graph_name: str) -> Path:
@@ -46,7 +46,7 @@ class RunConfig:
         return Path("models") / f"{graph_name}-{self.command}"
 
     def values(self) -> dict[str, Any]:
-        """Return all settings by option name, nested settings included, without None values."""
+        """Return all settings by option name, without None values."""
         return {name: value for name, value in _flat(self).items() if value is not None}
 
     def write(self, folder: Path) -> None:
@@ -150,5 +150,5 @@ def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str
 
 
 def toml_value(value: Any) -> str:
-    """Return a string or number in TOML syntax (for such values equal to JSON with unescaped Unicode)."""
+    """Return a string or number in TOML syntax (equal to JSON with unescaped Unicode)."""
     return json.dumps(value, ensure_ascii=False)

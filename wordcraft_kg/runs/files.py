@@ -1,4 +1,4 @@
-"""Verified reading of run folders: files and training graph must match the hashes in ``run.json``."""
+"""Verified reading: files and training graph of a run must match the hashes in ``run.json``."""
 
 import hashlib
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ class RunFiles:
         """Return the graph and split that the run was trained on.
 
         Args:
-            source: the opened graph, or a path or recipe book name to open.
+            source: opened graph, path or book name.
 
         Raises:
             ArtefactError: if the graph is missing.

@@ -30,10 +30,10 @@ class RunKind(Generic[P]):
     """Constants shared by all runs with the same trainer class.
 
     Attributes:
-        commands: training commands that start such a run; ``kind`` in ``run.json`` is one of these.
-        name: label of the progress bar.
-        unit: unit of progress: epoch, step or fit.
-        progress: class of the progress record in checkpoints.
+        commands: training commands that start a run; ``kind`` in ``run.json`` is one of these.
+        name: progress bar label.
+        unit: progress unit: epoch, step or fit.
+        progress: class of progress records in checkpoints.
     """
 
     commands: tuple[str, ...]
@@ -86,7 +86,7 @@ class RunFolder(Generic[P]):
         """Write ``config.toml``, and write ``run.json`` with the status ``running``.
 
         Args:
-            config: all settings; ``seed``, ``device`` and ``threads`` are also written to ``run.json``.
+            config: all settings; ``seed``, ``device`` and ``threads`` are recorded.
             inputs: training data hashes by name.
             files: names of further files in the folder that training never changes.
             facts: optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
@@ -128,7 +128,7 @@ class RunFolder(Generic[P]):
             ) from None
 
     def interrupt(self) -> None:
-        """Record the run as interrupted (by Ctrl-C) in ``run.json``."""
+        """Record the run as interrupted in ``run.json``."""
         self._end("interrupted")
 
     def finish(self, outputs: Sequence[str], card: str) -> None:

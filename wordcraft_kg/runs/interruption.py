@@ -10,7 +10,7 @@ from typing import Any
 
 @contextmanager
 def first_interrupt() -> Iterator[threading.Event]:
-    """Yield an event that the first Ctrl-C sets, so that a training can save and stop; the second stops at once."""
+    """Yield an event that the first Ctrl-C sets; the second Ctrl-C stops at once."""
     requested = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield requested

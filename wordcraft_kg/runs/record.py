@@ -1,4 +1,4 @@
-"""Run records: ``run.json`` in a run folder, with command, status, inputs, versions and outputs of a training."""
+"""Run records: ``run.json`` in a run folder, with command, status, inputs, versions and outputs."""
 
 import os
 import platform
@@ -32,7 +32,7 @@ class GitState(Record, frozen=True, kw_only=True):
 
 
 class Resumption(Record, frozen=True, kw_only=True):
-    """A resumption of an interrupted run: start time (ISO 8601, UTC), command line, versions and Git state."""
+    """A resumption of an interrupted run: start time, command line, versions and Git state."""
 
     started: str
     argv: tuple[str, ...]
@@ -56,7 +56,7 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
         cross_fitted: number of cross-fitting folds in an agent's scorer; 0 for in-sample scores on train tasks.
         trackers: names of metric trackers, such as tensorboard.
         missing_words: words in entity labels that have no word vector.
-        resumed: all resumptions of the run.
+        resumed: all resumptions.
     """
 
     format: Literal["wordcraft-kg run 1"]
@@ -98,10 +98,7 @@ def start_run(
     inputs: Mapping[str, str] | None = None,
     **facts: Unpack[RunFacts],
 ) -> RunRecord:
-    """Write and return a run record with the status ``running``, without host name, user name or environment variables.
-
-    See :class:`RunRecord` for the arguments.
-    """
+    """Write and return a ``running`` run record, without host name, user name or environment variables."""
     run = RunRecord(
         format="wordcraft-kg run 1",
         kind=kind,

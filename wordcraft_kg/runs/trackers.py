@@ -16,7 +16,7 @@ Log = Callable[[int, Mapping[str, float | None]], None]
 
 
 class Tracker(Protocol):
-    """Interface of a metric tracker: an object that receives the metrics of a training.
+    """Interface of a metric tracker, which receives training metrics.
 
     Example:
         >>> class Printer:
@@ -37,7 +37,7 @@ class Tracker(Protocol):
         ...
 
     def close(self, status: Status) -> None:
-        """Close the tracker at the end of the training; the status is ``done``, ``interrupted`` or ``failed``."""
+        """Close when the training is ``done``, ``interrupted`` or ``failed``."""
         ...
 
 
@@ -92,7 +92,7 @@ TRACKERS: dict[str, type[TensorBoard] | type[WeightsAndBiases]] = {
 
 
 def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
-    """Check the trackers that are given by name, and return all trackers without duplicates.
+    """Check trackers given by name, and return all trackers without duplicates.
 
     Raises:
         ConfigError: for an unknown name, with the nearest known names.
@@ -114,7 +114,7 @@ def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
 
 
 def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
-    """Return all trackers that are given by name; a resumed run opens these trackers again."""
+    """Return all trackers given by name; a resumed run opens these trackers again."""
     return tuple(tracker for tracker in trackers if isinstance(tracker, str))
 
 
@@ -122,10 +122,10 @@ def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
 def tracking(
     run: RunFolder[Any], trackers: Sequence[Tracker | str], settings: Mapping[str, Any], step: int = 0
 ) -> Iterator[Log]:
-    """Open the trackers of a run, yield a function that logs metrics to all trackers, and close the trackers.
+    """Open trackers, yield a function that logs metrics to all trackers, and close the trackers.
 
     Args:
-        run: folder of the run in training.
+        run: run folder in training.
         trackers: result of :func:`checked_trackers`.
         settings: all settings by name.
         step: number of epochs or steps before the run was resumed.

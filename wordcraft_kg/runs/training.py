@@ -1,4 +1,4 @@
-"""The steps that all trainings share: begin or resume a run, train, finish; for one seed or several."""
+"""Steps shared by all trainings: begin or resume a run, train, finish; for one seed or several."""
 
 import os
 from abc import ABC, abstractmethod
@@ -30,10 +30,10 @@ class Training(ABC, Generic[C, P, T]):
 
     Attributes:
         kind: constants shared by all runs.
-        config_type: class of the settings.
-        decided: names of settings that the training chooses if the value is None.
+        config_type: settings class.
+        decided: names of settings that the training chooses if None.
         config: settings, including the chosen values.
-        opened: graph and split to train on.
+        opened: graph and split.
     """
 
     kind: ClassVar[RunKind[Any]]
@@ -45,11 +45,11 @@ class Training(ABC, Generic[C, P, T]):
 
     @classmethod
     def input_hashes(cls, config: C) -> Mapping[str, str | None]:
-        """Return a hash for each input other than the graph, such as a scorer, by the name of the setting."""
+        """Return the hash of each input except the graph, by setting name."""
         return {}
 
     def prepare(self) -> None:
-        """Check the inputs and do slow preparations, before the folder of a new run is made."""
+        """Check inputs and do slow work before a new run folder is made."""
 
     @abstractmethod
     def begin(self, run: RunFolder[P], report: Progress | None) -> Mapping[str, Any]:
@@ -192,10 +192,10 @@ def train_seeds(
         parent: folder for all run folders.
         force: train all seeds again.
         trackers: metric trackers, by name or as objects.
-        progress: function that returns the progress callback for a seed.
+        progress: returns the progress callback for a seed.
 
     Yields:
-        Each seed with the outcome of the training.
+        Each seed with the outcome.
 
     Raises:
         OutputExistsError: if ``parent`` is a run.

@@ -1,4 +1,4 @@
-"""Build PyKEEN models and training loops from settings, and extract the tensors that a scorer needs."""
+"""Build PyKEEN models and training loops from settings, and extract scorer tensors."""
 
 from contextlib import suppress
 from typing import Any
@@ -32,7 +32,7 @@ def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> Trainin
 
 
 def is_factored(name: str) -> bool:
-    """Return whether ComplEx embeddings can represent the scores of a PyKEEN model, so that no score table is needed.
+    """Return whether ComplEx embeddings can represent a PyKEEN model's scores without a table of all scores.
 
     Raises:
         ConfigError: if PyKEEN has no such model.
@@ -133,7 +133,7 @@ def model_class(name: str) -> type[Model]:
 
 
 def trainable_models() -> list[type[Model]]:
-    """Return all PyKEEN model classes with embeddings that need only triples for training, in order of the names."""
+    """Return all PyKEEN embedding model classes that need only triples for training, by name."""
     three = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 2]])
     factory = TriplesFactory(three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)})
     trainable = []

@@ -77,7 +77,7 @@ class ComplExN3(ERModel):
         regularizer_kwargs: Mapping[str, Any] | None = None,
         **kwargs: Any,
     ) -> None:
-        """Set up the embeddings and the score function.
+        """Set up embeddings and score function.
 
         Args:
             embedding_dim: number of complex dimensions.

@@ -97,12 +97,12 @@ def _kept(folder: Path) -> Checkpoints[FoldDone]:
 def train_folds(
     folder: Path, folds: Folds, settings: LinkSettings, *, seconds: float, after_epoch: Callable[[int, int], None]
 ) -> None:
-    """Train all missing fold models (for each fold of train recipes, a model trained on the remaining folds).
+    """Train all missing fold models (for each fold, a model trained on the remaining train recipes).
 
     Args:
         folder: run folder.
-        folds: folds of the train recipes.
-        settings: settings of the main model, with the final number of ``epochs``.
+        folds: the folds.
+        settings: main model settings, with the final number of ``epochs``.
         seconds: duration of the main training, which decides on parallel processes.
         after_epoch: called regularly with the finished and total epochs over all folds; may raise to end the training.
 

@@ -108,7 +108,7 @@ class Epochs(TrainingCallback):
         progress: Progress | None,
         log: Log,
     ):
-        """Start before the first epoch; ``triples`` are the training triples, shape (T, 3)."""
+        """Start before the first epoch; ``triples`` has shape (T, 3)."""
         super().__init__()
         self.run, self.opened, self.triples, self.settings = run, opened, triples, settings
         self.report, self.log = progress, log
@@ -156,7 +156,7 @@ class Epochs(TrainingCallback):
         seed_everything(settings.seed, epoch + 1)
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
-        """Load model, optimiser and progress from a checkpoint into a new loop with the same model and settings.
+        """Load a checkpoint into a new loop with the same model and settings.
 
         Raises:
             ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and epochs.

@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 
 
 def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples: bool = False) -> TriplesFactory:
-    """Return triples (T, 3) as a PyKEEN triples factory, with the entity and relation ids of the graph."""
+    """Return triples (T, 3) as a PyKEEN triples factory with the graph's ids."""
     return TriplesFactory(
         mapped_triples=torch.from_numpy(triples.copy()),
         entity_to_id={label: i for i, label in enumerate(graph.entities)},
@@ -32,8 +32,8 @@ def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -
 
     Args:
         model: PyKEEN model; set to evaluation mode.
-        entities: PyKEEN's entity ids in the order of the result, shape (E,).
-        relations: PyKEEN's relation ids in the order of the result.
+        entities: PyKEEN entity ids in result order, shape (E,).
+        relations: PyKEEN relation ids in result order.
     """
     entities = entities.to(model.device)
     # 64 heads at a time: some interactions build a (heads, entities, dim) tensor.
@@ -59,7 +59,7 @@ def seed_everything(seed: int, epoch: int = 0) -> None:
 
 @contextmanager
 def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
-    """Seed the global generators for PyKEEN and set torch's CPU threads in this block; restore both afterwards.
+    """Seed the global generators for PyKEEN and set torch's CPU threads; restore both afterwards.
 
     Objects alive at the start are exempt from garbage collection: PyKEEN collects after each epoch, which takes 0.2 s
     for all imported objects.
@@ -86,7 +86,7 @@ def pykeen_guard(seed: int, threads: int) -> Iterator[None]:
 
 @contextmanager
 def quiet_pykeen() -> Iterator[None]:
-    """Suppress warnings from PyKEEN and torch's sparse tensors about internal options in this block."""
+    """Suppress warnings from PyKEEN and torch about internal options."""
     loggers = [logging.getLogger(name) for name in ("pykeen", "torch_max_mem")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

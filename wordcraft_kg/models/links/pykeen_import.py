@@ -1,4 +1,4 @@
-"""Make scorers from models that were trained with PyKEEN's own pipeline."""
+"""Make scorers from models trained with PyKEEN's pipeline."""
 
 import torch
 from pykeen.models import Model
@@ -18,7 +18,7 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
     Args:
         model: the model, on any device, with or without inverse triples.
         factory: the model's training triples. Labels must match the graph; ids may differ.
-        opened: the graph of the scorer, and the split for evaluation.
+        opened: the graph, and the split for evaluation.
 
     Raises:
         GraphMismatchError: if model and graph have different entities or relations.

@@ -15,7 +15,7 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
         epoch: number from 1.
         loss: mean loss over the batches.
         valid_mrr: mean reciprocal rank (MRR) on the validation triples; None if not validated.
-        seconds: duration of the epoch, including validation.
+        seconds: duration, including validation.
     """
 
     epoch: int
@@ -61,7 +61,7 @@ class Choice(Record, frozen=True, kw_only=True):
         return max(candidate.mrr for candidate in self.candidates) > self.frequency_mrr
 
     def __str__(self) -> str:
-        """Return the chosen weights and the metrics as a line of text."""
+        """Return the chosen weights and the metrics in a line."""
         without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
         return (
             f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on {self.queries:,} held-out train "
@@ -130,7 +130,7 @@ class LinkProgress(Record, frozen=True, kw_only=True):
 
 
 def links_history(files: RunFiles) -> History:
-    """Return a link predictor's training history: settings, metrics, trace and facts for reports."""
+    """Return a link predictor's training history: settings, metrics and trace."""
     config, metrics = LinksConfig.read(files.folder), files.record("metrics.json", LinkMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),

@@ -42,7 +42,7 @@ class TrainedLinks:
 
     Attributes:
         folder: model folder.
-        epoch: last trained epoch; an interrupted run has a checkpoint of this epoch.
+        epoch: last trained epoch, with a checkpoint if interrupted.
         metrics: content of ``metrics.json``; None if interrupted (the same call resumes the run).
     """
 

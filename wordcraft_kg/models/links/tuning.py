@@ -62,7 +62,7 @@ class Trial(Record, frozen=True, kw_only=True):
 
 
 class Search(Record, frozen=True, kw_only=True):
-    """Content of ``search.json``: all arguments that define a search, without the number of trials."""
+    """Content of ``search.json``: a search definition, without the number of trials."""
 
     format: Literal["wordcraft-kg search 1"] = "wordcraft-kg search 1"
     graph: str
@@ -74,7 +74,7 @@ class Search(Record, frozen=True, kw_only=True):
 
 
 class Tuned(Record):
-    """Outcome of a search: the best settings, and the training command that accepts these settings.
+    """Outcome of a search: the best settings and the matching training command.
 
     Attributes:
         out: search folder.

@@ -15,19 +15,19 @@ from wordcraft_kg.models.scorers.pair_features import FLOOR
 class Base:
     """Tables of shape (E, E) for all pairs of E entities, computed from recipes and word vectors.
 
-    An entity without recipes is described by words alone and does not change the rows of known entities.
+    An entity without recipes is described by words alone and does not change rows of known entities.
 
     Attributes:
         recipes: the recipes as ids (ingredient, ingredient, result), shape (n, 3).
         seen: ids of all entities in the recipes.
-        text: cosines between the word vectors of entities.
+        text: word vector cosines.
         kernel: entity similarity by recipes and words.
         structure: entity similarity by recipes alone.
         alike: the normalised kernel, squared.
         words_like: positive word cosines to the power 4.
         combines, components: combinesWith and componentOf links of the recipes, 1 or 0, row = head.
         completed: see :func:`~wordcraft_kg.models.scorers.kernel.completion`.
-        pairs, parts: standardised scores for combinesWith and componentOf links, predicted with the kernel.
+        pairs, parts: standardised combinesWith and componentOf scores, predicted with the kernel.
     """
 
     recipes: Ids

@@ -35,9 +35,9 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
     Recipes and rankers stay, and old entities keep the same scores, up to rounding in 16-bit tables.
 
     Args:
-        scorer: recipe scorer for E entities; for a cross-fitted scorer, the main scorer is extended.
-        labels: labels of the n new entities, with ids from E on.
-        text: cosines between the word vectors of all entities, by id, shape (E + n, E + n).
+        scorer: recipe scorer for E entities; a cross-fitted scorer is replaced by the main scorer.
+        labels: new labels, with ids from E on.
+        text: word vector cosines by id, shape (E + n, E + n).
 
     Raises:
         ConfigError: if the scorer has another kind, a label is invalid or known, or there are too many entities.
@@ -80,7 +80,7 @@ def with_words(
         folder: folder written by ``train-recipes``.
         scorer: the folder's scorer.
         labels: labels of the new entities, without duplicates.
-        where: function that returns a prefix for errors about a label, such as a line number.
+        where: returns an error prefix for a label, such as a line number.
 
     Raises:
         UnknownEntityError: if the model uses no words, or a label has no word vector.

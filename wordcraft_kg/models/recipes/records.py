@@ -38,7 +38,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
 
 
 def recipes_history(files: RunFiles) -> History:
-    """Return a recipe scorer's training history: settings, metrics and facts for reports."""
+    """Return a recipe scorer's training history: settings and metrics."""
     config, metrics = RecipesConfig.read(files.folder), files.record("metrics.json", RecipeMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),

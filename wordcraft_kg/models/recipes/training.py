@@ -48,7 +48,7 @@ class TrainedRecipes:
     """Outcome of :func:`train_recipes`.
 
     Attributes:
-        folder: model folder with the recipe scorer.
+        folder: model folder.
         metrics: content of ``metrics.json``.
     """
 
@@ -166,7 +166,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     config_type = RecipesConfig
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
-        """Draw the cross-fitting folds and look up the word vectors of all entities.
+        """Draw the cross-fitting folds and look up word vectors.
 
         Raises:
             ConfigError: if the settings do not fit the graph.

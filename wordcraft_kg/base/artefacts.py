@@ -28,12 +28,12 @@ _KINDS = {
 
 
 def with_a_name(path: Path) -> Path:
-    """Return a path that ends in a name, so that sibling paths can be formed; ``.`` and ``..`` are resolved."""
+    """Return a path that ends in a name, for sibling paths; ``.`` and ``..`` are resolved."""
     return path if path.name not in ("", "..") else path.resolve()
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 hash for a file's content, in hexadecimal."""
+    """Return a file's SHA-256 hash, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -70,7 +70,7 @@ def read_large_file(path: Path) -> bytes:
 
 
 def read_json(path: Path) -> Any:
-    """Return the value in a JSON file written by this package: at most :data:`SMALL_FILE` bytes.
+    """Return the value in a JSON file written by this package.
 
     Raises:
         ArtefactError: if the file is missing, not UTF-8 or not JSON.
@@ -121,7 +121,7 @@ def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durabl
 
 
 def check_output(out: Path, *, force: bool) -> None:
-    """Check, before any work is done, that an output file or folder may be written to ``out``.
+    """Check, before any work, that an output may be written to ``out``.
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False. A file, or a non-empty folder that this package did
@@ -144,7 +144,7 @@ def check_output(out: Path, *, force: bool) -> None:
 def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     """Yield an empty temporary folder, renamed to ``out`` if the ``with`` block succeeds, otherwise removed.
 
-    An existing ``out`` is replaced only at the end, and stays unchanged if the block fails or Ctrl-C is pressed.
+    An existing ``out`` stays unchanged until the end, even on Ctrl-C.
     """
     check_output(out, force=force)
     with _parents_of(out):

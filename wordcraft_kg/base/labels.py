@@ -36,9 +36,9 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
 
     Args:
         written: the text by a person or model.
-        labels: distinct labels, which the returned index refers to.
+        labels: distinct labels.
         by_number: accept a label's number, counted from 1.
-        by_beginning: accept the beginning of a label, such as ``wat`` for ``water``.
+        by_beginning: accept the beginning of a label.
 
     Raises:
         ActionError: if no label or several labels fit.
@@ -67,7 +67,7 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
 
 
 class LabelIndex:
-    """An index for finding the label in many texts: :func:`read_label` without numbers and label prefixes."""
+    """An index of labels for many texts: :func:`read_label` without numbers and label prefixes."""
 
     def __init__(self, labels: Sequence[str]):
         """Index ``labels``, which must be distinct."""
@@ -151,7 +151,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
 
 
 def last_line(message: str) -> str:
-    """Return the answer in a player's message: the last non-empty line, without list marks and quotes."""
+    """Return the answer in a message: the last non-empty line, without list marks and quotes."""
     lines = [line.strip() for line in message.splitlines() if line.strip(_MARKS + "-•>|#")]
     return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
 

@@ -20,14 +20,14 @@ _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
 
 class Conversation:
-    """A game played in text: an opening prompt with rules and state, and a reply to each message by the player.
+    """A game played in text: an opening prompt, and a reply to each message by the player.
 
     Only the last line in a message is read: two labels are an attempt to combine the entities, ``look up`` and a label
-    a request for facts. An invalid message costs nothing, but after ``max_invalid`` invalid messages in a row the next
-    invalid message costs an attempt, so every conversation ends.
+    a request for facts. An invalid message costs nothing, but after ``max_invalid`` in a row the next costs an attempt,
+    so every conversation ends.
 
     Attributes:
-        game: the game that is played.
+        game: the game.
         invalid_actions: number of invalid messages.
         lost_attempts: number of attempts lost by invalid messages.
         look_ups: number of look-ups so far.
@@ -54,7 +54,7 @@ class Conversation:
 
     @property
     def rules(self) -> str:
-        """Text with the game's rules, the answer format and, if available, the offer of look-ups."""
+        """Text with the game's rules, the answer format and any offer of look-ups."""
         parts = [self.game.rules, prompt_text("answer")]
         if self._knowledge is not None and self._most_look_ups:
             parts.append(prompt_text("look_up", look_ups=counted(self._most_look_ups, "look-up")))
@@ -62,7 +62,7 @@ class Conversation:
 
     @property
     def opening(self) -> str:
-        """First prompt to the player: the rules and the current state."""
+        """First prompt to the player: rules and current state."""
         return f"{self.rules}\n\n{self.game.state}"
 
     @property
@@ -71,7 +71,7 @@ class Conversation:
         return self.game.is_over
 
     def hear(self, message: str) -> str:
-        """Carry out the attempt or look-up in a player's message, and return the reply: outcome and new state."""
+        """Carry out the attempt or look-up in a player's message; return the reply: outcome and new state."""
         line = last_line(message)
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         try:
@@ -86,7 +86,7 @@ class Conversation:
         return f"{outcome}\n\n{self.game.state}"
 
     def look_up(self, entity: int) -> tuple[list[str], str]:
-        """Count a look-up; return the facts about an entity (id) as text lines, and the reply with these facts.
+        """Count a look-up; return the facts about an entity (id) as lines, and as a reply text.
 
         Raises:
             ActionError: if all look-ups are used up.
@@ -119,7 +119,7 @@ def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Play:
-    """Games with settings and look-up facts for an evaluation; a LeakError if look-ups would leak train recipes."""
+    """Games with settings and look-up facts; a LeakError if look-ups would leak train recipes."""
 
     games: TaskGames | DiscoveryGames
     settings: PlayedSettings
@@ -153,7 +153,7 @@ class Play:
         return cls(tasks, PlayedSettings.of_tasks(tasks.world, **rules), knowledge)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
-        """Begin a game: the task with this index, with the distractors for this seed.
+        """Begin a game: a task by index, with the distractors for this seed.
 
         Raises:
             ConfigError: if the task does not exist.

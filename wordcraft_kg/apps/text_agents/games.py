@@ -38,13 +38,13 @@ class Game(ABC):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of the entities that can be combined now, in the order of their numbers."""
+        """Labels of the entities that can be combined, in the order of their numbers."""
         return self.graph.labels(self._entities())
 
     @property
     @abstractmethod
     def attempts_left(self) -> int:
-        """Number of attempts left, including the current attempt."""
+        """Attempts left, including the current attempt."""
 
     @property
     def is_over(self) -> bool:
@@ -53,16 +53,16 @@ class Game(ABC):
 
     @property
     def state(self) -> str:
-        """Prompt with the game's current state; after the end, a sentence about the outcome."""
+        """Prompt with the current state; after the end, the outcome."""
         return prompt_text("ended") if self._is_ended else self._termination() or self._ongoing()
 
     def combine(self, one: int, other: int) -> str:
-        """Make an attempt with two entities, given by index in :attr:`labels`; describe the result in a sentence."""
+        """Make an attempt with two entities, by index in :attr:`labels`; describe the result in a sentence."""
         self._check()
         return self._combine(one, other)
 
     def lose_attempt(self) -> None:
-        """Use up an attempt without combining entities, as a penalty for invalid messages."""
+        """Use up an attempt without combining entities."""
         self._check()
         self._lose()
 
@@ -91,14 +91,14 @@ class Game(ABC):
 
 
 class TaskGame(Game):
-    """A game for a crafting task: make the goal from the entities on the task's evaluation table.
+    """A game for a crafting task: make the goal from the entities on an evaluation table.
 
     Attributes:
-        distractor_seed: seed that selects the distractors (entities that no plan needs) on the table.
+        distractor_seed: seed for the distractors on the table.
         start: labels on the table at the start.
         is_made: whether the goal was made.
-        by_plan: whether the goal was made by the last pair in a plan of the task.
-        actions: number of actions so far: two in an attempt, one in a lost attempt.
+        by_plan: whether a plan's last pair made the goal.
+        actions: actions so far: two in an attempt, one in a lost attempt.
         last: labels of the last combined pair; None initially and after a lost attempt.
     """
 
@@ -120,7 +120,7 @@ class TaskGame(Game):
 
     @property
     def attempts_left(self) -> int:
-        """Number of attempts left, including the current attempt."""
+        """Attempts left, including the current attempt."""
         return self._env.state.attempts_left
 
     def _entities(self) -> Iterable[int]:
@@ -154,7 +154,7 @@ class TaskGame(Game):
 
 
 class TaskGames:
-    """A factory for independent games: all tasks in a world (graph and settings), with the tables of agent evaluation.
+    """A factory for independent games: all tasks in a world, with the tables of agent evaluation.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -169,7 +169,7 @@ class TaskGames:
         self._env, self._tables = WordCraftEnv(world), EvaluationTables(world)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
-        """Begin a game: the task with this index, with the distractors for this seed.
+        """Begin a game: a task by index, with the distractors for this seed.
 
         Raises:
             ConfigError: if the task does not exist.
@@ -195,7 +195,7 @@ class DiscoveryGame(Game):
 
     @property
     def attempts_left(self) -> int:
-        """Number of attempts left, including the current attempt."""
+        """Attempts left, including the current attempt."""
         return self._env.max_attempts - len(self.known_after)
 
     def _entities(self) -> list[int]:
@@ -227,14 +227,14 @@ class DiscoveryGame(Game):
 
 
 class DiscoveryGames:
-    """A factory for independent games in a graph's open-ended world, all from the same base (entities known at first).
+    """A factory for independent games in a graph's open-ended world, all from the same base entities.
 
     Raises:
         ConfigError: for a value out of range, or a base that makes nothing.
     """
 
     def __init__(self, graph: GraphLike, *, attempts: int = 100, base: Iterable[Entity] | None = None):
-        """Prepare the world for games with this number of attempts; default base: the graph's base."""
+        """Prepare the world; default base: the graph's base."""
         self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
         self.graph = self.env.graph
 

@@ -1,4 +1,4 @@
-"""Concurrent games with ids on a server: players may reconnect by id; the least recently used games are forgotten."""
+"""Concurrent games with ids on a server: players may reconnect by id; the least recent games are forgotten."""
 
 import secrets
 from collections import OrderedDict
@@ -33,17 +33,17 @@ class HostedGame:
     Attributes:
         name: the game's id.
         talk: the conversation: the game, and counts of invalid messages and look-ups.
-        messages: prompts and answers in turn; the first prompt has rules and state, later prompts omit the state.
+        messages: prompts and answers in turn; only the first prompt has rules and state.
     """
 
     def __init__(self, name: str, talk: Conversation, keep: "Callable[[HostedGame], None]"):
-        """Begin a game; ``keep`` is called when the game is over, to record the game."""
+        """Begin a game; ``keep`` is called with the finished game."""
         self.name, self.talk, self._keep = name, talk, keep
         self.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
         self._is_kept = False
 
     def combine(self, first: str, second: str) -> str:
-        """Make an attempt with two entities, given by label or number; describe the result in a sentence."""
+        """Make an attempt with two entities, by label or number; describe the result in a sentence."""
         game = self.talk.game
         with self._hearing(message := f"{first} + {second}"):
             result = game.combine(*(read_label(item, game.labels) for item in (first, second)))
@@ -52,7 +52,7 @@ class HostedGame:
         return result
 
     def look_up(self, item: str) -> tuple[str, list[str], str]:
-        """Look up an entity by label; return the label in the graph, the facts as lines, and the facts as a text."""
+        """Look up an entity; return label, facts as lines, and facts as a text."""
         entities = self.talk.game.graph.entities
         with self._hearing(message := f"look up {item}"):
             entity = read_label(item, entities, by_number=False)
@@ -89,21 +89,21 @@ class HostedGame:
 
 
 class HostedGames:
-    """All games on a server, with common settings; anyone with a game's id can play this game.
+    """All games on a server, open to anyone with a game's id.
 
     Attributes:
         play: starts games, with the settings for all games.
-        keep: called with each finished game, to record the game.
+        keep: called with each finished game, for the record.
     """
 
     def __init__(self, play: Play, *, most: int = _MOST_GAMES):
-        """Prepare to host games; at most ``most`` games are remembered."""
+        """Prepare to host games; the last ``most`` games are remembered."""
         self.play, self._most = play, most
         self.keep: Callable[[HostedGame], None] = lambda game: None
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
-        """Begin a game: the task with this index, with the distractors for this seed.
+        """Begin a game: a task by index, with the distractors for this seed.
 
         Raises:
             ConfigError: if the task does not exist.
@@ -135,8 +135,7 @@ def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame
 
     Raises:
         ArtefactError: if the file is damaged, is not a games file, or is in use by a server.
-        GraphMismatchError, ConfigError: if the file has games on another graph or with different settings; the file is
-            unchanged.
+        GraphMismatchError, ConfigError: for games on another graph or with other settings; the file is unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()

@@ -35,11 +35,11 @@ class LoggedTask(Record, frozen=True, kw_only=True):
 def read_inspect_log(path: str | Path) -> TextResult:
     """Read a language model's result from an Inspect log (``.eval``, ``.json``) for ``crafting`` or ``discovery``.
 
-    The player is the model's name. Games that an Inspect limit (such as a token limit) ended are included.
+    The player is the model's name. Games that an Inspect limit ended count.
 
     Raises:
         MissingExtraError: if Inspect AI is not installed.
-        ArtefactError: if the file is missing or damaged, is the log of another Inspect task, or lacks games.
+        ArtefactError: for a missing or damaged file, the log of another Inspect task, or missing games.
     """
     path = Path(path)
     log = _read(path)

@@ -68,7 +68,7 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
 @task
 @_with_parameters("part", "depth", "distractors", "attempts", "distractor_seeds", "tasks", *_RULES)
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
-    """Return an Inspect task: make goals from the entities on a table, with the tasks and tables of agent evaluation.
+    """Return an Inspect task: make goals from the entities on a table, as in agent evaluation.
 
     ``graph`` is a graph folder, a recipe book file, or the name of a built-in book; see
     :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters.
@@ -100,7 +100,7 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
 def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any) -> Task:
     """Return an Inspect task: in each of ``games`` games, discover entities from the initial entities in ``base``.
 
-    See :func:`crafting` for all further parameters and errors.
+    See :func:`crafting` for further parameters and errors.
     """
     with _readable():
         whole("games", games, 1, MAX_SIZE)
@@ -154,7 +154,7 @@ def _readable() -> Iterator[None]:
 
 @solver
 def conversation(play: Play) -> Solver:
-    """Return an Inspect solver: a model plays until the game is over, or until an Inspect limit ends the game."""
+    """Return an Inspect solver: a model plays until the game is over, or until an Inspect limit."""
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
         talk = play.begin(state.metadata.get("task", 0), state.metadata["distractor_seed"])
@@ -234,7 +234,7 @@ def _counts(scores: list[SampleScore]) -> dict[str, int]:
 
 @scorer(metrics=[crafting_figures()])
 def goal_made() -> Scorer:
-    """Return an Inspect scorer: 1 if the goal was made, else 0; the score's metadata is the record of the game."""
+    """Return an Inspect scorer: 1 if the goal was made, else 0; the score's metadata is the game's record."""
 
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)

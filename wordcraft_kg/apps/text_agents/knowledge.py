@@ -26,7 +26,7 @@ _MOST_LINKS = 10
 
 
 class Knowledge(ABC):
-    """Base class for sources of facts about entities, which a text agent can look up during a game.
+    """Base class for sources of facts that a text agent can look up during a game.
 
     Attributes:
         scorer: hash of the scorer's weights; None if the facts are recipes.
@@ -39,7 +39,7 @@ class Knowledge(ABC):
 
     @abstractmethod
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the facts about an entity (id) as text lines, the most relevant fact for the game first."""
+        """Return the facts about an entity (id) as text lines, the most relevant first."""
 
     def reply(self, label: str, facts: list[str]) -> str:
         """Return the reply to a look-up: a text with the facts about the entity with this label."""
@@ -49,7 +49,7 @@ class Knowledge(ABC):
 class PartialGraphKnowledge(Knowledge):
     """Facts from the train recipes, without recipes for the pairs in the current task's plans.
 
-    Order: recipes that make the entity, recipes that combine the entity with an entity on the table, remaining recipes.
+    Order: recipes that make the entity, uses with an entity on the table, remaining uses.
     """
 
     _prompt = "known_recipes"
@@ -59,7 +59,7 @@ class PartialGraphKnowledge(Knowledge):
         self._is_known = split.is_in("train")
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return the train recipes with an entity (id) as text lines, at most 40 and the number of omitted recipes."""
+        """Return the train recipes with an entity (id) as text lines, at most 40."""
         graph = self.graph
         pairs = graph.recipes[:, :2]
         plans = () if game.tasks is None else game.tasks.plans[game.task]
@@ -82,8 +82,8 @@ class PartialGraphKnowledge(Knowledge):
 class ScorerKnowledge(Knowledge):
     """Facts from a scorer: the entities with the highest scores as partner, result or ingredient of an entity.
 
-    On a train task, the scores are from the cross-fitted model trained without the task's recipes. Combinations of an
-    entity with the same entity are omitted, because link predictors score almost all of these high.
+    On a train task, the cross-fitted model trained without the task's recipes gives the scores. An entity's combination
+    with the same entity is omitted, because link predictors score almost all of these high.
     """
 
     _prompt = "likely_links"
@@ -101,7 +101,7 @@ class ScorerKnowledge(Knowledge):
         self._models: dict[str, Ids] = {}
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return an entity's links with the highest scores as text: partners on the table, any results and ingredients.
+        """Return an entity's best links as text: partners on the table, any results and ingredients.
 
         Raises:
             LeakError: for a train task, if the scorer has no folds (models trained without some train recipes).

@@ -36,8 +36,8 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
     ``player`` is the player's name; ``speak`` maps a conversation to the function that answers the prompts.
 
     Raises:
-        ArtefactError: if the games are damaged, or another process uses the folder.
-        ConfigError: if the folder has games by a different player or with different settings.
+        ArtefactError: for damaged games, or a folder in use by another process.
+        ConfigError: if the folder has games by a different player or settings.
         GraphMismatchError: if the folder has games on a different graph or split.
     """
     path, settings = folder / GAMES_FILE, play.settings

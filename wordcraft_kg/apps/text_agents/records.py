@@ -49,7 +49,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
     @property
     def is_open_ended(self) -> bool:
-        """Whether the games are played in the open-ended world, not on tasks."""
+        """Whether the games are in the open-ended world."""
         return self.part is None
 
     @classmethod
@@ -85,10 +85,10 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     """A finished game on a crafting task: a line in ``games.jsonl``.
 
     Attributes:
-        task: index of the task among the tasks in the part (train, valid, test or all).
-        distractor_seed: seed that selects the distractors on the table.
+        task: index of the task in its part.
+        distractor_seed: seed for the distractors on the table.
         table: labels on the table at the start.
-        by_plan: whether the goal was made by the last pair in a plan of the task.
+        by_plan: whether a plan's last pair made the goal.
         actions: number of actions (choices of an entity) until the end.
         last: labels of the last combined pair; None after a lost attempt.
         invalid_actions: number of invalid messages.
@@ -131,13 +131,13 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
 
 
 class TextResult(Record, frozen=True, kw_only=True):
-    """A text agent's result (``result.json``): metrics over all games; the last three fields are sums over games.
+    """A text agent's result (``result.json``): metrics over all games; the last three fields are sums.
 
     Attributes:
         player: player's name, such as a script or language model.
         success: mean success on tasks with interval; None in the open-ended world.
         outcomes: share of games by termination reason; empty in the open-ended world.
-        known: mean number of known entities by number of attempts; empty for tasks.
+        known: mean number of known entities by attempts; empty for tasks.
     """
 
     format: Literal["wordcraft-kg text result 1"] = "wordcraft-kg text result 1"

@@ -105,7 +105,7 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
 def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[int, float]:
     """Return the mean number of known entities by number of attempts; all games start with ``base`` known entities.
 
-    A game that ended early keeps the last number for all later attempts.
+    Games that ended early keep the last number.
     """
     marks = sorted({mark for mark in (*MARKS, attempts) if mark <= attempts})
     after = {mark: [(base, *one.known_after[:mark])[-1] for one in played] for mark in marks}
@@ -145,7 +145,7 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
 def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
     """Read the result from a games file that the command ``wordcraft-kg mcp --out`` wrote.
 
-    If a task was played several times, the first game counts. All tasks must be played, because selected tasks may be
+    If a task was played several times, the first game counts. All tasks are required, because selected tasks may be
     easy.
 
     Raises:

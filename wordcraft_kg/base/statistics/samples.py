@@ -110,8 +110,8 @@ def by_seed(name: str, values: ArrayLike) -> Scores:
 def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> Scores:
     """Return scores, shape (E, E), scaled to mean 0 and standard deviation 1 over pairs of different entities.
 
-    Self scores (the diagonal) are scaled too, but do not enter mean and deviation, because self scores are often
-    outliers. With ``among`` (entity ids), only pairs between these entities enter mean and deviation.
+    Self scores (the diagonal) are scaled too but do not count for mean and deviation, because they are often outliers.
+    With ``among`` (entity ids), only pairs of these entities count.
     """
     scores = np.asarray(table, dtype=np.float64)
     counted = scores if among is None else scores[np.ix_(among, among)]

@@ -30,9 +30,9 @@ class AgentRun:
         name: display name, see :func:`~wordcraft_kg.runs.record.run_name`.
         checkpoint: ``final``, ``step N`` for an unfinished run, or empty before the first checkpoint.
         config: training settings.
-        run: content of ``run.json``: command, versions, input and output hashes, status.
+        run: ``run.json``: command, versions, hashes and status.
         metrics: lines in ``metrics.jsonl``.
-        evaluation: content of ``evaluation.json``, the final evaluation; None for an unfinished run.
+        evaluation: the final evaluation; None for an unfinished run.
     """
 
     name: str
@@ -44,7 +44,7 @@ class AgentRun:
 
     @property
     def provenance(self) -> dict[str, str]:
-        """Command, end, weights, versions and input hashes, as texts by name for reports."""
+        """Command, end, weights, versions and input hashes, as texts for reports."""
         run = self.run
         names = ("graph", "split", "scorer", "scorer_folds")
         return {
@@ -90,8 +90,8 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
     """Open an agent's run folder for evaluation; an unfinished run is opened at the last checkpoint.
 
     Args:
-        folder: run folder, written by ``train_agent`` or the command train-agent.
-        graph: new location of the training graph if the folder was moved, or the opened graph.
+        folder: run folder, written by ``train_agent``.
+        graph: new location of a moved graph, or the opened graph.
 
     Raises:
         ArtefactError: if the run or the checkpoint does not exist, or a file is damaged.

@@ -26,7 +26,7 @@ class MetricsFile:
     """Writer for a run's ``metrics.jsonl``; forwards each line to trackers such as TensorBoard.
 
     Attributes:
-        eval_seconds: seconds spent on evaluations for learning curves.
+        eval_seconds: seconds spent on learning curves.
     """
 
     def __init__(self, folder: Path, world: World, log: Log):
@@ -43,7 +43,7 @@ class MetricsFile:
         return self.path.stat().st_size
 
     def cut(self, size: int) -> None:
-        """Truncate the file to ``size`` bytes, the size at a checkpoint.
+        """Truncate the file to ``size`` bytes.
 
         Raises:
             ValueError: if the file is shorter.

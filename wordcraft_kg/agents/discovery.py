@@ -1,4 +1,4 @@
-"""Players for the open-ended environment, and discovery curves: known entities by number of attempts."""
+"""Players for the open-ended environment, and discovery curves: known entities by attempt."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -50,7 +50,7 @@ class Discoverer(ABC):
     """
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:
-        """Start a run with the known entities ``base``, as ids, and a random generator."""
+        """Start a run with the known ids ``base``."""
         self.known: list[int] = []
         self.rng = rng
         for entity in base:
@@ -84,7 +84,7 @@ class RandomDiscoverer(Discoverer):
 
 
 class NoRepeatDiscoverer(RandomDiscoverer):
-    """A player that samples pairs uniformly among the pairs not yet tried in the run."""
+    """A player that samples uniformly among untried pairs."""
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
         super().begin(base, rng)
@@ -135,7 +135,7 @@ class OracleDiscoverer(Discoverer):
 
 
 class GreedyDiscoverer(OracleDiscoverer):
-    """The greedy oracle: an entity's worth is 1 + the number of recipes with the entity as an ingredient."""
+    """The greedy oracle: worth is 1 + the number of recipes with the entity as an ingredient."""
 
     def __init__(self, graph: RecipeGraph):
         super().__init__(graph)
@@ -146,7 +146,7 @@ class GreedyDiscoverer(OracleDiscoverer):
 
 
 class EmpowermentDiscoverer(OracleDiscoverer):
-    """The oracle of empowerment: an entity's worth counts the new entities that the entity makes possible.
+    """The oracle of empowerment: worth counts the new entities that an entity makes possible.
 
     ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c plus the distinct new entities within reach.
 
@@ -294,9 +294,9 @@ def discovery_curves(
     receives the numbers of finished runs, all runs, and known entities.
 
     Returns:
-        a table with a row per player, run and attempt, from 0 (only the base entities) to ``attempts``: ``known``, the
-        number of known entities, and ``repeated``, whether the pair was tried earlier in the run. Runs stop when all
-        reachable entities are known.
+        a table with a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known
+        entities, and ``repeated``, whether the pair was tried earlier in the run. Runs stop when all reachable entities
+        are known.
 
     Raises:
         ConfigError: for numbers out of range, or a base without any recipe.
@@ -332,7 +332,7 @@ def discovery_curves(
 
 
 def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = MARKS) -> "pd.DataFrame":
-    """Average discovery curves over runs: mean number of known entities after some numbers of attempts.
+    """Average the number of known entities over runs, after some numbers of attempts.
 
     Args:
         curves: table from :func:`discovery_curves`.

@@ -52,7 +52,7 @@ def player_of(policy: Policy, kind: str) -> Player:
     """Return the player for a name: ``trained`` (the policy), ``random``, ``oracle`` or ``kg-only``.
 
     Raises:
-        ConfigError: for ``kg-only``, which plays by the policy's scorer, if the policy has no scorer.
+        ConfigError: for ``kg-only``, which plays by the scorer alone, without a scorer.
     """
     if kind == "kg-only":
         if not policy.sources:
@@ -64,15 +64,15 @@ def player_of(policy: Policy, kind: str) -> Player:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The outcomes of a player's episodes on N tasks, each with D distractor seeds (samples of distractors).
+    """Outcomes on N tasks, each with D distractor seeds (samples of distractors).
 
     Attributes:
         tasks: shape (N,), int64: indices into the world's tasks.
         success: shape (N, D), bool: the episode reached the goal.
-        by_plan: shape (N, D), bool: the goal was made by the last pair of one of the task's plans.
+        by_plan: shape (N, D), bool: a plan's last pair made the goal.
         actions: shape (N, D), int64: episode length in actions.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
-        last: shape (N, D, 2), int64: ids of the last combined pair, in the order of the two actions.
+        last: shape (N, D, 2), int64: ids of the last pair, in order of actions.
     """
 
     tasks: Ids

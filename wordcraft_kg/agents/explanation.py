@@ -41,8 +41,8 @@ class SlotEvidence(Record):
     """Train recipes that support a slot: similar to combining the slot's entity with a partner.
 
     Attributes:
-        source: name of the source that scores recipes.
-        partner: the selected entity, or without selection the best partner on the table.
+        source: source of the recipe score.
+        partner: the selection, or without selection the best partner on the table.
         because: supporting recipes, strongest first; a cross-fitted scorer excludes the recipes for the task.
     """
 
@@ -73,8 +73,8 @@ class ExplainedSlot(Record):
 class ExplainedStep(Record):
     """An action with the scores behind the choice.
 
-    ``selection`` is the entity selected before the action, ``value`` the state value, and ``made`` the results.
-    ``lambdas`` holds the mixing weight λ by source; empty without mixing.
+    ``selection`` is the selected entity before the action, ``value`` the state value, ``made`` the results, and
+    ``lambdas`` the mixing weight λ by source (empty without mixing).
     """
 
     selection: str | None
@@ -125,7 +125,7 @@ class ExplainedTable(Record):
         table: labels in slot order.
         ways: shortest plans for the goal, including distractors as ingredients.
         model: the model that gave the scores, by its training recipes.
-        fold: the fold of train recipes that a cross-fitted model has not seen, or None.
+        fold: number of the fold unseen by a cross-fitted model, or None.
         episode: the explained actions.
     """
 
@@ -181,9 +181,8 @@ class Explainer:
             policy: policy for the graph.
             world: graph, tasks and settings.
             kg: recipes that the scorer was trained on: ``partial`` (train recipes) or ``full``.
-            trained_on: shape (num_recipes,), bool: recipes that the scorer saw with their correct result; by default
-                all.
-            max_actions: maximum number of explained actions; None plays to the end of the episode.
+            trained_on: shape (num_recipes,), bool: recipes that the scorer saw with the correct result; by default all.
+            max_actions: maximum number of explained actions; None plays to the end.
 
         Raises:
             LeakError: if a model would score tasks with recipes from its training data.
@@ -212,7 +211,7 @@ class Explainer:
         return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
-        """Explain an episode and name the model that gave the scores; see :meth:`episode` for the arguments."""
+        """Explain an episode and name the model behind the scores; see :meth:`episode`."""
         return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def table(
@@ -220,8 +219,8 @@ class Explainer:
     ) -> ExplainedTable:
         """Explain the actions for a goal at any table.
 
-        If all recipes for the goal are in the same fold, a cross-fitted scorer uses the model trained without this
-        fold, otherwise the model trained on all train recipes.
+        If all recipes for the goal are in one fold, a cross-fitted scorer uses the model without this fold, otherwise
+        the model of all train recipes.
 
         Args:
             goal: entity to make, as label or id.
@@ -230,7 +229,7 @@ class Explainer:
             like: index of a task; if goal and starting ingredients agree, the model for this task gives the scores.
 
         Raises:
-            UnknownEntityError: for an entity outside the graph; the message names the nearest labels.
+            UnknownEntityError: for an entity outside the graph.
             ConfigError: if the table is empty, too large or has duplicates, ``selection`` is absent from the table, or
                 task ``like`` does not exist.
         """
@@ -253,7 +252,7 @@ class Explainer:
         return self._explained(self._of_table(target, ids)._replace(selection=selected))
 
     def drawn(self, task: int, distractor_seed: int = 0) -> list[int]:
-        """Return the entity ids on a task's fixed evaluation table; see :meth:`episode`."""
+        """Return the entity ids on an evaluation table; see :meth:`episode`."""
         return self._tables.table(task, distractor_seed)
 
     def _of_task(self, task: int, table: list[int]) -> _Query:

@@ -113,7 +113,7 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
-    """Return two sources that look up known triples, shape (T, 3): a score is 1 for a known triple, else 0.
+    """Return two sources for known triples, shape (T, 3): a score is 1 for a known triple, else 0.
 
     ``u`` looks up (slot, combinesWith, selection), ``v`` looks up (slot, componentOf, goal).
     """
@@ -143,7 +143,7 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return the scripted players in the reference table by name, including players from other packages."""
+    """Return the players in the reference table by name, including players from other packages."""
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
@@ -231,7 +231,7 @@ def play_all(
     Args:
         world: graph, tasks and settings; ``distractors`` replaces the number of distractors.
         players: players by name.
-        distractors: numbers of distractors, each evaluated separately.
+        distractors: numbers of distractors to evaluate.
         distractor_seeds: tables per task, equal for all players.
         seed: seed for distractors and players.
         progress: receives finished records, total records, and the last success rate.

@@ -18,10 +18,10 @@ class AgentSummary(Record, frozen=True, kw_only=True):
     """``evaluation.json``: an agent's final evaluation after ``steps`` environment steps.
 
     Attributes:
-        seconds: run time, including evaluation and writing.
+        seconds: run time, with evaluation and writing.
         parameters: number of trained parameters.
         steps_per_second: environment steps per second of training, without evaluation.
-        curves_share: share of the run time spent on learning curves.
+        curves_share: share of the run time for learning curves.
         success: success rate by part of the split.
         outcomes: episode shares by part and termination reason.
         distractors: number of distractors.
@@ -38,7 +38,7 @@ class AgentSummary(Record, frozen=True, kw_only=True):
 
 
 class AgentProgress(Record, frozen=True, kw_only=True):
-    """Training progress that a checkpoint records, to continue the run.
+    """Training progress at a checkpoint, to continue the run.
 
     Attributes:
         seconds: seconds of acting and learning.
@@ -65,7 +65,7 @@ def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
     """Parse the content of ``metrics.jsonl``; ``path`` is for error messages.
 
     Raises:
-        ArtefactError: for a damaged line; the message names the line and the field.
+        ArtefactError: naming the damaged line and field.
     """
     rows = parse_lines(data, MetricsRow, path)
     figures = parse_lines(data, dict[str, float | None], path)
@@ -98,7 +98,7 @@ def read_episodes(folder: Path) -> list[PlayedTask]:
     """Read ``episodes.jsonl`` from a finished run.
 
     Raises:
-        ArtefactError: if the file is missing or a line is damaged; the message names the line.
+        ArtefactError: if the file is missing or damaged, naming the line.
     """
     path = folder / EPISODES_FILE
     return parse_lines(read_large_file(path), PlayedTask, path)

@@ -26,7 +26,7 @@ OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evalua
 def write_results(
     folder: Path, policy: Policy, world: World, summary: AgentSummary, results: Mapping[TaskPart, Evaluation]
 ) -> None:
-    """Write a trained policy's weights, the final evaluation and the evaluated episodes into a run folder."""
+    """Write a policy's weights, the final evaluation and the evaluated episodes into a run folder."""
     write_parameters(folder, policy)
     write_atomically(folder / "evaluation.json", dump_json(as_values(summary)))
     write_atomically(folder / EPISODES_FILE, _episode_lines(world, results))

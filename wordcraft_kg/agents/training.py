@@ -73,12 +73,12 @@ def train_agent(
     """Train an agent into a run folder, or continue an interrupted run with the same settings.
 
     Args:
-        config: all settings: graph, scorer, tasks, policy and trainer.
+        config: graph, scorer, tasks, policy and trainer settings.
         out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
         force: replace an existing run.
         trackers: additional receivers of metrics: tensorboard, wandb, or a
             :class:`~wordcraft_kg.runs.trackers.Tracker`.
-        progress: function to call after each line of metrics; True shows a progress bar.
+        progress: function to call after each line of metrics; True shows a bar.
 
     Raises:
         WordCraftKGError: for unusable settings, inputs or output, see :func:`~wordcraft_kg.runs.training.train`.
@@ -128,7 +128,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     @property
     def elapsed(self) -> float:
-        """Seconds of the run so far, including evaluation, writing, and the time before an interruption."""
+        """Seconds of the run so far, with evaluation, writing and earlier parts."""
         return time.perf_counter() - self._begun
 
     @classmethod

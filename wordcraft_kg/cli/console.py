@@ -1,4 +1,4 @@
-"""Options common to all commands, output of results as text or JSON, and small parsers for option values."""
+"""Options common to all commands, results as text or JSON, and small parsers."""
 
 import json
 import logging
@@ -56,7 +56,7 @@ class Output:
 
     @contextmanager
     def session(self) -> Iterator[None]:
-        """Show warnings and stages of work on stderr within a ``with`` block; close the progress bar at the end."""
+        """Show warnings and stages of work on stderr while a command runs; clear the bar at the end."""
         logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Stderr()])
         logging.captureWarnings(True)
         logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
@@ -76,7 +76,7 @@ Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 
 
 def split_labels(values: Sequence[str]) -> list[str]:
-    """Split comma-separated labels into a list; labels with commas must come from a file."""
+    """Split comma-separated labels; labels with commas must come from a file."""
     return [label for value in values for part in value.split(",") if (label := part.strip())]
 
 
@@ -99,7 +99,7 @@ def refuse_given(options: Any, about: str) -> None:
 
 
 def check_file(out: Path | None, *, force: bool) -> None:
-    """Raise an OutputExistsError if the output file exists and ``force`` is False; called before long work."""
+    """Raise an OutputExistsError before long work if the file exists and ``force`` is False."""
     if out is not None and out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
 

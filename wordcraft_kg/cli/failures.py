@@ -114,7 +114,7 @@ class Failure:
 
 
 def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
-    """Convert an error into the failure of a command; None for an unexpected error, a defect in this package."""
+    """Convert an error into a command's failure; None for an unexpected error (a defect in this package)."""
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
         return Failure(kind, _message(error, manual), 2, _hints(error, manual))

@@ -9,7 +9,7 @@ class FlowingHelp(DefaultFormatter):
     """Help formatter that joins the lines of docstrings; blank lines and command lines stay."""
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
-        """Print a help panel with commands or options; positional arguments are shown without an option name."""
+        """Show a panel with commands or options; positional arguments are shown without an option name."""
         for entry in panel.entries:
             _flow(entry.description)
         entries = [entry.copy(positive_names=()) if entry.positional_label else entry for entry in panel.entries]

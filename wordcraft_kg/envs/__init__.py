@@ -3,7 +3,7 @@
 Read ``wordcraft`` first: the rules, one environment at a time. ``batch`` steps many environments at once and agrees
 with ``wordcraft`` step for step. Observations are ids and masks; wrappers or the policy add features and scores. A
 ``World`` holds the recipe graph, the split into train, valid and test recipes, the settings and the tasks: build one
-``World``, and derive worlds with different settings by ``world.variant(part="test")``.
+``World``, and derive other settings with ``world.variant(part="test")``.
 """
 
 

@@ -20,9 +20,9 @@ class Arrays:
     """Array operations on the CPU, by NumPy; a subclass provides the same operations by torch on a device.
 
     Attributes:
-        xp: the module ``numpy`` (in the subclass ``torch``), for functions that both libraries have.
-        on_device: whether arrays are on a device. Reading a value from a device waits for pending work, so there all
-            rows are computed, and masks select the valid rows.
+        xp: the module ``numpy``, or ``torch`` in the subclass.
+        on_device: whether arrays are on a device. Reading a value there waits for pending work, so all rows are
+            computed, and masks select the valid rows.
     """
 
     xp: Any = np
@@ -49,7 +49,7 @@ class Arrays:
         return np.empty(shape, dtype=np.int64)
 
     def cast(self, values: Array, dtype: str) -> Array:
-        """Convert an array to a data type, given by name, such as ``float32``."""
+        """Convert an array to a data type, such as ``float32``."""
         return values.astype(dtype)
 
     def sorted_rows(self, values: Array) -> Array:
@@ -63,7 +63,7 @@ class Arrays:
         return values.take(rows, axis=0)  # several times as fast as an index
 
     def rows(self, mask: Array) -> Array:
-        """Return the row indices to compute: the rows where the mask is True, or all rows on a device."""
+        """Return the row indices to compute: where the mask is True, or all rows on a device."""
         return mask.nonzero()[0]
 
 

@@ -50,13 +50,13 @@ class State(NamedTuple):
     Attributes:
         engine: the engine that made this state.
         keys: hashes of seed and environment, from which episodes are drawn.
-        ahead: a cache of the next episodes, drawn in advance, without influence on results.
+        ahead: cache of the next episodes, without influence on results.
         age: steps since episodes were last drawn, counted on a device only.
         goal: id of the entity to make.
         task: index into the world's tasks.
-        selection: id of the entity chosen first in the current attempt, or of nothing.
+        selection: id of the selected entity, or of nothing.
         attempts_left: attempts left in the episode; 0 after the end.
-        wide: shape (N, num_slots + 1), ids: the table, and a spare last column, a target for writes without effect.
+        wide: shape (N, num_slots + 1), ids: the table, and a spare column for writes without effect.
         count: number of entities on the table, int64.
         episode: number of the next episode.
     """
@@ -202,14 +202,14 @@ class BatchEngine:
         return self._begin(self._keys(seed), self.arrays.full((self.num_envs,), 0))
 
     def restart(self, state: State) -> State:
-        """Abandon the current episodes and begin the next episode in every environment."""
+        """Begin the next episode in every environment."""
         return self._begin(state.keys, state.episode)
 
     def pose(self, tasks: Array, episode: int = 0, *, seed: int = 0) -> State:
         """Begin an episode with a given task in each environment, for evaluation.
 
-        ``tasks`` are task indices, shape (N,). After these episodes, :meth:`step` continues with drawn tasks.
-        Distractors depend only on seed, environment number, ``episode`` and task.
+        ``tasks`` are task indices, shape (N,). Later episodes have drawn tasks. Distractors depend only on seed,
+        environment number, ``episode`` and task.
         """
         keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
         tasks = self.arrays.array(np.array(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
@@ -275,7 +275,7 @@ class BatchEngine:
         return self._begin_where(done.over, state, now), done
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
-        """Like :meth:`step`, but an environment without attempts left stays unchanged and begins no new episode."""
+        """Like :meth:`step`, but an environment without attempts left stays unchanged."""
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
         now, done = self._step(state, actions, is_replaced=False)

@@ -23,8 +23,8 @@ class RewardConfig:
 
     Attributes:
         wrong_pair_penalty: subtracted if an attempt makes nothing.
-        irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate (a product of a plan
-            before the goal).
+        irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate (an earlier product of a
+            plan).
         intermediate_reward: added when an attempt first makes an intermediate.
     """
 
@@ -58,8 +58,7 @@ class WordCraftConfig:
         ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in the paper's released
             code).
         illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an error.
-        num_tasks: number of tasks to sample if all tasks are too many: at depth 3 and above, and at depth 2 in large
-            graphs.
+        num_tasks: number of tasks to sample at depth 3 and above, and at depth 2 in large graphs.
         task_seed: random seed for this sample.
 
     Example:

@@ -1,4 +1,4 @@
-"""Draws of the tasks and starting tables for many episodes at once.
+"""Draws of tasks and starting tables for many episodes at once.
 
 Random numbers are hashes of (seed, environment, episode, draw). So an environment sees the same episodes in any
 process, with NumPy or torch, in any batch, and episodes can be drawn ahead.
@@ -35,8 +35,8 @@ class Draws:
     """Draws tasks and starting tables for a world's episodes.
 
     A *key* is the hash of (seed, environment, episode) and determines all draws of the episode; R keys draw R tables.
-    Ids have 32 bits, which halves memory traffic, and tables are columns; ``width`` is the number of slots of the
-    largest starting table.
+    Ids have 32 bits, which halves memory traffic, and tables are columns; ``width`` is the size of the largest starting
+    table.
     """
 
     def __init__(self, world: World, arrays: Arrays):
@@ -173,7 +173,7 @@ class Draws:
 
 
 class Ahead:
-    """A cache with the next episodes for N environments: ``size`` tasks and starting tables each, drawn in advance.
+    """A cache with the next episodes for N environments: ``size`` tasks and starting tables each.
 
     On the CPU, missing episodes are drawn on demand. On a device, control flow may not depend on data: episodes are
     drawn at once, and a caller requests only cached episodes.

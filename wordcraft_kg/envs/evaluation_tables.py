@@ -19,7 +19,7 @@ def distance_of(amount: int, limit: int | None) -> int:
 
 
 class EvaluationTables:
-    """The fixed starting table for each task and distractor seed of a world, drawn on demand in any order.
+    """The fixed starting table for each task and distractor seed in a world.
 
     Example:
         >>> tables = EvaluationTables(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -33,7 +33,7 @@ class EvaluationTables:
         self._draws = Draws(world, arrays_of("cpu"))
 
     def table(self, task: int, distractor_seed: int = 0) -> list[int]:
-        """Return the entity ids on a task's starting table in slot order, for a task index and a distractor seed.
+        """Return the ids on a task's starting table in slot order, by task index and distractor seed.
 
         Raises:
             ConfigError: for an unknown task, or a distractor seed out of range.

@@ -23,8 +23,8 @@ class Guards:
     Most tables are far from completing a guarded recipe. A *filter* finds the tables at risk, in a table of marks small
     enough for the processor's cache: ingredients share places and recipes share 15 bits, so no risk is missed.
 
-    Tables of R environments are checked together: ``tasks`` holds task indices, shape (R,), and ``candidates`` the ids
-    of K possible distractors per table, shape (K, R).
+    Tables of R environments are checked together: ``tasks`` holds task indices, shape (R,), and ``candidates`` K ids of
+    possible distractors for each, shape (K, R).
     """
 
     def __init__(self, world: World, arrays: Arrays):

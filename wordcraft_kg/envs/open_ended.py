@@ -1,4 +1,4 @@
-"""The open-ended environment: discover entities from the base entities, with limited attempts and without a goal."""
+"""The open-ended environment: discover entities, with limited attempts and without a goal."""
 
 from collections.abc import Iterable
 from typing import Any, get_args
@@ -31,7 +31,7 @@ class Discovery:
     """
 
     def __init__(self, graph: RecipeGraph, base: Iterable[Entity] | None = None):
-        """Prepare a game on a graph; ``base`` (ids or labels known at the start) replaces the graph's base entities.
+        """Prepare a game on a graph; ``base`` (known ids or labels) replaces the graph's base entities.
 
         Raises:
             ConfigError: for an unknown entity, or a base from which nothing can be made.
@@ -80,8 +80,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     ## Action space
     ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order, possibly equal. An unknown entity
     wastes the attempt and sets ``info["illegal_action"]``; with ``illegal_action="raise"`` it raises an error. An
-    action outside the space always raises an error. ``action_masks`` returns the mask of known entities for each of the
-    two choices.
+    action outside the space always raises an error. ``action_masks`` returns the known entities for both choices.
 
     ## Observation space
     ``Dict`` of masks by entity id, fresh arrays each time.

@@ -38,7 +38,7 @@ def observation_space(num_entities: int, num_slots: int, attempts: int) -> space
 
 @dataclass
 class State:
-    """The state of an episode, in ids: ``table`` has no empty slots, ``selection`` is the first entity of an attempt.
+    """The state of an episode, in ids; ``table`` has no empty slots.
 
     ``task`` is an index into the world's tasks, -1 before the first episode; ``outcome`` is ``not_begun``,
     ``in_progress``, ``goal`` or ``out_of_attempts``.
@@ -57,9 +57,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     ## Description
     An episode poses a goal, an entity to make, and puts the starting ingredients on the table, shuffled among
-    distractors, which the task does not need. An action chooses an entity; two actions make an attempt. All results of
-    the pair join the table (each once), and nothing is used up. All graph recipes apply, for train, valid and test
-    tasks alike.
+    distractors, which no plan needs. An action chooses an entity; two actions make an attempt. All results of the pair
+    join the table (each once), and nothing is used up. All graph recipes apply, for train, valid and test tasks alike.
 
     ## Action space
     ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot wastes the attempt:

@@ -123,7 +123,7 @@ class World:
 
     @_derived_from(*_TASKS)
     def tasks(self) -> TaskSet:
-        """The tasks for the settings, from which episodes are drawn."""
+        """The tasks from which episodes are drawn."""
         config = self.config
         return make_tasks(
             self.graph,
@@ -138,7 +138,7 @@ class World:
 
     @_derived_from("ambiguity")
     def outcomes(self) -> Mapping[tuple[int, int], tuple[int, ...]]:
-        """The results of each pair of ids ``(a, b)`` with ``a <= b``, ascending."""
+        """Results by pair of ids ``(a, b)`` with ``a <= b``, ascending."""
         outcomes = self.graph.outcomes
         if self.config.ambiguity == "last":
             return {pair: results[-1:] for pair, results in outcomes.items()}
@@ -146,7 +146,7 @@ class World:
 
     @_derived_from("distractor_weighting")
     def distractor_weights(self) -> Ids:
-        """The weight of each entity when distractors are drawn, shape (E,), int64."""
+        """Each entity's weight as a distractor, shape (E,), int64."""
         weights = np.ones(self.nothing, dtype=np.int64)
         if self.config.distractor_weighting == "use":
             a, b, _ = self.split.recipes("train").T
@@ -194,7 +194,7 @@ class World:
         return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:
-        """Raise a :class:`ConfigError` if drawing distractors without a shortcut has failed too often."""
+        """Raise a :class:`ConfigError` after too many draws of distractors with a shortcut."""
         if tries > SHORTCUT_TRIES:
             raise ConfigError(
                 f"`num_distractors` {self.config.num_distractors}: found no distractors without a shortcut to "

@@ -65,7 +65,7 @@ class SlotSource(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the source, the key of the scores in observations."""
+        """Name of the scores in observations."""
         ...
 
     graph_hash: str
@@ -171,9 +171,9 @@ class VectorKGScoreObservation(VectorWrapper):
 class TaskObservation(_Ids):
     """Adds ``task``, the number of the episode's task, which a policy with a cross-fitted scorer needs.
 
-    A cross-fitted scorer has a model for each fold of the train recipes; the task selects the model. For tasks with
-    train recipes this is an index into ``world.tasks``; for all further tasks, and always on the test part, the number
-    of train tasks. So a policy is trained and evaluated with equal observation spaces.
+    Such a scorer has a model for each fold of the train recipes; the task selects the model. For tasks with train
+    recipes this is an index into ``world.tasks``; for all further tasks, and always on the test part, the number of
+    train tasks. So a policy is trained and evaluated with equal observation spaces.
     """
 
     def __init__(self, env: gym.Env[Any, Any]):

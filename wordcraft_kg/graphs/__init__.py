@@ -1,9 +1,9 @@
 """Recipe graphs and everything derived from a graph; this package trains nothing and imports neither torch nor PyKEEN.
 
-The recipe graph is the single source of truth. Triples lose which pair makes which result, so recipes stay objects;
-triples, splits, tasks and vocabularies are derived. Ids follow the sorted labels: equal graphs have equal ids. A split
-records its graph's hash, and derived files record both hashes. The bytes of a graph folder depend only on the book and
-the split's settings.
+A recipe combines two ingredients into a result. Triples, train/test splits, crafting tasks and model vocabularies are
+derived from the recipe graph; triples alone lose which pair makes which result. Ids follow the sorted labels: equal
+graphs have equal ids. A split records its graph's hash, and derived files record both hashes. The bytes of a graph
+folder depend only on the recipe book and the split's settings.
 """
 
 from wordcraft_kg.graphs.audit import audit

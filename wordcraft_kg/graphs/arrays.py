@@ -1,4 +1,4 @@
-"""Id arrays."""
+"""Integer id arrays, read-only or padded."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,13 @@ Ids = NDArray[np.int64]
 
 
 def frozen(array: Ids) -> Ids:
-    """Make an array read-only and return it."""
+    """Make an array read-only and return the same array."""
     array.flags.writeable = False
     return array
 
 
 def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
-    """Return rows with different lengths as one array, at least ``width`` wide."""
+    """Stack rows with different lengths into an array, padded with ``padding`` to at least ``width`` columns."""
     width = max([width, *map(len, rows)])
     array = np.full((len(rows), width), padding, dtype=np.int64)
     for index, row in enumerate(rows):

@@ -1,4 +1,4 @@
-"""Audit of a graph and a split: ambiguity, reachability, coverage, leakage."""
+"""Statistics for a recipe graph and a split: ambiguity, reachability, coverage, leakage."""
 
 from dataclasses import asdict
 
@@ -19,7 +19,7 @@ SHOWN = 20  # entities or pairs in a list, at most; counts are complete
 
 
 class TripleCounts(Record):
-    """Triples by relation."""
+    """Triple counts by relation."""
 
     combines_with: Count = msgspec.field(name="combinesWith")
     component_of: Count = msgspec.field(name="componentOf")
@@ -27,14 +27,14 @@ class TripleCounts(Record):
 
 
 class AmbiguousPair(Record):
-    """A pair with several results."""
+    """Two ingredients that combine into several results, by labels."""
 
     pair: tuple[str, str]
     results: tuple[str, ...]
 
 
 class Ambiguity(Record):
-    """Result counts per pair; ``examples`` are the pairs with the most results."""
+    """Counts of ingredient pairs by number of results; ``examples`` are up to 20 pairs with the most results."""
 
     pairs_by_number_of_results: dict[str, Count]
     pairs_with_several_results: Count
@@ -42,7 +42,10 @@ class Ambiguity(Record):
 
 
 class Reachability(Record):
-    """Entities that can be made from the base, and the number of rounds needed."""
+    """Entities that can be made from the base, and the number of rounds needed.
+
+    A round combines all known pairs; ``known_after_round`` counts known entities after 0, 1, 2, ... rounds.
+    """
 
     reachable: Count
     rounds: Count
@@ -52,7 +55,7 @@ class Reachability(Record):
 
 
 class Spread(Record):
-    """Summary of counts over entities."""
+    """Mean, median and maximum recipe count per entity."""
 
     mean: float
     median: float
@@ -60,10 +63,10 @@ class Spread(Record):
 
 
 class Degrees(Record):
-    """Recipe counts: recipes that make and use each entity.
+    """Counts of recipes that make and use each entity.
 
-    ``craftable`` entities have a recipe, ``terminal`` entities have no other use, ``idle`` entities have neither.
-    ``most_used`` and ``most_recipes`` list the entities with the most uses and recipes.
+    ``craftable`` counts entities with a recipe, ``terminal`` craftable entities that no recipe uses, and ``idle``
+    entities in no recipe. ``most_used`` and ``most_recipes`` list ten entities.
     """
 
     craftable: Count
@@ -76,22 +79,24 @@ class Degrees(Record):
 
 
 class AlikeLabels(Record):
-    """Groups of labels that differ only in case or blanks: probably typos, never merged."""
+    """Groups of entity labels that differ only in case or blanks, probably typos; at most 20 groups are listed."""
 
     alike: Count
     alike_labels: tuple[tuple[str, ...], ...]
 
 
 class SplitSummary(Record):
-    """Split settings and sizes.
+    """Settings of a train/validation/test split, and recipe and triple counts.
 
     Attributes:
+        partial_triples: triples that train recipes give.
+        unseen_triples: the remaining triples.
         evaluated_triples: test triples that neither train nor validation recipes give.
         leaked_triples: the remaining test triples, never evaluated.
         covered: whether every entity occurs in a train recipe; ``uncovered`` counts the missing entities.
-        moved_for_coverage: recipes moved to train for coverage.
-        pairs_on_both_sides: pairs with results in several parts.
-        test_goals_in_train: test goals that train recipes make, too.
+        moved_for_coverage: recipes moved to train so that every entity has a train recipe.
+        pairs_on_both_sides: ingredient pairs with recipes in several parts.
+        test_goals_in_train: results of test recipes that train recipes make, too.
         one_ingredient_away: test recipes that share an ingredient and the result with a train recipe.
     """
 
@@ -118,14 +123,14 @@ class SplitSummary(Record):
 
 
 class Leakage(Record):
-    """Overlap between the test triples and the training triples of a relation.
+    """Numbers of test and training triples of a relation.
 
     Attributes:
         train: training triples.
-        from_test_recipes: triples from test recipes.
-        already_in_train: excluded triples, which train or validation recipes give, too.
-        evaluated: the remaining triples.
-        mirror_in_train: evaluated triples with their mirror (tail, relation, head) in train; 0 for combinesWith.
+        from_test_recipes: test triples.
+        already_in_train: excluded test triples, which train or validation recipes give, too.
+        evaluated: the remaining test triples.
+        mirror_in_train: evaluated triples with (tail, relation, head) in train; 0 for combinesWith.
     """
 
     train: Count
@@ -136,7 +141,7 @@ class Leakage(Record):
 
 
 class Audit(Record, omit_defaults=True, kw_only=True):
-    """A graph and a split in numbers; the first two fields need the book."""
+    """Statistics for a recipe graph and a split; the first two fields count rows omitted from the source book."""
 
     dropped_self_results: Count | None = None
     merged_duplicates: Count | None = None
@@ -156,7 +161,7 @@ class Audit(Record, omit_defaults=True, kw_only=True):
 
 @stage("auditing the graph")
 def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> Audit:
-    """Audit a graph, a split and, optionally, the source book."""
+    """Compute statistics for a graph and a split; the source ``book`` adds counts of omitted rows."""
     layer = layers(graph)
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
@@ -182,7 +187,7 @@ def _triple_counts(graph: RecipeGraph) -> TripleCounts:
 
 
 def split_summary(split: Split) -> SplitSummary:
-    """Summarise a split."""
+    """Return a split's settings, and recipe and triple counts by part."""
     train, valid, test = np.bincount(split.parts, minlength=3).tolist()
     evaluated = split.held_out("test")
     goals = np.unique(split.recipes("test")[:, 2])
@@ -208,14 +213,14 @@ def split_summary(split: Split) -> SplitSummary:
 
 
 def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
-    """Return which test recipes share an ingredient and the result with a train recipe, shape (num_test,)."""
+    """Mark the test recipes that share an ingredient and the result with a train recipe; bool, shape (num_test,)."""
     test = split.recipes("test")
     slots = np.insert(test[:, [0, 2, 1, 2]].reshape(-1, 2), 1, COMPONENT_OF, axis=1)
     return np.asarray(is_in(slots, split.partial, split.graph.num_entities).reshape(-1, 2).any(axis=1))
 
 
 def leakage(split: Split) -> dict[Relation, Leakage]:
-    """Compare test triples with training triples, by relation."""
+    """Count test triples that the training triples contain or mirror, by relation."""
     evaluated = split.held_out("test")
     mirrored = is_in(evaluated[:, [2, 1, 0]], split.partial, split.graph.num_entities)
     tables: dict[Relation, Leakage] = {}

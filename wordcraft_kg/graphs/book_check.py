@@ -1,6 +1,6 @@
-"""Check of a recipe book under construction: all errors and oddities at once, with line numbers.
+"""Check a recipe book under construction: list all errors and suspicious entries, with line numbers.
 
-:func:`~wordcraft_kg.graphs.book_files.read_book` stops at the first error and accepts oddities.
+:func:`~wordcraft_kg.graphs.book_files.read_book` stops at the first error and accepts suspicious entries.
 """
 
 import io
@@ -25,15 +25,15 @@ from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
 LISTED = 15  # lines or names in a finding, at most
 MAX_FINDINGS = 10_000
-"""Findings after which reading stops: such a file is not a book."""
+"""Findings after which reading stops: a file with more errors is not a recipe book."""
 
 
 class Finding(Record):
-    """A problem or an oddity.
+    """An error or a suspicious entry in a recipe book.
 
     Attributes:
-        kind: rule name, such as ``duplicate``.
-        severity: only a ``problem`` fails the check.
+        kind: violated rule, such as ``duplicate``.
+        severity: a ``problem`` fails the check, a ``note`` does not.
         lines: line numbers from 1, at most 15; empty for a finding about the whole book.
         message: description.
     """
@@ -45,18 +45,20 @@ class Finding(Record):
 
 
 class BookFigures(Record, omit_defaults=True):
-    """Counts of a book; the last seven need word vectors or a second book.
+    """Statistics for a recipe book; the last seven need word vectors or a second book.
 
     Attributes:
-        reachable: entities in the base or makeable from the base.
-        max_layer: rounds until the last reachable entity.
-        share_with_two_recipes: share of the craftable entities with at least two recipes.
+        reachable: base entities (known at the start) and entities that can be made from the base.
+        max_layer: rounds of combining all known pairs until the last reachable entity.
+        share_with_two_recipes: share of the craftable entities (entities with a recipe) with at least two recipes.
         terminal: craftable entities that no recipe uses.
-        most_used_share: share of all recipes that use the most used entity.
-        words_with_vector: share of the words in labels with a word vector.
+        self_pairs: entities that combine with themselves.
+        most_used_share: share of all recipes that use ``most_used``.
+        words_with_vector: share of the words in entity labels with a word vector.
         near_synonym_share: share of the default split's test recipes that repeat a train recipe with one ingredient
             replaced by a near-synonym (cosine ``near_synonym_cosine`` or more).
-        against: a second book, which shares ``shared_recipes``.
+        against: name of a second book.
+        shared_recipes: recipes in both books; ``shared`` is their share in this book.
     """
 
     entities: Count
@@ -84,9 +86,9 @@ class BookFigures(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class BookCheck:
-    """Result of a check: findings (problems first, then by line), counts, and the graph of all readable recipes.
+    """Result of checking a recipe book: findings (problems first, then by line), statistics, and a graph.
 
-    ``figures`` and ``graph`` are None without a readable recipe.
+    ``graph`` has all readable recipes; ``figures`` and ``graph`` are None without a readable recipe.
     """
 
     findings: tuple[Finding, ...]
@@ -99,7 +101,7 @@ class BookCheck:
         return all(finding.severity == "note" for finding in self.findings)
 
     def adding(self, findings: Iterable[Finding], **figures: Any) -> "BookCheck":
-        """Return the check with additional findings and figures."""
+        """Return a copy with additional findings, and with the given :class:`BookFigures` fields."""
         more = None if self.figures is None else msgspec.structs.replace(self.figures, **figures)
         return replace(self, findings=_sorted([*self.findings, *findings]), figures=more)
 
@@ -108,7 +110,7 @@ class BookCheck:
 def check_book(
     path: Path, base: Iterable[str] | None = None, name: str | None = None, *, single_ingredient: str | None = None
 ) -> BookCheck:
-    """Check a recipe book.
+    """Check a recipe book, and return all problems and notes.
 
     Problems are: bytes that are not UTF-8, a byte order mark, line ends other than LF, labels with commas, bad rows,
     recipes listed twice or made from themselves, labels in two spellings, unused base entities, entities out of reach
@@ -116,9 +118,9 @@ def check_book(
     in only one recipe, and listed entities without a recipe.
 
     Args:
-        path: a ``.csv``, ``.tsv`` or ``.json`` book. Only tables have line numbers; for an unreadable JSON book, the
-            first error is the only finding about the content.
-        base: base entities; None uses the book's own base, or infers a base.
+        path: a ``.csv``, ``.tsv`` or ``.json`` file. Only CSV and TSV findings have line numbers; for an unreadable
+            JSON book, the first error is the only finding about the content.
+        base: base entities; None uses the file's base, or entities without a recipe.
         name: the book's name; None uses the file's name.
         single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
 
@@ -323,7 +325,7 @@ def _figures(graph: RecipeGraph) -> BookFigures:
 
 
 def listed(labels: Iterable[str]) -> str:
-    """Join the first 15 labels with commas."""
+    """Join the first 15 labels with commas, and count the remaining labels."""
     labels = list(labels)
     more = len(labels) - LISTED
     return ", ".join(labels[:LISTED]) + (f" and {more:,} more" if more > 0 else "")

@@ -1,8 +1,8 @@
-"""Reading and writing recipe books.
+"""Read and write recipe books, files that list recipes.
 
 Three layouts are read: CSV or TSV (``ingredient_a,ingredient_b,result``), our own JSON, and the JSON released with the
-paper's code (``{"entities": {label: {"recipes": [[a, b], ...]}}}``). Labels are matched exactly. In CSV and TSV, spaces
-around an unquoted cell are ignored.
+paper's code (``{"entities": {label: {"recipes": [[a, b], ...]}}}``; Jiang et al. 2020). Labels are matched exactly. In
+CSV and TSV, spaces around an unquoted label are ignored.
 """
 
 import csv
@@ -23,9 +23,9 @@ from wordcraft_kg.graphs.recipes import MAX_LABEL_LENGTH, Recipe, RecipeBook, ch
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 DELIMITERS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
-"""Delimiters by file ending."""
+"""Column delimiters by file ending."""
 MAX_BOOK_SIZE = 2**30
-"""Bytes; about 40 million recipes."""
+"""Largest file that is read, in bytes; about 40 million recipes."""
 _JSON_FORMAT = "wordcraft-kg recipe book 1"
 _MAX_LINE_LENGTH = 100_000  # of a table: a file without line ends fails early, with the reason
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
@@ -37,18 +37,19 @@ def read_book(
 ) -> RecipeBook:
     """Read and validate a recipe book from a file, or from a graph folder.
 
-    The ending selects the layout: ``.csv``, ``.tsv`` (or ``.tab``), ``.json``. In CSV and TSV, leading lines with ``#``
-    are comments; ``# base: a, b`` declares base entities and ``# entities: a, b`` lists entities without a recipe.
+    The file ending selects the layout: ``.csv``, ``.tsv`` (or ``.tab``), ``.json``. In CSV and TSV, leading lines with
+    ``#`` are comments; ``# base: a, b`` declares base entities (known at the start), and ``# entities: a, b`` lists
+    entities without a recipe.
 
     Args:
-        path: the file or folder.
-        keep_self_results: keep rows with the result among the ingredients.
+        path: the file, or a folder by :func:`~wordcraft_kg.graphs.folder.write_graph_folder`.
+        keep_self_results: keep recipes with the result among the ingredients.
         single_ingredient: how to read recipes with one ingredient: ``self`` repeats the ingredient, another text
             names a second ingredient, such as furnace. With None such a recipe is an error.
         name: the book's name; None uses the file's or folder's name.
 
     Raises:
-        RecipeFileError: with the first error's line or key.
+        RecipeFileError: naming the line or JSON key with the first error.
     """
     path = Path(path)
     if (path / "graph.json").is_file():
@@ -89,7 +90,7 @@ def book_name(path: Path) -> str:
 
 
 def unknown_base(label: str, known: Iterable[str]) -> str:
-    """Return the message about an unknown base entity."""
+    """Return the error message for a base entity that is not among the ``known`` labels."""
     return (
         f"the base entity '{label}' is in no recipe.{nearest(label, known)} "
         f"If it is meant, list it as well: # entities: {label}"
@@ -97,7 +98,7 @@ def unknown_base(label: str, known: Iterable[str]) -> str:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return a book's bytes, or raise a :class:`RecipeFileError` with the reason."""
+    """Read a recipe book's bytes, or raise a :class:`RecipeFileError` for a missing, too large or unreadable file."""
     if path.is_dir():
         raise RecipeFileError(
             f"'{path}' {what_is(path)}; expected a recipe book (.csv, .tsv, .json) or a graph folder."
@@ -137,7 +138,7 @@ def _alone(ingredient: str) -> str:
 
 
 class Fault(NamedTuple):
-    """An invalid line; ``kind`` is ``directive``, ``header``, ``row`` or ``label``."""
+    """An invalid line in a CSV or TSV book; ``kind`` is ``directive``, ``header``, ``row`` or ``label``."""
 
     line: int
     kind: str
@@ -145,17 +146,17 @@ class Fault(NamedTuple):
 
 
 Row = tuple[int, Sequence[str]]
-"""Line number from 1, and the labels (ingredient, ingredient, result)."""
+"""A recipe in a CSV or TSV book: line number from 1, and labels (ingredient, ingredient, result)."""
 
 
 class Table:
-    """A CSV or TSV book, read line by line; iterate once over rows and faults.
+    """A CSV or TSV recipe book, read line by line; iterate once over recipes and invalid lines.
 
-    ``base`` (None without a declaration) and ``listed`` map declared labels to lines.
+    ``base`` (None without a declaration) and ``listed`` map labels in ``# base`` and ``# entities`` to line numbers.
     """
 
     def __init__(self, text: str, delimiter: str, single: str | None):
-        """Read up to the header; ``single`` as ``single_ingredient`` in :func:`read_book`."""
+        """Read ``text`` up to the header; ``single`` is ``single_ingredient`` in :func:`read_book`."""
         self.base: dict[str, int] | None = None
         self.listed: dict[str, int] = {}
         self._delimiter, self._single = delimiter, single
@@ -163,7 +164,7 @@ class Table:
         self._head = list(self._read_head())
 
     def __iter__(self) -> Iterator[Row | Fault]:
-        """Yield rows and faults by line."""
+        """Yield recipes and invalid lines in file order."""
         yield from self._head
         for number, line in self._lines:
             if self._is_header(line):
@@ -259,7 +260,7 @@ def _too_long(line: str) -> str:
 
 
 def trimmed(line: str, delimiter: str) -> str:
-    """Strip spaces around the cells in a line; spaces within quotes stay."""
+    """Strip spaces around the cells in a table row; spaces within quotes stay."""
     loose = f"{delimiter} " in line or f" {delimiter}" in line or line[:1] == " " or line.rstrip("\r\n")[-1:] == " "
     return _CELLS[delimiter].sub(lambda cell: cell[1].strip(" "), line) if loose else line
 
@@ -362,7 +363,7 @@ def _known(label: Any, known: set[str], where: str) -> str:
 
 
 def write_book(book: RecipeBook, path: Path) -> None:
-    """Write a book as ``.csv``, ``.tsv`` or ``.json``; reading restores an equal book."""
+    """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading the file restores an equal book."""
     ending = path.suffix.lower()
     if ending == ".json":
         write_atomically(path, book_json(book))
@@ -375,14 +376,14 @@ def write_book(book: RecipeBook, path: Path) -> None:
 
 
 def recipe_table(recipes: Iterable[Recipe], delimiter: str = ",") -> Iterator[str]:
-    """Yield a recipe table with header, line by line."""
+    """Yield table lines: a header, then (ingredient, ingredient, result) per recipe."""
     yield delimiter.join(CSV_HEADER) + "\n"
     for recipe in recipes:
         yield _csv_line(recipe, delimiter)
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
-    """Yield our own JSON layout, one recipe per line for readable diffs; ``extra`` keys follow the name."""
+    """Yield a book in this package's JSON layout, one recipe per line; ``extra`` adds top-level keys."""
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
     yield f'{{\n"format": {dump(_JSON_FORMAT)},\n"name": {dump(book.name)},\n'
     for key, value in extra.items():

@@ -1,4 +1,4 @@
-"""Export graphs for other tools; add a function ``(content, path) -> None`` to :data:`EXPORTERS`."""
+"""Export recipe graphs to file formats for other tools; add a format as an :class:`Exporter` in :data:`EXPORTERS`."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 
 NAMESPACE = "urn:wordcraft-kg:"
-"""Prefix of IRIs: ``entity:<label>``, ``recipe:<a>+<b>=<result>``, ``relation:<name>``, ``role:ingredient``,
+"""Prefix of IRIs in RDF: ``entity:<label>``, ``recipe:<a>+<b>=<result>``, ``relation:<name>``, ``role:ingredient``,
 ``role:result``; labels are percent-encoded."""
 _RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 _RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
@@ -32,14 +32,14 @@ _GRAPHML_BYTES = 6_000  # per recipe while networkx writes, measured with 250,00
 
 @dataclass(frozen=True)
 class Content:
-    """The exported data."""
+    """Recipes and triples to export: all, train or held-out, by ``part``."""
 
     opened: OpenedGraph
     part: ExportPart = "full"
 
     @cached_property
     def graph(self) -> RecipeGraph:
-        """The graph restricted to the part's recipes; entities and ids stay."""
+        """The recipe graph with the exported recipes only; entities and ids stay."""
         graph, split = self.opened.graph, self.opened.split
         if self.part == "full":
             return graph
@@ -49,13 +49,13 @@ class Content:
 
     @property
     def triples(self) -> Ids:
-        """The part's triples, shape (T, 3), sorted."""
+        """The exported triples, shape (T, 3), sorted."""
         return self.opened.split.unseen if self.part == "unseen" else self.opened.triples(self.part)
 
 
 @dataclass(frozen=True)
 class Exporter:
-    """A format; ``recipe_bytes`` is the memory per recipe during writing, 0 if negligible."""
+    """An export format; writing needs ``recipe_bytes`` bytes memory per recipe, 0 if negligible."""
 
     about: str
     write: Callable[[Content, Path], None]
@@ -66,10 +66,12 @@ class Exporter:
 def export_graph(
     opened: OpenedGraph, format: str, out: Path, *, part: ExportPart = "full", force: bool = False
 ) -> None:
-    """Export a graph in a format of :data:`EXPORTERS`; ``part`` selects recipes and triples, never entities.
+    """Write a graph to the file ``out`` in a format of :data:`EXPORTERS`.
+
+    ``part`` selects recipes and triples, never entities.
 
     Raises:
-        ConfigError: for an unknown format or part, or too large a graph for memory.
+        ConfigError: for an unknown format or part, or if writing needs over 4 GiB memory.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     one_of("format", format, tuple(EXPORTERS))

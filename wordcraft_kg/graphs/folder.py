@@ -1,4 +1,4 @@
-"""Writing graph folders, and opening a graph by folder, book file or book name."""
+"""Write graph folders (a recipe graph and a split as files), and open graphs by folder, book file or book name."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,16 +20,16 @@ from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
 
 KG = Literal["partial", "full"]
-"""Triples of the train recipes, or of all recipes."""
+"""Knowledge graph: triples from the train recipes, or from all recipes."""
 TrainedOn = Literal["partial", "full", "none"]
 """A scorer's training recipes: train, all, or none (a scorer of entity names only)."""
 
 
 @dataclass(frozen=True)
 class OpenedGraph:
-    """A graph, a split, and the source: a folder, a file or a book's name.
+    """A recipe graph, a train/validation/test split, and the opened ``source``: a folder, file or book name.
 
-    Model folders record the source. For your own split, write a graph folder and train on the folder.
+    Trained models record the source. To train on your own split, write a graph folder and open the folder.
     """
 
     graph: RecipeGraph
@@ -37,20 +37,21 @@ class OpenedGraph:
     source: str
 
     def triples(self, kg: KG) -> Ids:
-        """Return the full or partial knowledge graph, shape (T, 3), sorted."""
+        """Return the triples from all recipes (full) or from the train recipes (partial), shape (T, 3), sorted."""
         return self.graph.triples if kg == "full" else self.split.partial
 
     def train_sample(self, kg: TrainedOn) -> TrainSample:
-        """Return a scorer's training recipes."""
+        """Return the recipes for training a model: the train recipes, all recipes, or no recipes."""
         return TrainSample.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
 
 
 @stage("writing the graph folder")
 def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> Audit:
-    """Write a graph folder, complete or not at all, and return the audit; an existing ``out`` needs ``force``.
+    """Write a recipe graph and a split to a folder, complete or not at all; return statistics.
 
-    The folder holds ``graph.json``, ``split.json``, ``recipes.csv``, ``entities.tsv``, ``triples/full.tsv``,
-    ``partial.tsv`` and ``unseen.tsv``, and ``audit.json``. The bytes depend only on the book and the split's settings.
+    An existing ``out`` is an error without ``force``. The folder holds ``graph.json``, ``split.json``,
+    ``recipes.csv``, ``entities.tsv``, ``triples/full.tsv``, ``partial.tsv`` and ``unseen.tsv``, and the statistics in
+    ``audit.json``. The bytes depend only on the book and the split's settings.
     """
     graph = split.graph
     with staged_folder(out, force=force) as folder:
@@ -71,15 +72,15 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
 
 
 def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedGraph:
-    """Open a graph and a split.
+    """Open a recipe graph and a train/validation/test split.
 
     Args:
-        source: a graph folder, a book file, or a known book's name.
+        source: a graph folder, a recipe book file, or a known book's name.
         config: split settings for a book; ignored for a graph folder. Default: see :func:`default_split`.
 
     Raises:
         ArtefactError: if a graph folder is incomplete, damaged or inconsistent.
-        RecipeFileError: if a book is unreadable, or nothing has this name.
+        RecipeFileError: if a book is unreadable, or ``source`` is neither a file nor a known book.
 
     Example:
         >>> opened = open_graph("kitchen")
@@ -113,7 +114,7 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
 
 
 def default_split(graph: RecipeGraph) -> Split:
-    """Return the default split: by recipe, or ``none`` for a tiny graph."""
+    """Return a random split by ingredient pair; for a tiny graph, keep all recipes in train."""
     try:
         return make_split(graph, SplitConfig())
     except SplitError:

@@ -1,7 +1,7 @@
 """Folds of the train recipes, for cross-fitting: a model trained without a fold scores the recipes of the fold.
 
-Each group of the split is in one fold. So a fold is as new to a model trained on the remaining folds as the test
-recipes are to a model trained on all train recipes.
+Recipes that the split keeps together, such as recipes with equal ingredients, are in one fold. So a fold is as new to a
+model trained on the remaining folds as the test recipes are to a model trained on all train recipes.
 """
 
 import hashlib
@@ -20,67 +20,68 @@ from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import recipe_triples
 
 OUTSIDE = -1
-"""Fold of a recipe outside train."""
+"""Fold of a recipe outside the train part."""
 SEVERAL = -2
 """Fold of a task with recipes from several folds."""
 
 
 class Folds:
-    """A split's train recipes in K folds.
+    """A partition of a split's train recipes into K folds.
 
     Attributes:
-        split: the split.
+        split: train/validation/test split.
         count: K.
         seed: random seed.
-        of_recipe: shape (num_recipes,), int64: each recipe's fold, :data:`OUTSIDE` outside train.
-        train_sample: the training recipes; the folds do not depend on the train sample.
+        of_recipe: shape (num_recipes,), int64: each recipe's fold from 0, :data:`OUTSIDE` outside train.
+        train_sample: recipes for training, possibly fewer than the train recipes or with wrong results; independent of
+            the folds.
     """
 
     def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, train_sample: TrainSample | None = None):
-        """Bind folds to a split, see :func:`make_folds`; the default train sample is the train part."""
+        """Store folds of a split, see :func:`make_folds`; the default train sample is all train recipes."""
         self.split, self.count, self.seed = split, count, seed
         self.of_recipe = frozen(of_recipe)
         self.train_sample = TrainSample.of(split.graph, split.is_in("train")) if train_sample is None else train_sample
 
     def with_train_sample(self, train_sample: TrainSample) -> "Folds":
-        """Return the same folds with another train sample."""
+        """Return the same folds with different training recipes."""
         return Folds(self.split, self.count, self.seed, self.of_recipe, train_sample)
 
     @property
     def is_subsample(self) -> bool:
-        """Whether the train sample differs from the train part."""
+        """Whether the train sample lacks train recipes or has wrong results."""
         return bool(
             (self.train_sample.is_trained_on != self.split.is_in("train")).any() or self.train_sample.is_wrong.any()
         )
 
     def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
-        """Return which recipes are in the train sample and outside the folds left out, shape (num_recipes,)."""
+        """Mark the train sample's recipes outside the ``left_out`` folds; bool, shape (num_recipes,)."""
         return self.train_sample.is_trained_on & ~np.isin(self.of_recipe, list(left_out))
 
     def recipes(self, left_out: Collection[int] = ()) -> Ids:
-        """Return the recipes :meth:`seen`, with training results, shape (n, 3)."""
+        """Return the train sample outside the ``left_out`` folds, with results for training, shape (n, 3)."""
         return self.train_sample.among(self.seen(left_out))
 
     def recipes_of(self, fold: int) -> Ids:
-        """Return the recipes in the train sample and a fold, with training results, shape (n, 3)."""
+        """Return the train sample in a fold, with results for training, shape (n, 3)."""
         return self.train_sample.among(self.of_recipe == fold)
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:
-        """Return the triples from :meth:`recipes`, shape (T, 3), sorted."""
+        """Return the triples from :meth:`recipes` outside the ``left_out`` folds, shape (T, 3), sorted."""
         return frozen(recipe_triples(self.recipes(left_out)))
 
     def of_tasks(self, tasks: TaskSet) -> Ids:
-        """Return each task's fold, shape (N,), see :func:`fold_of_tasks`."""
+        """Return each crafting task's fold, shape (N,), see :func:`fold_of_tasks`."""
         return fold_of_tasks(self.of_recipe, tasks)
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 hash: the split's hash and each recipe's fold."""
+        """SHA-256 hash of the split and each recipe's fold."""
         return hashlib.sha256(self.split.hash.encode() + self.of_recipe.tobytes()).hexdigest()
 
 
 def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return each task's fold, which contains all train recipes in the task's plans; shape (N,).
+    """Return each crafting task's fold, which contains all train recipes in the task's plans; shape (N,).
 
     The value is :data:`SEVERAL` for several folds, :data:`OUTSIDE` without a train recipe. ``of_recipe`` is each
     recipe's fold, shape (num_recipes,), :data:`OUTSIDE` outside train.
@@ -104,10 +105,12 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
 
 
 def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
-    """Cut the train recipes at random into folds with about equally many pairs (or goals).
+    """Partition the train recipes at random into ``count`` folds with about equally many ingredient pairs.
+
+    By-goal and by-slot splits partition goals and recipe groups instead of pairs.
 
     Raises:
-        ConfigError: for fewer than two folds, or more folds than pairs (or goals).
+        ConfigError: for fewer than two folds, or more folds than train pairs (goals, groups).
 
     Example:
         >>> folds = make_folds(open_graph("kitchen").split, 5)

@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 
 def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiDiGraph":
-    """Convert to networkx.
+    """Convert a recipe graph to a networkx graph.
 
     Entity nodes have ``kind="entity"``, ``base``, ``recipes`` (number of recipes for the entity), ``uses`` (number of
-    recipes with the entity as ingredient) and, if reachable from the base, ``layer``.
+    recipes with the entity as ingredient) and, if reachable from the base, ``layer`` (crafting rounds).
 
     Args:
         graph: the recipe graph.
-        recipe_nodes: False joins entities by edges with the key and attribute ``relation``. True adds a node ``recipe
-            <index>`` with ``kind="recipe"`` per recipe, and edges ``ingredient -> recipe -> result``, two for a self
-            pair; leading underscores avoid clashes with labels.
+        recipe_nodes: False makes an edge per triple, with the key and attribute ``relation``. True adds a node ``recipe
+            <index>`` with ``kind="recipe"`` per recipe, and edges ``ingredient -> recipe -> result``, two for an
+            entity combined with itself; leading underscores avoid clashes with labels.
     """
     import networkx as nx
 
@@ -54,7 +54,7 @@ def to_networkx(graph: RecipeGraph, *, recipe_nodes: bool = False) -> "nx.MultiD
 
 
 def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
-    """Return a row per entity: label, base, layer (missing if unreachable), recipes and uses."""
+    """Return a row per entity: label, base, layer (crafting rounds, missing if unreachable), recipe and use counts."""
     import pandas as pd
 
     depth = layers(graph)
@@ -70,7 +70,7 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
 
 
 def triples_frame(graph: RecipeGraph, triples: Ids | None = None) -> "pd.DataFrame":
-    """Return a row per triple (default: the full knowledge graph): labels for head, relation and tail."""
+    """Return a data frame of ``triples`` (default: all) with the label columns ``head``, ``relation`` and ``tail``."""
     import pandas as pd
 
     names = np.array(graph.entities, dtype=object)

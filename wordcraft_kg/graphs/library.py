@@ -1,4 +1,4 @@
-"""Recipe books known by name: built in (folder ``books``), in the cache, in the data folder, or to fetch."""
+"""Recipe books with a name: built in, in the cache, in the user's data folder, or to download."""
 
 import hashlib
 import os
@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.book_files import read_book
 from wordcraft_kg.graphs.recipes import RecipeBook
 
 DATA_VARIABLE = "WORDCRAFT_KG_DATA"
-"""Environment variable for a folder with the user's recipe books."""
+"""Environment variable for the data folder, which holds the user's recipe books."""
 ENDINGS = (".csv", ".tsv", ".json")
 _BUILT_IN = Path(__file__).parent / "books"
 _TIMEOUT = 30  # seconds without a byte from the server
@@ -57,7 +57,7 @@ FETCHABLE = {
 
 @dataclass(frozen=True)
 class KnownBook:
-    """A book's name, origin (built in, cache, data folder, to fetch) and file, if present."""
+    """A recipe book's name, origin (built in, cache, data folder, to fetch) and path, None before the download."""
 
     name: str
     origin: str
@@ -66,7 +66,7 @@ class KnownBook:
 
 @dataclass(frozen=True)
 class LocatedBook:
-    """A book's file, and a known book's name and base."""
+    """A recipe book's file, and a known book's name and base entities."""
 
     path: Path
     name: str | None = None
@@ -74,7 +74,7 @@ class LocatedBook:
 
 
 def data_folder() -> Path | None:
-    """Return the folder in ``WORDCRAFT_KG_DATA``, or None."""
+    """Return the folder for the user's recipe books in ``WORDCRAFT_KG_DATA``, None if unset."""
     value = os.environ.get(DATA_VARIABLE)
     if not value:
         return None
@@ -82,7 +82,7 @@ def data_folder() -> Path | None:
 
 
 def known_books() -> list[KnownBook]:
-    """Return the books known by name; for a repeated name, the book that :func:`open_book` opens."""
+    """Return all recipe books with a name; for a repeated name, the book that :func:`open_book` opens."""
     books: dict[str, KnownBook] = {}
     for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder("books")), ("data folder", data_folder())):
         for path in _books_in(folder):
@@ -97,7 +97,7 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
     """Find a recipe book by path or name; a file or graph folder takes precedence.
 
     Raises:
-        RecipeFileError: for an unknown book, or a published book with another hash.
+        RecipeFileError: for an unknown book, a book to download first, or a changed published book.
     """
     path = Path(name_or_path)
     if path.is_file() or (path / "graph.json").is_file():
@@ -142,10 +142,10 @@ def open_book(
 
 @stage("downloading")
 def fetch_book(name: str) -> Path:
-    """Download a published book into the cache once; return the path.
+    """Download a published recipe book into the cache once; return the path.
 
     Raises:
-        FetchError: for an unknown name, a failed download, or a file other than the pinned file.
+        FetchError: for an unknown name, a failed download, or a file with an unexpected SHA-256.
     """
     book = FETCHABLE.get(name)
     if book is None:

@@ -1,4 +1,4 @@
-"""Reachability by rounds, layers, and cheapest derivations."""
+"""Compute crafting rounds until each entity can be made, and the cheapest recipes for an entity."""
 
 import heapq
 import math
@@ -15,9 +15,10 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
-    """Return the first round that makes each entity, shape (num_entities,); -1 for unreachable entities.
+    """Return each entity's layer, the first crafting round that makes the entity; shape (num_entities,).
 
-    A round combines every pair of known entities. Entities in ``start`` (default: the base) have layer 0.
+    A round combines every pair of known entities. Entities in ``start`` (default: the base) have layer 0, unreachable
+    entities -1.
     """
     starts, order = graph.by_ingredient
     a, b, result = graph.recipes.T
@@ -37,20 +38,20 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
 
 
 def rounds(layer: Ids) -> list[int]:
-    """Return how many entities are known after 0, 1, 2, ... rounds, from :func:`layers`."""
+    """Count the entities known after 0, 1, 2, ... rounds, from the layers by :func:`layers`."""
     reached = layer[layer >= 0]
     return np.cumsum(np.bincount(reached)).tolist() if len(reached) else []
 
 
 @dataclass(frozen=True)
 class Derivation:
-    """A way to make an entity from base entities.
+    """Recipes that make an entity from the starting entities.
 
     Attributes:
         goal: the entity's label.
-        steps: distinct recipes in execution order, ending in the goal; empty for a base entity.
-        cost: size of the derivation tree, which repeats an intermediate for every use; ``len(steps) <= cost``
-            combinations are enough.
+        steps: distinct recipes in execution order, ending in the goal; empty for a starting entity.
+        cost: number of recipes if an intermediate is made anew for every use; ``len(steps) <= cost`` combinations are
+            enough.
     """
 
     goal: str
@@ -65,7 +66,7 @@ class Derivation:
 
 
 def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
-    """Yield a derivation as a tree, line by line: an entity with a pair, then the pair's derivations, none repeated.
+    """Yield a text tree, line by line: an entity with two ingredients, then each ingredient's tree, none repeated.
 
     Args:
         goal: the entity's label.
@@ -95,19 +96,19 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
 
 
 class Planner:
-    """Cheapest derivations for all entities.
+    """The cheapest derivations (recipes that make an entity from starting entities) for all entities.
 
-    The cost is the tree size: 1 + cost(a) + cost(b). Knuth's generalisation of Dijkstra's algorithm (Knuth, "A
+    Making an entity from a and b costs 1 + cost(a) + cost(b). Knuth's generalisation of Dijkstra's algorithm (Knuth, "A
     generalization of Dijkstra's algorithm", 1977) finds the exact minimum for all entities at once; counting shared
     intermediates once would be NP-hard. Ties go to the earlier recipe in the graph.
 
     Attributes:
-        start: labels known at the start.
-        costs: cost by entity id, ``math.inf`` if unreachable; Python integers, since trees grow exponentially.
+        start: labels of the starting entities.
+        costs: cost by entity id, ``math.inf`` if unreachable; Python integers, since costs grow exponentially.
     """
 
     def __init__(self, graph: RecipeGraph, start: Iterable[Entity] | None = None):
-        """Solve the graph from ``start`` (default: the base)."""
+        """Compute all costs from the entities in ``start`` (default: the base)."""
         self.graph = graph
         starts, order = (array.tolist() for array in graph.by_ingredient)
         recipes = graph.recipes.tolist()
@@ -134,11 +135,11 @@ class Planner:
                         heapq.heappush(queue, (candidate, index, result))
 
     def derivation(self, goal: Entity) -> Derivation:
-        """Return an entity's cheapest derivation.
+        """Return the cheapest derivation for an entity.
 
         Raises:
             UnknownEntityError: for an unknown entity.
-            GraphError: for an unreachable entity.
+            GraphError: for an entity that cannot be made.
         """
         graph = self.graph
         target = graph.id_of(goal)

@@ -1,4 +1,4 @@
-"""The recipe graph: a crafting world's entities, recipes and base entities, with all lookups."""
+"""The recipe graph for a crafting game: entities, recipes and base entities, with lookups."""
 
 import hashlib
 import json
@@ -18,7 +18,7 @@ Entity = int | str
 
 
 class RecipeGraph:
-    """An immutable graph of recipes, the source of truth for triples, splits, tasks and scorers.
+    """An immutable graph of recipes; each recipe combines two entities into a result.
 
     Entities have ids ``0 .. num_entities - 1`` by sorted label, so equal graphs have equal ids. Equality and hash
     depend on entities, base and recipes, not on the name.
@@ -26,8 +26,9 @@ class RecipeGraph:
     Attributes:
         name: name in reports.
         entities: labels in id order.
-        base_ids: shape (num_base,), int64, ascending: the entities at the start of a world.
-        recipes: shape (num_recipes, 3), int64, rows ``(a, b, result)`` with ``a <= b``, sorted, unique.
+        base_ids: shape (num_base,), int64, ascending: the base entities, known at the start of play.
+        recipes: shape (num_recipes, 3), int64, rows ``(ingredient, ingredient, result)`` with ascending ingredients;
+            sorted, unique.
 
     Example:
         >>> graph = RecipeGraph.from_book(open_book("kitchen"))
@@ -43,7 +44,7 @@ class RecipeGraph:
         Args:
             entities: labels, sorted, unique.
             recipes: shape (num_recipes, 3), rows ``(ingredient, ingredient, result)`` in any order.
-            base_ids: base entity ids.
+            base_ids: ids of the base entities.
             name: name in reports.
 
         Raises:
@@ -102,22 +103,22 @@ class RecipeGraph:
 
     @property
     def num_entities(self) -> int:
-        """The entity count."""
+        """Number of entities."""
         return len(self.entities)
 
     @property
     def num_recipes(self) -> int:
-        """The recipe count; a pair with two results counts twice."""
+        """Number of recipes; an ingredient pair with two results counts twice."""
         return len(self.recipes)
 
     @property
     def num_pairs(self) -> int:
-        """Number of distinct unordered pairs with a result."""
+        """Number of distinct unordered ingredient pairs in the recipes."""
         return len(self.pair_starts) - 1
 
     @property
     def num_self_pairs(self) -> int:
-        """Number of self pairs with a result."""
+        """Number of entities that combine with themselves."""
         a, b, _ = self.recipes[self.pair_starts[:-1]].T
         return int(np.sum(a == b))
 
@@ -128,7 +129,7 @@ class RecipeGraph:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 hash of the content, in hexadecimal, equal for equal graphs."""
+        """SHA-256 hash of entities, base and recipes, equal for equal graphs."""
         digest = hashlib.sha256(b"wordcraft-kg recipe graph 1\n")
         digest.update(json.dumps([self.entities, self.base]).encode())
         digest.update(self.recipes.astype("<i8").tobytes())
@@ -173,11 +174,11 @@ class RecipeGraph:
         return int(entity)
 
     def labels(self, ids: Iterable[int]) -> tuple[str, ...]:
-        """Return labels for ids."""
+        """Return the labels for entity ids."""
         return tuple(self.entities[i] for i in ids)
 
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
-        """Return recipes (default: all) with labels."""
+        """Convert recipes (default: all) from ids, shape (n, 3), to labels."""
         rows = self.recipes if recipes is None else recipes
         # By column: a million short lists would cost the garbage collector more time than the work itself.
         columns = ([self.entities[i] for i in column] for column in rows.T.tolist())
@@ -187,14 +188,14 @@ class RecipeGraph:
 
     @cached_property
     def pair_starts(self) -> Ids:
-        """Shape (num_pairs + 1,): pair ``p`` has the recipes ``pair_starts[p] : pair_starts[p + 1]``."""
+        """Shape (num_pairs + 1,): ingredient pair ``p`` has the rows ``pair_starts[p] : pair_starts[p + 1]``."""
         is_first = np.ones(self.num_recipes, dtype=bool)
         is_first[1:] = np.any(np.diff(self.recipes[:, :2], axis=0) != 0, axis=1)
         return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property
     def pair_of_recipe(self) -> Ids:
-        """Shape (num_recipes,): each recipe's pair."""
+        """Pair number of each recipe, 0 to ``num_pairs`` - 1, shape (num_recipes,)."""
         return frozen(np.repeat(np.arange(self.num_pairs), np.diff(self.pair_starts)))
 
     @cached_property
@@ -204,12 +205,12 @@ class RecipeGraph:
 
     @cached_property
     def by_result(self) -> tuple[Ids, Ids]:
-        """``(starts, order)``: recipes ``order[starts[i] : starts[i + 1]]`` make entity ``i``."""
+        """Recipe index by result ``(starts, order)``: rows ``order[starts[i] : starts[i + 1]]`` make entity i."""
         return _group(self.recipes[:, 2], np.arange(self.num_recipes), self.num_entities)
 
     @cached_property
     def by_ingredient(self) -> tuple[Ids, Ids]:
-        """``(starts, order)``: recipes ``order[starts[i] : starts[i + 1]]`` use entity ``i``."""
+        """Recipe index by ingredient ``(starts, order)``: rows ``order[starts[i] : starts[i + 1]]`` use entity i."""
         # A self pair uses its ingredient once: the second column is skipped where both are equal.
         rows = np.arange(self.num_recipes)
         distinct = self.recipes[:, 0] != self.recipes[:, 1]
@@ -217,7 +218,7 @@ class RecipeGraph:
         return _group(users, np.concatenate([rows, rows[distinct]]), self.num_entities)
 
     def results(self, one: Entity, other: Entity) -> Ids:
-        """Return a pair's results as ids, ascending, possibly empty."""
+        """Return the ids of all results from combining two entities, ascending, possibly empty."""
         a, b = sorted((self.id_of(one), self.id_of(other)))
         key = a * self.num_entities + b
         pair = int(np.searchsorted(self._pair_keys, key))
@@ -227,37 +228,37 @@ class RecipeGraph:
 
     @cached_property
     def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
-        """Results by pair ``(a, b)`` with ``a <= b``, ascending, for many fast lookups."""
+        """Result ids by ingredient ids ``(a, b)`` with ``a <= b``, for many fast lookups."""
         results_of: dict[tuple[int, int], list[int]] = {}
         for a, b, result in self.recipes.tolist():
             results_of.setdefault((a, b), []).append(result)
         return {pair: tuple(results) for pair, results in results_of.items()}
 
     def recipes_of(self, result: Entity) -> Ids:
-        """Return the rows of :attr:`recipes` that make ``result``, ascending."""
+        """Return the row indices of recipes that make ``result``, ascending."""
         starts, order = self.by_result
         i = self.id_of(result)
         return order[starts[i] : starts[i + 1]]
 
     def uses_of(self, entity: Entity) -> Ids:
-        """Return the rows of :attr:`recipes` that use ``entity``, ascending."""
+        """Return the row indices of recipes that use ``entity`` as ingredient, ascending."""
         starts, order = self.by_ingredient
         i = self.id_of(entity)
         return order[starts[i] : starts[i + 1]]
 
     @property
     def recipe_counts(self) -> Ids:
-        """Shape (num_entities,): recipes that make each entity."""
+        """Number of recipes that make each entity, shape (num_entities,)."""
         return np.diff(self.by_result[0])
 
     @property
     def use_counts(self) -> Ids:
-        """Shape (num_entities,): recipes with each entity as ingredient."""
+        """Number of recipes with each entity as ingredient, shape (num_entities,)."""
         return np.diff(self.by_ingredient[0])
 
     @cached_property
     def triples(self) -> Ids:
-        """Shape (num_triples, 3), int64: all ``(head, relation, tail)`` of the full knowledge graph, sorted."""
+        """All triples ``(head, relation, tail)`` that the recipes give, shape (num_triples, 3), sorted."""
         return frozen(recipe_triples(self.recipes))
 
 

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 from wordcraft_kg.base.errors import RecipeFileError
 
 MAX_LABEL_LENGTH = 1_000
-"""Characters; a longer label suggests another kind of file."""
+"""Most characters in a label; a longer label suggests another kind of file."""
 
 
 class Recipe(NamedTuple):
-    """An unordered pair of ingredients and a result; ``ingredient_a <= ingredient_b``."""
+    """Two unordered ingredients and a result, by labels; ``ingredient_a <= ingredient_b``."""
 
     ingredient_a: str
     ingredient_b: str
@@ -20,7 +20,7 @@ class Recipe(NamedTuple):
 
     @classmethod
     def of(cls, one: str, other: str, result: str) -> "Recipe":
-        """Return the recipe with sorted ingredients."""
+        """Create a recipe from ingredients in any order."""
         return cls(one, other, result) if one <= other else cls(other, one, result)
 
     def __str__(self) -> str:
@@ -34,13 +34,13 @@ class Recipe(NamedTuple):
 
 @dataclass(frozen=True)
 class RecipeBook:
-    """A validated recipe book.
+    """A validated list of recipes, from a file or from memory.
 
     Attributes:
         name: name in reports; not part of the content.
         recipes: sorted, without duplicates.
-        base: declared base entities, sorted; None without a declaration.
-        idle: listed entities without a kept recipe, sorted.
+        base: declared base entities (known at the start), sorted; None without a declaration.
+        idle: further entities, without a recipe, sorted.
         dropped_self_results: omitted rows with the result among the ingredients.
         merged_duplicates: omitted rows that repeat a recipe.
         sha256: hash of the file; None without a file.
@@ -65,7 +65,10 @@ class RecipeBook:
         keep_self_results: bool = False,
         sha256: str | None = None,
     ) -> "RecipeBook":
-        """Collect rows ``(ingredient, ingredient, result)`` into a book, counting omitted rows."""
+        """Collect rows ``(ingredient, ingredient, result)`` of labels into a book, and count omitted rows.
+
+        ``keep_self_results`` keeps rows with the result among the ingredients; ``listed`` adds entities.
+        """
         kept: set[Recipe] = set()
         dropped_labels: set[str] = set()
         dropped = merged = 0
@@ -85,12 +88,12 @@ class RecipeBook:
 
     @cached_property
     def entities(self) -> tuple[str, ...]:
-        """All labels, sorted."""
+        """Labels of all entities in the book, sorted."""
         return tuple(sorted({label for recipe in self.recipes for label in recipe}.union(self.idle)))
 
 
 def label_fault(label: Any) -> str | None:
-    """Return the reason why a value cannot name an entity, or None."""
+    """Return why a value cannot be an entity label, or None for a valid label."""
     if not isinstance(label, str):
         return f"{shown(label)} is not a label; a label is text."
     if not label or label.isspace():
@@ -108,7 +111,7 @@ def label_fault(label: Any) -> str | None:
 
 
 def check_label(label: Any, where: str) -> str:
-    """Return a valid label, or raise a :class:`RecipeFileError` that names ``where``."""
+    """Return a valid entity label, or raise a :class:`RecipeFileError` that names the place ``where``."""
     fault = label_fault(label)
     if fault is not None:
         raise RecipeFileError(f"{where}: {fault}")
@@ -116,5 +119,5 @@ def check_label(label: Any, where: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value's representation, cut to 80 characters."""
+    """Return a value's ``repr``, cut to 80 characters."""
     return repr(value)[:80]

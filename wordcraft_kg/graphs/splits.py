@@ -1,6 +1,6 @@
-"""Splitting recipes into train, validation and test, with full, partial and unseen triples.
+"""Split recipes into train, validation and test parts, and derive each part's triples.
 
-A new split is an entry in :data:`SPLITS`, here or from outside: ``SPLITS["mood"] = SplitKind(by_mood, moods, "...")``.
+Add a kind of split to :data:`SPLITS`, here or in your own code: ``SPLITS["mood"] = SplitKind(by_mood, moods, "...")``.
 """
 
 import hashlib
@@ -61,7 +61,7 @@ class SplitConfig:
 
 @dataclass(frozen=True)
 class Draw:
-    """Each recipe's part, and the number of recipes moved to train to cover all entities."""
+    """Each recipe's part (0 train, 1 validation, 2 test), and the number moved to train to cover all entities."""
 
     parts: NDArray[np.int8]
     moved_for_coverage: int = 0
@@ -69,7 +69,10 @@ class Draw:
 
 @dataclass(frozen=True)
 class SplitKind:
-    """A kind of split; ``groups`` returns each recipe's group, shape (num_recipes,). A group is never divided."""
+    """A method for splitting recipes: ``draw`` assigns recipes to parts.
+
+    ``groups`` returns each recipe's group number, shape (num_recipes,). All recipes of a group are in the same part.
+    """
 
     draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw]
     groups: Callable[[RecipeGraph], Ids]
@@ -77,7 +80,7 @@ class SplitKind:
 
 
 class Split:
-    """Recipes and triples by part.
+    """A graph's recipes in train, validation and test parts, and the triples that each part gives.
 
     *full* triples come from all recipes, *partial* triples from the train recipes, *unseen* = full - partial. A test
     triple that a train recipe gives, too, is *leaked* and never evaluated.
@@ -86,11 +89,11 @@ class Split:
         graph: the graph that was split.
         config: the settings.
         parts: shape (num_recipes,), int8: 0 train, 1 validation, 2 test.
-        moved_for_coverage: recipes moved to train so that every entity occurs there.
+        moved_for_coverage: recipes moved to train so that every entity has a train recipe.
     """
 
     def __init__(self, graph: RecipeGraph, config: SplitConfig, draw: Draw):
-        """Bind a draw to a graph; see :func:`make_split` and :func:`read_split`."""
+        """Store a graph and each recipe's part; see :func:`make_split` and :func:`read_split`."""
         self.graph = graph
         self.config = config
         self.parts = draw.parts
@@ -104,16 +107,16 @@ class Split:
         return f"Split({self.config.kind!r}, seed {self.config.seed}, {sizes} recipes of {self.graph.name!r})"
 
     def is_in(self, part: Part) -> NDArray[np.bool_]:
-        """Return which recipes are in a part, shape (num_recipes,)."""
+        """Mark the recipes in a part; bool, shape (num_recipes,)."""
         return np.asarray(self.parts == PARTS.index(part))
 
     def recipes(self, part: Part) -> Ids:
-        """Return a part's recipes, shape (n, 3), in the graph's order."""
+        """Return a part's recipes, rows (ingredient, ingredient, result), shape (n, 3), in the graph's order."""
         return self.graph.recipes[self.is_in(part)]
 
     @property
     def partial(self) -> Ids:
-        """Train triples, shape (T, 3), sorted."""
+        """Triples that the train recipes give, shape (T, 3), sorted."""
         return self.triples_of("train")
 
     @cached_property
@@ -123,13 +126,13 @@ class Split:
         return frozen(full[~is_in(full, self.partial, self.graph.num_entities)])
 
     def triples_of(self, part: Part) -> Ids:
-        """Return a part's triples, including leaked triples, shape (T, 3), sorted."""
+        """Return all triples that a part's recipes give, including leaked triples, shape (T, 3), sorted."""
         if part not in self._triples:
             self._triples[part] = frozen(recipe_triples(self.recipes(part)))
         return self._triples[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
-        """Return a part's triples for evaluation, shape (T, 3), sorted.
+        """Return the validation or test triples for evaluation, shape (T, 3), sorted.
 
         Train triples are excluded. The test part also excludes validation triples, which may have served to choose
         settings.
@@ -141,7 +144,7 @@ class Split:
         return self._held_out[part]
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
-        """Return each triple's first part, for triples (T, 3): 0 train, 1 validation, 2 test, -1 none."""
+        """Return the first part that gives each triple: 0 train, 1 validation, 2 test, -1 without; shape (T,)."""
         first = np.full(len(triples), -1, dtype=np.int8)
         for part in reversed(get_args(Part)):
             first[is_in(triples, self.triples_of(part), self.graph.num_entities)] = PARTS.index(part)
@@ -154,7 +157,7 @@ class Split:
 
     @cached_property
     def pairs_on_both_sides(self) -> int:
-        """Number of pairs with results in several parts."""
+        """Number of ingredient pairs with recipes in several parts."""
         starts = self.graph.pair_starts[:-1]
         if not len(starts):
             return 0
@@ -162,7 +165,7 @@ class Split:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 hash: the graph's hash, the settings and each recipe's part."""
+        """SHA-256 hash of the graph, the settings and each recipe's part."""
         head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage])
         return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
@@ -210,16 +213,16 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
 
 
 def groups_of(graph: RecipeGraph, kind: str) -> Ids:
-    """Return each recipe's group, shape (num_recipes,); this kind of split never divides a group."""
+    """Return each recipe's group, shape (num_recipes,); this kind of split keeps a group in one part."""
     return SPLITS[kind].groups(graph)
 
 
 def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> Split:
-    """Rebuild a split from ``split.json``.
+    """Rebuild a graph's split from parsed ``split.json``; errors name the file by ``where``.
 
     Raises:
-        GraphMismatchError: for another graph.
-        ArtefactError: for damaged content.
+        GraphMismatchError: if the split was made for a different graph.
+        ArtefactError: if the content is damaged or edited.
     """
     try:
         if content["format"] != _SPLIT_FORMAT:
@@ -334,10 +337,9 @@ def _by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) 
     In a by-recipe split, 90 % of the test recipes differ from a train recipe in one ingredient only, so counting the
     partners of the shared ingredient goes a long way. Here counting does not help.
 
-    Most goals form a single group, so this split is nearly a by-goal split: on the built-in everyday book 34 % of the
-    test goals have another group in train, on Little Alchemy 2 15 %. Holding out goals with several groups first (100
-    and 65 %) was rejected: such goals are few and unusual, so different seeds would share half the test part, and train
-    would keep too few for tuning and cross-fitting.
+    Most goals form a single group, so this split is nearly by-goal: 34 % of the test goals have another group in train
+    for the everyday book, 15 % for Little Alchemy 2. Holding out goals with several groups first was rejected: such
+    goals are few, so seeds would share half the test part.
     """
     group = _slots(graph)
     return Draw(_part_of_groups(group.max(initial=-1) + 1, config, rng)[group])
@@ -357,4 +359,4 @@ SPLITS = {
     "by-goal-terminals": SplitKind(_by_goal_terminals, _goals, "goals that nothing needs stay in train"),
     "none": SplitKind(_none, _PAIRS, "full graph only"),
 }
-"""Kinds of splits by name."""
+"""Methods of splitting recipes, by name."""

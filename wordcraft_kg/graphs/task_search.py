@@ -1,4 +1,4 @@
-"""Search for plans, and for all tasks in a part, or a random set if tasks are many."""
+"""Search for crafting tasks (a goal and starting ingredients) and for plans that make the goal."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -14,9 +14,9 @@ from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.tasks import Rows, TaskPart, TaskSet, TaskWeighting
 
 MAX_DEPTH = 5
-"""Longest plans that are searched: each further attempt makes the search six times slower."""
+"""Most attempts in a plan: each further attempt makes the search six times slower."""
 DRAWN_TASKS = 1_000
-"""Number of drawn tasks by default."""
+"""Default size of a random set."""
 _ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
 MAX_ENUMERATED = 1_000_000  # plans at depth 2 that are enumerated, about 1 kB each; otherwise tasks are drawn
 _TRIES = 2_000  # draws without a new task after which drawing stops
@@ -27,19 +27,20 @@ _Way = frozenset[int]  # numbers of pairs
 
 
 class PlanSearch:
-    """Search backwards from a goal for all plans at once.
+    """Backward search from a goal for all shortest plans.
 
-    A *way* is a set of attempts, as numbers of pairs, that makes a goal in some order. A *plan* is a way in order of
-    execution: the rows with needed results.
+    An attempt combines an ingredient pair, numbered as in ``graph.pair_of_recipe``. A *way* is a set of attempts, as
+    pair numbers, that makes a goal in some order. A *plan* is a way in order of execution: the rows in
+    ``graph.recipes`` with needed results.
 
     Attributes:
-        graph: the graph; all recipes may be used.
+        graph: the recipe graph; all recipes may be used.
         rows: the recipes as Python lists, for fast access to single recipes.
-        recipes_of: recipes by result, without self results, as (pair, ingredient, ingredient).
+        recipes_of: recipes by result as (pair number, ingredient, ingredient), without recipes made from themselves.
     """
 
     def __init__(self, graph: RecipeGraph):
-        """Sort the recipes by result."""
+        """Index the recipes of ``graph`` by result."""
         self.graph = graph
         self.rows: list[list[int]] = graph.recipes.tolist()
         self._starts: list[int] = graph.pair_starts.tolist()
@@ -49,18 +50,18 @@ class PlanSearch:
                 self.recipes_of[result].append((pair, a, b))
 
     def plans(self, goal: Entity, at_hand: Iterable[Entity], attempts: int) -> list[Rows]:
-        """Return the shortest plans with at most ``attempts`` attempts, sorted; an empty plan for a goal at hand."""
+        """Return the shortest plans with at most ``attempts`` attempts, sorted; a goal at hand has an empty plan."""
         have = frozenset(map(self.graph.id_of, at_hand))
         target = self.graph.id_of(goal)
         return self.ordered(self.shortest_ways(target, have, attempts), target, have)
 
     def shortest_ways(self, goal: int, have: frozenset[int], attempts: int) -> set[_Way]:
-        """Return all ways with as few attempts as possible, up to ``attempts``."""
+        """Return all ways to make a goal from the entities ``have`` with the fewest attempts, at most ``attempts``."""
         by_budget = (self.ways(goal, have, budget) for budget in range(attempts + 1))
         return next(filter(None, by_budget), set())
 
     def ways(self, goal: int, have: frozenset[int], attempts: int) -> set[_Way]:
-        """Return all acyclic ways with at most ``attempts`` attempts."""
+        """Return all acyclic ways to make a goal from the entities ``have`` with at most ``attempts`` attempts."""
         return self._ways(goal, attempts, have, frozenset())
 
     def _ways(self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]) -> set[_Way]:
@@ -80,7 +81,7 @@ class PlanSearch:
         return ways
 
     def ordered(self, ways: Iterable[_Way], goal: int, have: frozenset[int]) -> list[Rows]:
-        """Return ways as plans, sorted."""
+        """Convert ways to plans (recipe rows in order of execution), sorted."""
         return sorted(self._plan(way, goal, have) for way in ways)
 
     def _plan(self, way: _Way, goal: int, have: frozenset[int]) -> Rows:
@@ -98,15 +99,15 @@ class PlanSearch:
         return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
 
     def rows_of(self, pair: int) -> range:
-        """Return a pair's rows."""
+        """Return the rows in ``graph.recipes`` for a pair number."""
         return range(self._starts[pair], self._starts[pair + 1])
 
     def ingredients(self, pair: int) -> list[int]:
-        """Return a pair's two ingredients."""
+        """Return the two ingredient ids for a pair number."""
         return self.rows[self._starts[pair]][:2]
 
     def results(self, pair: int) -> set[int]:
-        """Return a pair's results."""
+        """Return all result ids for a pair number."""
         return {self.rows[row][2] for row in self.rows_of(pair)}
 
 
@@ -122,24 +123,25 @@ def make_tasks(
     seed: int = 0,
     search: PlanSearch | None = None,
 ) -> TaskSet:
-    """Return the tasks at a depth: all tasks at depth 1 and (for fewer than a million plans) 2, otherwise a random set.
+    """Return crafting tasks at a depth, the number of attempts in the shortest plan.
 
-    A task belongs to *train* if all plans use train recipes only, to *test* if each plan uses a test recipe, to *valid*
-    if each plan uses a validation recipe and no test recipe. Mixed tasks belong to no part and are counted.
+    The set has all tasks at depth 1 and (for fewer than a million plans) 2; otherwise the set is random. A task belongs
+    to *train* if all plans use train recipes only, to *test* if each plan uses a test recipe, to *valid* if each plan
+    uses a validation recipe and no test recipe. Mixed tasks belong to no part and are counted.
 
     Args:
-        graph: the graph; plans may use all recipes.
-        depth: attempts that a task takes, from 1.
+        graph: the recipe graph; plans may use all recipes.
+        depth: fewest attempts that make the goal, 1 to 5.
         split: defines the parts; required for any part but ``all``.
         part: ``all``, ``train``, ``valid`` or ``test``.
-        weighting: draw a task's last step among all recipes (task), or by goal first (goal).
-        limit: most tasks to draw.
+        weighting: draw a task's last recipe among all recipes (task), or by goal first (goal).
+        limit: largest size of a random set.
         seed: random seed.
         search: an existing plan search for the graph.
 
     Raises:
         ConfigError: for a depth or part outside the range.
-        TaskError: if no such task exists, or the split does not fit.
+        TaskError: if no such task exists, or the split is missing or for another graph.
     """
     whole("depth", depth, 1, MAX_DEPTH)
     one_of("part", part, ("all", *PARTS))

@@ -1,8 +1,8 @@
-"""Crafting tasks: a goal, and starting ingredients from which exactly a known number of attempts makes the goal.
+"""Crafting tasks: make a goal entity from starting ingredients, with a known least number of attempts.
 
-An *attempt* combines two entities at hand; all results of the pair join them, and nothing is used up. A *plan* is a set
-of attempts that makes the goal. A task at depth n has a plan with n attempts and leaves equal to the starting
-ingredients, and no shorter plan; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
+An *attempt* combines two entities at hand; all results become entities at hand, and nothing is used up. A *plan* is a
+set of attempts that makes the goal. A task at depth n has a plan with n attempts from all starting ingredients, and no
+shorter plan; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
 import hashlib
@@ -20,19 +20,19 @@ from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
 Rows = tuple[int, ...]
-"""A plan: rows of recipes in order of execution."""
+"""A plan: rows in ``graph.recipes`` in order of execution."""
 TaskPart = Literal["all", "train", "valid", "test"]
 TaskWeighting = Literal["task", "goal"]
 
 
 @dataclass(frozen=True)
 class Task:
-    """A crafting task, by labels.
+    """A crafting task, by labels: make a goal from starting ingredients.
 
     Attributes:
         goal: entity to make.
         start: starting ingredients, sorted, without the goal.
-        depth: necessary and sufficient number of attempts.
+        depth: fewest attempts (combinations) that make the goal.
         plans: all plans with ``depth`` attempts, each as recipes in execution order; an attempt may contribute two
             recipes if both results are needed.
     """
@@ -45,18 +45,18 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class TaskSet:
-    """The tasks at one depth in one part, as arrays; equal if the content is equal.
+    """Crafting tasks at one depth, as arrays; equal if the content is equal.
 
     Attributes:
         graph: the recipe graph.
-        depth: attempts that a task takes.
-        part: split part, or ``all``.
+        depth: fewest attempts that make the goal.
+        part: train, validation or test part of a split, or ``all``.
         goals: shape (N,), entity ids.
-        starts: shape (N, depth + 1), entity ids, ascending, padded with ``num_entities``.
-        plans: each task's plans.
-        is_complete: whether all tasks are included; otherwise they were drawn at random.
-        mixed: how many tasks are in no part, because their plans use recipes from several parts (when drawing: among
-            the tasks encountered).
+        starts: shape (N, depth + 1), starting ingredient ids, ascending, padded with ``num_entities``.
+        plans: each task's shortest plans, as rows in ``graph.recipes``.
+        is_complete: whether all tasks are included; otherwise the tasks were drawn at random.
+        mixed: number of tasks in no part, because the plans use recipes from several parts (when drawing: among the
+            tasks encountered).
     """
 
     graph: RecipeGraph
@@ -101,19 +101,19 @@ class TaskSet:
 
     @cached_property
     def intermediates(self) -> Ids:
-        """Intermediate results, shape (N, at most ``depth - 1`` per plan), padded with ``num_entities``."""
+        """Ids of intermediate results in each task's plans, padded with ``num_entities``, shape (N, I)."""
         made = self.graph.recipes[:, 2].tolist()
         rows = [sorted({made[row] for plan in plans for row in plan[:-1]}) for plans in self.plans]
         return frozen(padded(rows, self.graph.num_entities))
 
     @cached_property
     def final_pairs(self) -> Ids:
-        """Numbers of the plans' last pairs, shape (N, F), padded with -1."""
+        """Pair numbers (``graph.pair_of_recipe``) of each task's last attempts, shape (N, F), padded with -1."""
         pair = self.graph.pair_of_recipe.tolist()
         return frozen(padded([sorted({pair[plan[-1]] for plan in plans}) for plans in self.plans], -1))
 
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
-        """Return each task's probability: uniform over tasks, or over goals and then over a goal's tasks."""
+        """Return sampling probabilities (N,): uniform over tasks, or over goals and then over a goal's tasks."""
         if weighting == "task":
             return np.full(len(self), 1 / max(len(self), 1))
         _, goal, count = np.unique(self.goals, return_inverse=True, return_counts=True)
@@ -121,7 +121,7 @@ class TaskSet:
 
 
 def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) -> frozenset[str]:
-    """Carry out a plan and return the entities at hand afterwards.
+    """Execute a plan and return the labels of all entities at hand afterwards.
 
     Raises:
         TaskError: if an ingredient is not at hand, or a recipe is not in the graph.

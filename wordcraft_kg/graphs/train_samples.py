@@ -1,7 +1,7 @@
-"""Train samples: a fraction of the train recipes, some with a wrong result, for training a scorer.
+"""Train samples: a fraction of the train recipes, some with a wrong result, to train on less or noisy data.
 
-A wrong recipe keeps the pair and takes another recipe's result from the same fold. So, on average, each entity stays
-equally frequent as a result, and a model that leaves a fold out never meets the fold's results elsewhere.
+A wrong recipe keeps the ingredients and takes another recipe's result from the same cross-fitting fold. So each entity
+stays about equally frequent as a result, and a model that leaves a fold out never meets the fold's results elsewhere.
 """
 
 import hashlib
@@ -25,11 +25,11 @@ _STREAM = 0xD05E  # separates this random stream from all streams with the same 
 
 @dataclass(frozen=True, eq=False)
 class TrainSample:
-    """The recipes and results for training a scorer.
+    """The recipes for training a model, possibly with wrong results.
 
     Attributes:
         graph: the recipe graph.
-        results: shape (num_recipes,), int64: each recipe's result in training, -1 for a recipe outside the sample.
+        results: shape (num_recipes,), int64: each recipe's result id in training, -1 for a recipe outside the sample.
     """
 
     graph: RecipeGraph
@@ -37,42 +37,42 @@ class TrainSample:
 
     @classmethod
     def of(cls, graph: RecipeGraph, rows: NDArray[np.bool_]) -> "TrainSample":
-        """Return a sample with the given recipes, unchanged; ``rows`` has shape (num_recipes,)."""
+        """Return a sample with the recipes where ``rows``, shape (num_recipes,), is True, with correct results."""
         return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], _OUTSIDE)))
 
     @property
     def is_trained_on(self) -> NDArray[np.bool_]:
-        """Which recipes are in the sample, shape (num_recipes,)."""
+        """Whether each recipe is in the sample, shape (num_recipes,)."""
         return self.results != _OUTSIDE
 
     @property
     def is_wrong(self) -> NDArray[np.bool_]:
-        """Which recipes have a wrong result, shape (num_recipes,)."""
+        """Whether each recipe has a wrong result in the sample, shape (num_recipes,)."""
         return self.is_trained_on & (self.results != self.graph.recipes[:, 2])
 
     def among(self, rows: NDArray[np.bool_]) -> Ids:
-        """Return the sample's recipes among ``rows``, with training results, shape (n, 3), in the graph's order."""
+        """Return the sample's recipes where ``rows`` is True, with results for training, shape (n, 3)."""
         chosen = self.is_trained_on & rows
         return np.column_stack([self.graph.recipes[chosen, :2], self.results[chosen]])
 
     @cached_property
     def recipes(self) -> Ids:
-        """All recipes, with training results, shape (n, 3)."""
+        """The sample's recipes, with results for training, shape (n, 3)."""
         return frozen(self.among(self.is_trained_on))
 
     @cached_property
     def triples(self) -> Ids:
-        """All triples, shape (T, 3), sorted."""
+        """Triples that the sample's recipes give, shape (T, 3), sorted."""
         return frozen(recipe_triples(self.recipes))
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 hash: the graph's hash and the results."""
+        """SHA-256 hash of the graph and the training results."""
         return hashlib.sha256(self.graph.hash.encode() + self.results.astype("<i8").tobytes()).hexdigest()
 
 
 def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> None:
-    """Raise a :class:`ConfigError` for a setting out of range, or a subsample of the full graph."""
+    """Raise a :class:`ConfigError` for a fraction out of range, or for changed recipes with the full graph."""
     number_in("train_fraction", train_fraction, SMALLEST, 1, "more than 0 and at most 1")
     number_in("label_noise", label_noise, 0, 1, "0 to 1")
     if kg == "full" and is_subsample(train_fraction, label_noise):
@@ -83,7 +83,7 @@ def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> No
 
 
 def is_subsample(train_fraction: float, label_noise: float) -> bool:
-    """Return whether the settings change the train recipes."""
+    """Return whether the settings omit train recipes or make results wrong."""
     return train_fraction < 1 or label_noise > 0
 
 
@@ -100,15 +100,17 @@ def draw_train_sample(
 ) -> TrainSample:
     """Sample train recipes, and replace some results by wrong results.
 
-    Samples with the same seed are nested, in recipes and in wrong recipes. No recipe in the book has a wrong recipe's
-    componentOf triples, so the sample reveals nothing about the test part; combinesWith triples stay right.
+    With the same seed, a larger fraction keeps all recipes of a smaller fraction, and more noise keeps all wrong
+    recipes. No recipe in the book gives a wrong recipe's componentOf triples, so the sample reveals nothing about the
+    test part; combinesWith triples stay right.
 
     Args:
-        split: split with the train part.
+        split: split with the train recipes.
         train_fraction: fraction of the train recipes to keep.
         label_noise: fraction of the kept recipes to give a wrong result.
         seed: random seed.
-        of_recipe: each recipe's fold, shape (num_recipes,); wrong results come from the same fold. Default: one fold.
+        of_recipe: each recipe's cross-fitting fold, shape (num_recipes,); wrong results come from the same fold.
+            Default: one fold.
 
     Raises:
         ConfigError: for too few recipes.

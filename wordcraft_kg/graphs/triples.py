@@ -1,4 +1,4 @@
-"""A recipe graph's two relations, and triples as id arrays."""
+"""A recipe graph's two relations, and triples (head, relation, tail) as id arrays."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from wordcraft_kg.graphs.arrays import Ids
 
 COMBINES_WITH = 0
-"""Id of ``combinesWith``: head and tail have a result; symmetric."""
+"""Id of the relation ``combinesWith``: head and tail are the ingredients of a recipe; symmetric."""
 COMPONENT_OF = 1
-"""Id of ``componentOf``: the head is an ingredient of the tail."""
+"""Id of the relation ``componentOf``: the head is an ingredient of a recipe with the tail as result."""
 Relation = Literal["combinesWith", "componentOf"]
 RELATIONS: tuple[Relation, Relation] = ("combinesWith", "componentOf")
 """Labels of the relations, in id order."""
 
 
 def recipe_triples(recipes: Ids) -> Ids:
-    """Convert recipes (N, 3) to triples (T, 3), unique, sorted by relation, head, tail.
+    """Convert recipes, ids of shape (N, 3), to unique triples, shape (T, 3), sorted by relation, head, tail.
 
     ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and (b, componentOf, c).
 
@@ -38,7 +38,7 @@ def recipe_triples(recipes: Ids) -> Ids:
 
 
 def triple_keys(triples: Ids, num_entities: int) -> Ids:
-    """Return a unique int64 per triple that sorts like (relation, head, tail)."""
+    """Encode each triple as a unique int64 that sorts like (relation, head, tail), shape (T,)."""
     head, relation, tail = triples.T
     return (relation * num_entities + head) * num_entities + tail
 
@@ -49,7 +49,7 @@ def triples_hash(triples: Ids) -> str:
 
 
 def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:
-    """Return which triples are among ``others``, shape (T,)."""
+    """Mark the triples that ``others`` contains; bool, shape (T,)."""
     if not len(others):
         return np.zeros(len(triples), dtype=bool)
     # Binary search in sorted keys: several times faster here than np.isin, which hashes.
@@ -58,7 +58,7 @@ def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:
 
 
 def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
-    """Yield lines ``head<TAB>relation<TAB>tail`` with labels."""
+    """Yield a line ``head<TAB>relation<TAB>tail`` with labels for each triple."""
     columns = (column.tolist() for column in triples.T)
     return (
         f"{entities[head]}\t{RELATIONS[relation]}\t{entities[tail]}\n"

@@ -1,4 +1,4 @@
-"""Policies choose a slot on the table: from ids (goal, selection, table) to a logit per slot and a state value.
+"""Policies choose table slots: from ids (goal, selection, table) to slot logits and a state value.
 
 Read ``config`` (settings), then ``policy`` (the base class) and both kinds, ``attention`` and ``mlp``; ``folder``
 makes, writes and loads policies::

@@ -47,7 +47,7 @@ def make_policy(
     Args:
         config: policy settings.
         graph: recipe graph.
-        num_slots: table slots; only an mlp depends on this number.
+        num_slots: table slots, used by an mlp only.
         scorer: scorer for the knowledge sources, see
             :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
         observed: the scorer's training triples, for ``self_edges`` ``observed``.
@@ -182,7 +182,7 @@ wordcraft-kg, so training settings are not recorded here and training cannot be 
 
 
 def usage(entities: tuple[str, ...]) -> str:
-    """Return the section of the model card that shows how to use a policy for these entities."""
+    """Return the model card's section on using a policy for these entities."""
     goal, one, other = (entities * 3)[:3]
     return f"""```python
 from wordcraft_kg import load_policy

@@ -1,4 +1,4 @@
-"""Policies as torch modules: from goal, selection and table ids to a logit per slot and a state value."""
+"""Policies as torch modules: from goal, selection and table ids to slot logits and a state value."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
@@ -36,7 +36,7 @@ class PolicyOutput(NamedTuple):
 
 
 class Action(NamedTuple):
-    """The choice of a table slot, the label of the entity in the slot, and the slot's probability."""
+    """The choice of a table slot: the entity's label and the slot's probability."""
 
     slot: int
     entity: str
@@ -163,8 +163,7 @@ class Policy(nn.Module):
             goal: entity to make.
             table: entities on the table; None for empty slots.
             selection: selected entity, None without selection.
-            generator: CPU generator that samples a slot; without generator, the most probable slot (the first if
-                equal).
+            generator: CPU generator that samples a slot; by default the first most probable slot.
 
         Raises:
             UnknownEntityError: with the nearest labels.

@@ -1,4 +1,4 @@
-"""Baseline scorers without learning: known facts, counts, similar neighbours and votes."""
+"""Baseline scorers without learning: facts, counts, neighbours and votes."""
 
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, Scorer
 
 
 class SymbolicScorer(Scorer):
-    """A scorer without generalisation: 1 for given triples, ids of shape (T, 3), and 0 for all further triples."""
+    """A scorer without generalisation: 1 for given triples, ids of shape (T, 3), and 0 otherwise."""
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         super().__init__(graph.entities, graph.hash, **kwargs)
@@ -128,7 +128,7 @@ class VoteScorer(Scorer):
         return torch.where(self._keys[rows] == keys, self._counts[rows], 0.0)
 
     def score_recipes(self, one: EntityIds, other: EntityIds, results: EntityIds) -> torch.Tensor:
-        """Score recipes, float32; ids or labels broadcast, and both ingredient orders score the same."""
+        """Score recipes, float32; ids or labels broadcast, ingredients in any order."""
         a, b, c = self.entity_ids(one), self.entity_ids(other), self.entity_ids(results)
         second = torch.where(a == b, 0.0, self.votes(b, c))
         weight = (self.votes(a, c) + self.unseen) * (second + self.unseen) / (self._made[c] + 1)

@@ -2,8 +2,7 @@
 
 Train recipes are cut into folds; each fold has a model trained without the fold. A score enters as its percentile
 rank's log-odds t among all pairs of different entities outside the train triples, so models with different scales are
-comparable. Each relation has a curve for pairs of different entities and a second curve for self pairs (an entity with
-the same entity),
+comparable. Each relation has a curve for pairs of different entities and a curve for self pairs (equal entities),
 
 ``P(true | log-odds t) = σ(α + Σ_i β_i s_i(t))``, where ``s_i`` is the part of t within the i-th segment of the axis and
 ``β_i >= 0``, so probabilities never decrease with the score.
@@ -65,8 +64,7 @@ class Curve(Record, frozen=True, kw_only=True):
 
     Attributes:
         intercept: α, for triples outside the train triples.
-        slopes: β by segment (see :data:`SEGMENTS`); a single slope for the whole axis, or empty if only the base rate
-            was fitted.
+        slopes: β by segment (see :data:`SEGMENTS`), a single slope, or empty for the base rate only.
         rate: base rate, the probability without scores.
         true: number of true triples in the fit.
         cells: number of triples in the fit, true or not.
@@ -81,19 +79,19 @@ class Curve(Record, frozen=True, kw_only=True):
     reason: str = ""
 
     def probability(self, log_odds: _Floats) -> _Floats:
-        """Return the probabilities for rank log-odds; same shape as the argument."""
+        """Return probabilities, same shape as the given rank log-odds."""
         return np.asarray(expit(self.intercept + _segments(log_odds, len(self.slopes)) @ np.array(self.slopes)))
 
 
 class RelationCurves(Record, frozen=True, kw_only=True):
-    """Calibration for a relation: maps scores to rank log-odds, and rank log-odds to probabilities.
+    """Calibration for a relation: from scores to rank log-odds to probabilities.
 
     Attributes:
         known_share: c, the known share among all true triples that a fold's model has not seen.
         scores: score quantiles for the model trained on all folds, ascending.
         rank_log_odds: each quantile's percentile rank, as log-odds.
         distinct: curve for pairs of different entities.
-        itself: curve for self pairs (an entity with the same entity).
+        itself: curve for self pairs (equal entities).
     """
 
     known_share: Share
@@ -104,7 +102,7 @@ class RelationCurves(Record, frozen=True, kw_only=True):
 
 
 class Probabilities(Record, frozen=True, kw_only=True):
-    """The file ``calibration.json``: maps a model's scores to probabilities for triples outside the training data.
+    """The file ``calibration.json``: maps scores to probabilities for triples outside the training data.
 
     Attributes:
         relations: curves for combinesWith and componentOf, by relation id.

@@ -17,7 +17,7 @@ TABLE_LIMIT = 2**28
 
 
 def table_bytes(num_entities: int) -> int:
-    """Return the number of bytes in a score table for all pairs of entities in both relations."""
+    """Return the number of bytes in a score table, all entity pairs in both relations."""
     return len(RELATIONS) * num_entities**2 * 4
 
 

@@ -1,8 +1,7 @@
-"""Cross-fitting: scores for train recipes from models that were trained without these recipes.
+"""Cross-fitting: scores for train recipes by models trained without these recipes.
 
-Scorers remember their training recipes, so an agent that learns from scores for the same recipes overrates the scorer.
-The train recipes are cut into folds (:mod:`wordcraft_kg.graphs.folds`); each fold has a model trained on the remaining
-folds.
+Scorers remember their training recipes, so agents that learn from these scores overrate the scorer. The train recipes
+are cut into folds (:mod:`wordcraft_kg.graphs.folds`); each fold has a model trained on the remaining folds.
 
 Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov et al. 2018.
 """
@@ -38,7 +37,7 @@ class Fold(Record, frozen=True, kw_only=True):
         triples: number of training triples.
         queries: number of ranking queries on the fold's unseen triples, all or a sample.
         mrr: filtered MRR on these queries; None without queries.
-        in_sample_mrr: MRR on the same queries by the model trained on all train recipes.
+        in_sample_mrr: MRR on the same queries by the model trained on all folds.
     """
 
     trained_on: Hash
@@ -79,7 +78,7 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
     @property
     def in_sample_mrr(self) -> float | None:
-        """Mean reciprocal rank on the same triples by the model trained on all train recipes."""
+        """Mean reciprocal rank on the same triples by the whole model."""
         return self._mean([fold.in_sample_mrr for fold in self.folds])
 
     def _mean(self, values: Sequence[float | None]) -> float | None:
@@ -90,9 +89,8 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 class CrossFitted(Scorer):
     """A scorer trained on all train recipes, with K fold scorers: one trained without each of K folds.
 
-    Scores and tables come from the scorer ``whole``. Agents that learn on train tasks need scores from
-    :meth:`left_out`; knowledge sources made with tasks choose the right fold, see
-    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
+    Scores and tables come from ``whole``. Agents that learn on train tasks need :meth:`left_out`; sources made with
+    tasks choose the fold, see :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
 
     Attributes:
         whole: scorer trained on all train recipes.
@@ -165,7 +163,7 @@ class CrossFitted(Scorer):
         return torch.softmax(scores / temperature, dim=-1)
 
     def left_out(self, fold: int) -> Scorer:
-        """Return the scorer trained on all folds except the given fold, by its number from 0."""
+        """Return the scorer trained without the given fold, a number from 0."""
         if fold not in self._made:
             self._made[fold] = self._makers[fold]()
         return self._made[fold]
@@ -214,8 +212,7 @@ class CrossFitted(Scorer):
 def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) -> CrossFitted:
     """Train a scorer on a split's train recipes, and one scorer for each left-out fold.
 
-    ``make`` returns a scorer for the split's graph; it receives training recipes, ids of shape (n, 3), and nothing
-    else.
+    ``make`` returns a scorer for the split's graph from training recipes, ids (n, 3), without further information.
 
     Raises:
         ConfigError: for fewer than two or too many folds, or a split without test part.
@@ -251,14 +248,14 @@ def whole_of(scorer: TripleScorer) -> TripleScorer:
 
 
 def folds_of(scorer: TripleScorer) -> CrossFitted | None:
-    """Return the scorer if it is cross-fitted (has one model per left-out fold), otherwise None."""
+    """Return the scorer if cross-fitted (a model per left-out fold), otherwise None."""
     return scorer if isinstance(scorer, CrossFitted) else None
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
     """Return a mask with each model's training recipes, shape (K + 2, num_recipes), given each recipe's fold.
 
-    Rows: the model trained on all K folds, the K models trained without one fold, and an empty model without recipes.
+    Rows: the model trained on all K folds, the K models without one fold, and an empty model.
     """
     train = of_recipe != OUTSIDE
     folds = range(int(of_recipe.max(initial=OUTSIDE)) + 1)

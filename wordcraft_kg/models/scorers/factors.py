@@ -1,4 +1,4 @@
-"""Scorers that models are saved as: score tables, and matrix factors for graphs too large for a table."""
+"""Scorers for storage: score tables, and matrix factors for graphs too large for a table."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -42,7 +42,7 @@ class TableScorer(StoredScorer):
 
     @classmethod
     def of(cls, scorer: Scorer) -> "TableScorer":
-        """Compute the table with all scores by another scorer, and return a scorer with this table."""
+        """Tabulate all scores by another scorer."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name)
 

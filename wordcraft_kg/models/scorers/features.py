@@ -1,4 +1,4 @@
-"""Entity features, the models' input vectors: word vectors for labels, one-hot or random vectors."""
+"""Entity features, the models' input vectors: word vectors, one-hot or random."""
 
 import codecs
 import gzip
@@ -41,7 +41,7 @@ _MAX_FLOAT = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True)
 class EntityFeatures:
-    """Feature vectors: a vector with D numbers for each entity, E in all.
+    """Feature vectors, one per entity: E vectors with D numbers each.
 
     Attributes:
         source: where the vectors come from.
@@ -49,7 +49,7 @@ class EntityFeatures:
         known: shape (E,), bool: True if the label, or a word in the label, has a vector.
         words: distinct lower-case words in all labels, sorted; empty for sources without words.
         missing_words: words without a vector, sorted, except in labels that have a vector as a whole.
-        is_one_hot: True if row i is the i-th unit vector; models may then replace products by look-ups.
+        is_one_hot: row i is the i-th unit vector, so models may look rows up.
     """
 
     source: str
@@ -64,7 +64,7 @@ class EntityFeatures:
 
     @cached_property
     def unit_vectors(self) -> NDArray[np.float32]:
-        """Vectors scaled to length 1, so that dot products are cosines; zero vectors stay zero."""
+        """Vectors scaled to length 1, for cosines by dot product; zeros stay zero."""
         norms = np.linalg.norm(self.vectors, axis=1, keepdims=True)
         unit: NDArray[np.float32] = self.vectors / np.maximum(norms, np.finfo(np.float32).tiny)
         unit.flags.writeable = False

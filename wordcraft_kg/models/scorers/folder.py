@@ -1,4 +1,4 @@
-"""Load scorers from model folders, and write scorers into model folders."""
+"""Load scorers from model folders, and write scorers."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -57,7 +57,7 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     """Load a scorer from a model folder.
 
     Args:
-        folder: model folder, written by a training command, the command ``elicit`` or ``save_scorer``.
+        folder: model folder written by a training command, ``elicit`` or ``save_scorer``.
         graph: if given, the scorer must belong to this graph.
         device: torch device.
 
@@ -181,7 +181,7 @@ def stored(scorer: TripleScorer) -> StoredScorer:
 
 
 def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) -> None:
-    """Write a scorer's tensors, and a vocabulary with the scorer's kind and the graph's labels, into a folder."""
+    """Write a scorer's tensors and vocabulary (kind, graph hash, labels) into a folder."""
     vocabulary = Vocabulary(scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS)
     write_atomically(folder / WEIGHTS, safetensors.torch.save(copied(dict(tensors))))
     write_atomically(folder / VOCABULARY, dump_json(as_values(vocabulary)))

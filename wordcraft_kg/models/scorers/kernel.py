@@ -68,7 +68,7 @@ def similarity(recipes: Ids, text: Tensor) -> Tensor:
 
 
 def normalised(kernel: Tensor) -> Tensor:
-    """Return a kernel scaled to diagonal 1, ``k(x, y) / √(k(x, x) k(y, y))``; 0 for entities without any similarity."""
+    """Return a kernel scaled to diagonal 1, ``k(x, y) / √(k(x, x) k(y, y))``; 0 for entities without similarity."""
     scale = kernel.diagonal().clamp(min=1e-9).rsqrt()
     return scale[:, None] * kernel * scale
 
@@ -96,7 +96,7 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen
 
     Args:
         kernel: k, entity similarities, shape (E, E), symmetric; negative eigenvalues count as 0.
-        links: Y, shape (E, E), 1 for known links and 0 otherwise.
+        links: Y, shape (E, E), 1 for known links, else 0.
         ridge: λ, the regularisation strength.
         seen: ids of training entities; all by default.
 
@@ -170,10 +170,10 @@ def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> t
 
 
 class KernelScorer(TableScorer):
-    """A scorer for links by kernel ridge regression: a closed-form solution without training steps.
+    """A link scorer by kernel ridge regression: a closed-form solution without training steps.
 
     The combinesWith score is the standardised :func:`kernel_regression` plus half the standardised :func:`completion`;
-    the componentOf score is the standardised regression. The recipes are training data: do not pass test recipes.
+    the componentOf score is the standardised regression. Do not pass test recipes.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):

@@ -1,11 +1,11 @@
-"""Evidence for a link: the most similar links in the training data, with the recipes that contain these links.
+"""Evidence for a link: the most similar training links, with their recipes.
 
 Links (h', r, t) with a head similar to h, and links (h, r, t') with a tail similar to t, support (h, r, t)::
 
     evidence(h, r, t) = Σ_h' cos₊(h, h')³ + Σ_t' cos₊(t, t')³
 
 over the training links, with non-negative cosines from :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`.
-docs/link-prediction.md measures whether this evidence is faithful to the scores.
+docs/link-prediction.md measures faithfulness to the scores.
 
 Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest neighbors"; Hanawa et al.
 2021, "Evaluation of similarity-based explanations"), restricted to links that share the head or the tail.
@@ -34,7 +34,7 @@ class LinkWitness(Record):
         weight: similarity to the scored link, 1 for equality.
         share: weight relative to the sum over all supporting links.
         recipes: training recipes with this link, at most :data:`RECIPES`.
-        more: number of further training recipes with this link.
+        more: number of further recipes.
     """
 
     head: str
@@ -52,7 +52,7 @@ class LinkReason(Record):
     Attributes:
         learned_from: training recipes with this link, at most :data:`RECIPES`; if any, the scorer was trained on the
             link.
-        more: number of further training recipes with this link.
+        more: number of further recipes.
         evidence: total weight over all supporting links, listed or not.
         witnesses: supporting links, largest weight first.
     """
@@ -69,7 +69,7 @@ class LinkReason(Record):
 
 
 class LinkEvidence:
-    """Finds the training links, and the recipes with these links, that support a scored link.
+    """Finds the training links, with their recipes, that support a scored link.
 
     Attributes:
         roles: entity similarities by the scorer's scores.
@@ -93,8 +93,7 @@ class LinkEvidence:
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
         """Return the training links that support a link, shape (n, 3), and their weights, shape (n,).
 
-        The given link is excluded. For an entity combined with the same entity, each supporting link counts in a single
-        direction only.
+        The given link is excluded. If head and tail are equal, supporting links count in a single direction.
         """
         triples, weights = [], []
         sides: tuple[Side, ...] = ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
@@ -111,7 +110,7 @@ class LinkEvidence:
         return np.concatenate(triples), np.concatenate(weights)
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:
-        """Return the ids on ``side`` of training links with ``entity`` on the opposite side; ascending."""
+        """Return the entities, ascending, on a side of training links with ``entity`` on the opposite side."""
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
             return np.unique(np.concatenate([b[a == entity], a[b == entity]]))
@@ -120,7 +119,7 @@ class LinkEvidence:
         return np.unique(result[(a == entity) | (b == entity)])
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
-        """Return the evidence for a link, with at most ``limit`` supporting links and recipes with the link."""
+        """Return the evidence for a link: at most ``limit`` supporting links, and recipes with the link."""
         triples, weights = self.weights(head, relation, tail)
         total = float(weights.sum())
         witnesses = []
@@ -133,7 +132,7 @@ class LinkEvidence:
         return LinkReason(*self._listed(head, relation, tail), total, tuple(witnesses))
 
     def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
-        """Return the training recipes that contain a link, as ascending row numbers of :attr:`recipes`."""
+        """Return the training recipes with a link: row numbers in :attr:`recipes`, ascending."""
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
             return np.flatnonzero(((a == head) & (b == tail)) | ((a == tail) & (b == head)))

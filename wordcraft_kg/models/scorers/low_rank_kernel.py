@@ -1,4 +1,4 @@
-"""The recipe kernel for large graphs: matrix factors replace tables with all entity pairs."""
+"""The recipe kernel for large graphs, as matrix factors in place of tables."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -145,7 +145,7 @@ def spread(image: _Block) -> float:
 
 
 class Term(NamedTuple):
-    """A matrix (E, E) in a weighted sum, given by products; scaled to root mean square 1 before weighting."""
+    """A matrix (E, E), given by products, with a weight in a sum after scaling to root mean square 1."""
 
     weight: float
     product: _Product

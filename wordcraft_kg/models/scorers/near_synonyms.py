@@ -41,6 +41,6 @@ def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: floa
 def near_synonym_triples(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> NDArray[np.bool_]:
     """Return a mask for triples (T, 3) that a recipe in the mask ``recipes`` gives, shape (T,).
 
-    A triple counts even if further recipes give the triple, so the remaining triples contain no near-synonyms.
+    Triples from further recipes count as well, so the remaining triples contain no near-synonyms.
     """
     return is_in(triples, recipe_triples(graph.recipes[recipes]), graph.num_entities)

@@ -1,4 +1,4 @@
-"""Features for two ingredients and a goal, from known recipes, and a small neural network that scores the features.
+"""Features for two ingredients and a goal, from known recipes, and a small neural network on top.
 
 Policies score many tables at each step, so features for two entities are looked up in arrays. The evidence depends on
 three entities; its sum runs over the few recipes with results most similar to the goal.
@@ -79,7 +79,7 @@ class RecipeKnowledge(nn.Module):
 
     Attributes:
         parts: shape (M, E + 1, E + 1, 2), half: componentOf scores by ingredient and goal, from the recipe kernel and
-            from the link ranker, a learned link scorer.
+            the learned link ranker.
         pairs: shape (M, E + 1, E + 1, 2), half: combinesWith scores, likewise.
         numbers: shape (M, E + 1, E + 1), int32: number of a known pair, 0 for unknown pairs.
         results: shape (M, N + 1, L), int32: results by known pair, padded with E.
@@ -243,7 +243,7 @@ def knowledge_of(
     """Return one model's knowledge from its training recipes (n, 3); network weights are zero.
 
     All tables have shape (E, E): ``kernel`` holds similarities, ``text`` word cosines, ``tables`` combinesWith and
-    componentOf scores by the recipe kernel, ``links`` the same by the link ranker (a learned link scorer).
+    componentOf scores by the recipe kernel, ``links`` the same by the learned link ranker.
     """
     size = len(text)
     alike = normalised(kernel) ** 2
@@ -285,7 +285,7 @@ def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
 
 
 def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return the first and the second slot in each slot pair, shape (P,) each, with first <= second."""
+    """Return the first and second slot in each slot pair, shape (P,) each, with first <= second."""
     one, other = torch.triu_indices(slots, slots, device=device)
     return one, other
 

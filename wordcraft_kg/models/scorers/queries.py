@@ -1,4 +1,4 @@
-"""Queries to a scorer: triples or recipes with at most one entity left open, from command arguments or a file."""
+"""Scorer queries: triples or recipes with at most one open entity, from command arguments or a file."""
 
 import csv
 import io
@@ -104,7 +104,7 @@ class RecipeQuery(_Slots):
 def parse_query(
     words: Sequence[str], entities: Collection[str], allowed: Collection[str] | None = None
 ) -> Query | RecipeQuery:
-    """Parse a query for a triple or a recipe from command line arguments.
+    """Parse a triple or recipe query from command line arguments.
 
     A triple is ``head relation [tail]``; a query without tail ranks all tails. A recipe is ``a + b``, ``a + b c`` or
     ``a + b = c``, in any number of arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split. A

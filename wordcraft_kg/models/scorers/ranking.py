@@ -1,4 +1,4 @@
-"""Ranking the true answers to test triples: metrics with intervals, metrics by relation, and calibration."""
+"""Ranking the true answers to test triples: metrics with intervals, by relation, and calibration."""
 
 from typing import Annotated
 
@@ -63,14 +63,14 @@ class Calibration(Record):
 
 
 def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
-    """Return a sample of triples without replacement, in the given order; all triples if there are at most ``size``."""
+    """Return a sample of triples without replacement, in the given order; all triples if at most ``size``."""
     if len(triples) <= size:
         return triples
     return triples[np.sort(np.random.default_rng(seed).permutation(len(triples))[:size])]
 
 
 def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
-    """Return the sample of triples that is ranked after training: at most 20,000, fewer above 26,000 entities."""
+    """Return the sample of triples to rank after training: at most 20,000, fewer above 26,000 entities."""
     return sampled(triples, min(20_000, max(1_000, 2**29 // graph.num_entities)))
 
 
@@ -165,12 +165,12 @@ def _ranges(left: Ids, right: Ids) -> Ids:
 
 
 def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
-    """Return the mean reciprocal rank over the rows of :func:`rank_triples`; needs at least one row."""
+    """Return the mean reciprocal rank over rows of :func:`rank_triples`; needs a row."""
     return float(np.mean(1 / ranks["rank"].to_numpy(dtype=float)))
 
 
 def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics:
-    """Return metrics over the rows of :func:`rank_triples`, from the ranks in a column."""
+    """Return metrics over rows of :func:`rank_triples`, from a rank column."""
     rank = ranks[column].to_numpy(dtype=float)
     if not len(rank):
         return RankingMetrics(0)

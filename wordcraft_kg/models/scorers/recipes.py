@@ -61,7 +61,7 @@ class RecipeScores(TripleScorer, Protocol):
 
 
 class RecipeScorer(StoredScorer):
-    """A learned scorer for recipes and links: small networks (rankers) on features from known recipes.
+    """A learned scorer for recipes and links: small networks (rankers) on recipe features.
 
     The networks learn from out-of-sample features. Recipe scores are in nats: the log-odds, up to a constant, that an
     ingredient pair makes the goal, given that some pair on the table does. Link scores come from the link ranker.
@@ -86,7 +86,7 @@ class RecipeScorer(StoredScorer):
         self.link_rankers = {relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS}
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return the scorer's tensors by name; :meth:`restored` makes the scorer from these tensors."""
+        """Return the tensors, by name, from which :meth:`restored` makes the scorer."""
         links = {
             f"{relation}.{name}": weights
             for relation, ranker in self.link_rankers.items()

@@ -1,4 +1,4 @@
-"""Similarities between entities by a model's scores for each entity as head and as tail."""
+"""Similarities between entities, by a model's scores for each entity as head and as tail."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,7 +42,7 @@ class EntityRoles:
         """Compute the similarities from a scorer's table or factors.
 
         Raises:
-            ConfigError: if the graph is too large for a table and the scorer has no factors.
+            ConfigError: if the graph is too large and the scorer has no factors.
         """
         size = len(scorer.entities)
         units, lengths = [], []
@@ -58,7 +58,7 @@ class EntityRoles:
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))  # type: ignore[arg-type]
 
     def alike(self, entity: int, relation: int, side: Side) -> _Rows:
-        """Return the cosines between an entity and all entities, in the role given by relation and side; shape (E,)."""
+        """Return cosines between an entity and all entities in a role (relation and side), shape (E,)."""
         rows = self.units[relation][side == "tail"]
         return np.asarray(rows @ rows[entity])
 

@@ -1,4 +1,4 @@
-"""The base class for scorers; a new scorer implements the method ``_score`` for ids."""
+"""The base class for scorers; a new scorer implements ``_score``."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -39,12 +39,12 @@ class Scorer(ABC):
 
     @property
     def whole(self) -> "Scorer":
-        """The scorer trained on all train recipes: ``self``, unless the scorer also has models for left-out folds."""
+        """The scorer trained on all train recipes: ``self`` unless cross-fitted (a model per left-out fold)."""
         return self
 
     @property
     def folds(self) -> "CrossFitted | None":
-        """``self`` if the scorer is cross-fitted (has one model per left-out fold), else None."""
+        """``self`` if cross-fitted (a model per left-out fold), else None."""
         return None
 
     @property
@@ -110,7 +110,7 @@ class Scorer(ABC):
 
 
 class StoredScorer(Scorer):
-    """A scorer that can be written to a model folder and read again, as named tensors.
+    """A scorer that a model folder can store as named tensors.
 
     Attributes:
         kind: the scorer class's name in ``vocabulary.json`` and key in
@@ -121,7 +121,7 @@ class StoredScorer(Scorer):
 
     @abstractmethod
     def tensors(self) -> dict[str, Tensor]:
-        """Return the scorer's tensors by name; :meth:`restored` makes the scorer from these tensors."""
+        """Return the tensors, by name, from which :meth:`restored` makes the scorer."""
 
     @staticmethod
     @abstractmethod

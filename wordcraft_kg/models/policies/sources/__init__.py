@@ -1,12 +1,12 @@
-"""Sources: knowledge as a score for each table slot, for use in decisions.
+"""Sources: knowledge as a score for each table slot.
 
 A source scores table slots: ``source(goal, selection, table) -> (B, A)``. Policies mix sources, environment wrappers
-add source scores to observations, scripted players choose slots by source scores, and reports have a column per source.
-A policy's own attention logits are called :data:`ALPHA`.
+add source scores to observations, scripted players follow scores, and reports have a column per source. A policy's own
+attention logits are called :data:`ALPHA`.
 
 To add a source, subclass :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry point in the group
 ``wordcraft_kg.sources`` makes the source known to all commands;
-:func:`~wordcraft_kg.models.policies.sources.registry.register_source` makes it known in the running process only. This
+:func:`~wordcraft_kg.models.policies.sources.registry.register_source` registers in the running process only. This
 package imports no torch::
 
     sources = make_sources(["u", "v"], load_scorer("models/mine"))
@@ -49,7 +49,7 @@ class Label:
 
     @property
     def coefficient(self) -> str:
-        """Symbol of the source's mixing weight, a λ with the source's symbol."""
+        """Symbol of the source's mixing weight λ."""
         return f"λ{self.symbol}"
 
     def title(self, selection: str | None) -> str:
@@ -83,7 +83,7 @@ LABELS = dict(BUILT_IN)
 
 @cache
 def installed_sources() -> dict[str, EntryPoint]:
-    """Return the entry points, by name, with which installed packages provide further sources."""
+    """Return the entry points of sources in installed packages, by name."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
@@ -94,7 +94,7 @@ def source_names() -> tuple[str, ...]:
 
 
 def label_of(name: str) -> Label:
-    """Return the label (all names and symbols) for a source or ``alpha``; KeyError for unknown names."""
+    """Return the label (all names) for a source or ``alpha``; KeyError for unknown names."""
     if name == ALPHA.name:
         return ALPHA
     if name in LABELS:

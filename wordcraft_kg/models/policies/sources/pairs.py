@@ -85,7 +85,7 @@ class PairSource(FoldedSource):
 
     @abstractmethod
     def key(self, goal: Tensor, selection: Tensor) -> Tensor:
-        """Return the entity to score the slots with, the goal or the selection; shape (B,)."""
+        """Return the entity to score slots with (goal or selection), shape (B,)."""
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
         key = self.key(goal, selection)[:, None]

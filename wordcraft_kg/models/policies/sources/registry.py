@@ -22,7 +22,7 @@ _CLASSES: dict[str, type[Source]] = {kind.label.name: kind for kind in (Combines
 
 
 def register_source(kind: _SourceT) -> _SourceT:
-    """Make a source class known under its label's name, in this process only; a class decorator.
+    """Register a source class under its label's name, in this process only; a class decorator.
 
     Commands and worker processes find sources by entry points in the group ``wordcraft_kg.sources``.
 

@@ -68,11 +68,11 @@ class Source(nn.Module, ABC):
     @classmethod
     @abstractmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Source":
-        """Make the source from a scorer; ConfigError if the scorer lacks the scores that the source needs."""
+        """Make the source from a scorer; ConfigError if the scorer lacks the needed scores."""
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Source":
-        """Return a source with buffers of the saved constants' shapes, into which a policy is then loaded."""
+        """Return a source with buffers that have the saved constants' shapes, before loading values."""
         return cls(num_entities)
 
     @classmethod
@@ -100,7 +100,7 @@ class Source(nn.Module, ABC):
 
 
 def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int) -> None:
-    """Check the shapes and types of tensors that were saved as a source's constants.
+    """Check types and shapes of a source's saved tensors.
 
     Args:
         constants: tensors by name.
@@ -150,7 +150,7 @@ class FoldedSource(Source):
 
     @staticmethod
     def num_folds(constants: Mapping[str, Tensor]) -> int | None:
-        """Return the number of left-out folds in saved constants; None if there is a single model."""
+        """Return the number of left-out folds in saved constants; None for a single model."""
         if "fold_of_recipe" not in constants:
             return None
         check_constants(constants, {"fold_of_recipe": "recipes int64"})
@@ -190,7 +190,7 @@ class FoldedSource(Source):
         self.bound_to = tasks.hash
 
     def model_of(self, task: Tensor | None) -> Tensor | None:
-        """Return the number of the model that scores each state, shape (B,), given the states' task numbers.
+        """Return the model number for each state, shape (B,), given the states' task numbers.
 
         Raises:
             LeakError: if :meth:`bind` was never called.

@@ -1,4 +1,4 @@
-"""The source w from a list of recipes with weights, such as recipes elicited from a language model."""
+"""The source w from a weighted recipe list, such as a language model's recipes."""
 
 from collections.abc import Mapping
 from typing import Protocol, Self, runtime_checkable
@@ -14,7 +14,7 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 @runtime_checkable
 class WeightedRecipes(TripleScorer, Protocol):
-    """Interface of scorers with a list of weighted recipes, such as recipes elicited from a language model."""
+    """Interface for scorers with a weighted recipe list, such as a language model's recipes."""
 
     def weighted_recipes(self) -> tuple[Tensor, Tensor]:
         """Return recipes, ids (n, 3), ascending by :func:`recipe_keys`, and positive weights, shape (n,)."""
@@ -65,9 +65,9 @@ class BestWeighted(Source):
 
 
 def recipe_keys(recipes: Tensor, size: int) -> Tensor:
-    """Return a number for each recipe, equal for both orders of the ingredients: shape (..., 3) -> (...).
+    """Return a number for each recipe, equal for both ingredient orders: shape (..., 3) -> (...).
 
-    Ids are 0 .. E, where E = ``size`` is an empty slot; recipes with E share no key with recipes of entities.
+    Ids are 0 .. E, where E = ``size`` is an empty slot; keys with E differ from all keys for entities.
     """
     one, other, result = recipes.unbind(-1)
     return (torch.minimum(one, other) * (size + 1) + torch.maximum(one, other)) * (size + 1) + result
@@ -84,5 +84,5 @@ def weights_of(recipes: Tensor, keys: Tensor, weights: Tensor, size: int) -> Ten
 
 
 def with_end(keys: Tensor) -> Tensor:
-    """Append a key larger than all recipe keys, so that each search in the sorted keys finds an index."""
+    """Append a key larger than all recipe keys, so that each search finds an index."""
     return torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])

@@ -1,4 +1,4 @@
-"""Metrics for evaluated agents: success with intervals, termination reasons, confusions, and success by task kind."""
+"""Metrics of evaluated agents: success rates with intervals, termination reasons, confusions, and task groups."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -33,23 +33,25 @@ _LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 _CONFUSIONS = 10
 """Most confusions in an agent's list."""
 NEVER = "never"
-"""Layer for an unreachable goal."""
+"""Name of the crafting layer for goals that cannot be made."""
 _LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
 Interval = tuple[float, float]
 Slice = Literal["train_recipes", "layer", "link_rank"]
 
 
 class AgentSuccess(Record):
-    """An agent's success for a distractor count; all intervals are 95 % intervals.
+    """An agent's success rate with a distractor count; all intervals are 95 % bootstrap intervals.
 
     Attributes:
-        iqm: interquartile mean over runs.
-        seed_ci: over seeds; None for a single run.
-        task_ci: over tasks.
-        seeds: mean per run.
-        by_plan: success rate by the last pair in a plan.
-        difference: to the first agent on the same tasks, with an interval over tasks; None for the first agent.
-        p_better: probability that this agent's run beats a run by the first agent; None for single runs.
+        iqm: interquartile mean of the runs' success rates.
+        seed_ci: interval for ``mean``, by resampling training seeds; None for a single run.
+        task_ci: interval for ``mean``, by resampling tasks.
+        seeds: each run's success rate.
+        by_plan: share of episodes that make the goal by one of the task's plans.
+        actions: mean number of actions per episode.
+        difference: ``mean`` minus the first agent's ``mean``, on the same tasks; None for the first agent.
+        difference_ci: interval for ``difference``, by resampling tasks.
+        p_better: probability that a run of this agent beats a run of the first agent; None for single runs.
     """
 
     mean: Share
@@ -66,7 +68,7 @@ class AgentSuccess(Record):
 
 
 class SliceSuccess(Record):
-    """Success on a named task slice, with the 95 % interval over tasks."""
+    """Success rate on a named group of tasks (a slice), with the 95 % interval by resampling tasks."""
 
     slice: str
     tasks: Annotated[int, msgspec.Meta(ge=1)]
@@ -75,7 +77,7 @@ class SliceSuccess(Record):
 
 
 class Confusion(Record):
-    """Number of episodes that ended with a right ingredient and ``action`` instead of ``wanted``."""
+    """Number of episodes that ended with a right ingredient and the wrong entity ``action`` instead of ``wanted``."""
 
     wanted: str
     action: str
@@ -92,7 +94,7 @@ def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
 
 
 def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | None) -> AgentSuccess:
-    """Return success over an agent's runs, compared with the reference agent's runs if given."""
+    """Return the success rate over an agent's evaluated runs, compared with a reference agent's runs if given."""
     means = _means(results)
     success = AgentSuccess(
         mean=float(np.mean(means)),
@@ -115,7 +117,7 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
 
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:
-    """Return mean ending shares."""
+    """Return the episode share for each termination reason, averaged over runs."""
     shares = [result.shares() for result in results]
     return {
         termination: float(np.mean([share[termination] for share in shares])) for termination in TERMINATION_REASONS
@@ -123,7 +125,7 @@ def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]
 
 
 def confusions_of(world: World, results: Sequence[Evaluation]) -> tuple[Confusion, ...]:
-    """Count the wrong second ingredients in episodes that ended with a single right ingredient."""
+    """Return the most frequent wrong second ingredients in episodes that ended with a single right ingredient."""
     graph, code = world.graph, TERMINATION_REASONS.index("one_right_part")
     pairs = graph.recipes[:, :2].tolist()
     counts: Counter[tuple[int, int]] = Counter()
@@ -149,7 +151,7 @@ def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
 def slices_of(
     agent: OpenedAgent, tasks: TaskSet, results: Sequence[Evaluation]
 ) -> dict[Slice, tuple[SliceSuccess, ...]]:
-    """Return success by train recipes for the goal, by the goal's layer, and by the scorer's rank for its links."""
+    """Return success rates by train recipes for the goal, crafting rounds to the goal, and ingredient score rank."""
     if not results:
         return {}
     played, success = results[0].tasks, _successes(results)

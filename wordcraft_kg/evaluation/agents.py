@@ -1,4 +1,4 @@
-"""Agents evaluated over all seeds, on the same tasks."""
+"""Evaluation of trained agents over all training seeds, on the same tasks."""
 
 import re
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ _BASELINES = {"random": random_entity, "recipe oracle": recipe_oracle}
 
 
 class SharedGraph(Record):
-    """The graph that all agents share."""
+    """The recipe graph that all compared agents were trained on: name, content hash and size."""
 
     name: str
     hash: Hash
@@ -59,7 +59,7 @@ class SharedGraph(Record):
 
 
 class SharedSplit(Record):
-    """The split that all agents share."""
+    """The recipe split (train, valid, test) that all compared agents share: kind, seed and content hash."""
 
     kind: str
     seed: int
@@ -67,19 +67,19 @@ class SharedSplit(Record):
 
 
 class AgentEntry(Record):
-    """Metrics for runs that differ only in the seed.
+    """An agent's metrics; an agent is a group of training runs that differ only in the seed.
 
     Attributes:
-        settings: settings that differ from the defaults.
-        kg: the scorer's knowledge graph; None without a scorer.
-        cross_fitted: the scorer's fold count; 0 if train tasks have in-sample scores.
-        trained_with: distractor count in training.
-        success: by distractor count.
-        outcomes: shares of termination reasons, by distractor count.
-        confusions: most frequent confusions for the headline's distractor count.
-        slices: success by task kind, for the headline's distractor count.
-        curves: success during training, by task part.
-        provenance: facts about each run, by name.
+        settings: training settings that differ from the defaults.
+        kg: training graph for the agent's scorer (full or partial); None for an agent without a scorer.
+        cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample scores.
+        trained_with: distractor count per table in training.
+        success: success rates by distractor count.
+        outcomes: episode share for each termination reason, by distractor count.
+        confusions: most frequent wrong second ingredients, with the report's ``headline`` distractor count.
+        slices: success on task groups, with the report's ``headline`` distractor count.
+        curves: success during training, by task part (train or test).
+        provenance: facts about each run, by run name.
     """
 
     name: str
@@ -104,14 +104,14 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success of a scripted player, by distractor count."""
+    """Success rate for a scripted player (random or recipe oracle), by distractor count."""
 
     name: str
     success: dict[str, Share]
 
 
 class AgentEpisodes(Record):
-    """Explained episodes from an agent's first run."""
+    """Example episodes from an agent's first run, with the scores and logits for each action."""
 
     agent: str
     run: str
@@ -119,14 +119,14 @@ class AgentEpisodes(Record):
 
 
 class AgentsView(Record):
-    """The agent report (``report.json``).
+    """All numbers in an agent report (``report.json``).
 
     Attributes:
-        headline: the headline's distractor count.
-        distractor_seeds: distractor seeds per task.
+        headline: distractor count in the report's main results.
+        distractor_seeds: tables per task, with different random distractors.
         sampled_from: total task count if a sample was played, else None.
-        agents: the first agent is the comparison reference.
-        references: reference pack rows for this graph, split and tasks.
+        agents: each agent's metrics; the first agent is the reference.
+        references: published results for the same graph, split and tasks.
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -146,7 +146,7 @@ class AgentsView(Record):
 
 
 class AgentSummary(Record):
-    """An agent's runs and success."""
+    """An agent's run names, training seeds, and success rates by distractor count."""
 
     runs: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -154,7 +154,7 @@ class AgentSummary(Record):
 
 
 class AgentsSummary(Record):
-    """A report headline, and the report path."""
+    """The main results in an agent report, and the path to the report."""
 
     report: str
     part: TaskPart
@@ -164,16 +164,16 @@ class AgentsSummary(Record):
 
 
 Groups = dict[str, list[OpenedAgent]]
-"""Runs by agent."""
+"""Training runs by agent name; the runs of an agent differ only in the seed."""
 _Results = dict[int, list[Evaluation]]
 """Evaluated runs by distractor count."""
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
-    """Group runs that differ only in the seed; an agent's name is the common name among its runs.
+    """Group training runs that differ only in the seed, and name each group (an agent) after the runs.
 
     Raises:
-        ConfigError: if two runs share agent and seed.
+        ConfigError: if two runs have the same settings and the same seed.
     """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
@@ -203,18 +203,18 @@ def view_agents(
     distractor_seeds: int = 5,
     episodes: int = 2,
 ) -> AgentsView:
-    """Evaluate agents greedily on all tasks of a split part, on the same tables.
+    """Evaluate agents greedily on all tasks of a split part (such as test), with the same tables for all agents.
 
     Args:
-        groups: runs by agent, see :func:`group_agents`; the first agent is the comparison reference.
-        part: task part.
-        distractors: distractor counts. Default: 1, 8 and the training counts.
-        distractor_seeds: distractor seeds per task.
-        episodes: explained episodes per agent.
+        groups: runs by agent name, see :func:`group_agents`; the first agent is the reference.
+        part: the tasks' split part.
+        distractors: distractor counts to play with. Default: 1, 8 and the number in training.
+        distractor_seeds: tables per task, with different random distractors.
+        episodes: number of example episodes per agent, with scores and logits.
 
     Raises:
-        GraphMismatchError: for runs on different graphs or splits.
-        ConfigError: for different task settings, or if no agent can play with these distractors.
+        GraphMismatchError: for agents trained on different graphs or splits.
+        ConfigError: for agents with different task settings, or if no agent can play with these distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
@@ -254,7 +254,7 @@ def view_agents(
 
 
 def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
-    """Return a view's headline and the report path."""
+    """Return the main results in an agent report, with the path ``report`` of the report."""
     agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
 
@@ -312,7 +312,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
 
 
 def can_play(agent: OpenedAgent, distractors: int) -> bool:
-    """Return whether a policy can play at this table size; an MLP is limited to its training size."""
+    """Return whether an agent can play with this distractor count; an MLP needs the number from training."""
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 

@@ -1,4 +1,4 @@
-"""The known recipe books, and the book check."""
+"""List of the known recipe books, and the check of a recipe book."""
 
 from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
@@ -13,7 +13,7 @@ MAX_COUNTED = 8 * 2**20
 
 
 class ListedBook(Record):
-    """A known book; sizes are None if the book is missing, unreadable or very large."""
+    """A known recipe book; ``entities`` and ``recipes`` are None if the file is missing, unreadable or very large."""
 
     name: str
     origin: str
@@ -24,7 +24,7 @@ class ListedBook(Record):
 
 
 class BookList(Record):
-    """All known books, and the folders that are searched."""
+    """All known recipe books, and the folders that are searched for books."""
 
     books: tuple[ListedBook, ...]
     cache: str
@@ -32,7 +32,7 @@ class BookList(Record):
 
 
 class CheckedBook(Record):
-    """The result of checking a book.
+    """The result of checking a recipe book.
 
     Attributes:
         book: file, folder or name from the user.
@@ -48,7 +48,7 @@ class CheckedBook(Record):
 
 
 def view_books() -> BookList:
-    """List the known books."""
+    """List the known recipe books with their sizes."""
     books = tuple(
         ListedBook(
             name=book.name,

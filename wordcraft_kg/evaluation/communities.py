@@ -14,8 +14,8 @@ class Communities:
     """Groups of entities that are crafted together.
 
     Attributes:
-        group_of: each entity's group, the largest is 0; shape (E,).
-        names: each group's most used entity.
+        group_of: each entity's group number, shape (E,); group 0 is the largest group.
+        names: most used entity in each group.
     """
 
     group_of: Ids
@@ -31,8 +31,8 @@ def communities_of(labels: Sequence[str], links: Ids, uses: Ids, seed: int) -> C
     """Find communities in an undirected graph by the Louvain method.
 
     Args:
-        labels: entity labels.
-        links: shape (L, 2), positions in ``labels``; repetitions count once.
+        labels: labels for entities.
+        links: shape (L, 2), pairs of linked entities as positions in ``labels``; repetitions count once.
         uses: shape (E,), number of recipes that use each entity.
         seed: seed for the entity order.
 

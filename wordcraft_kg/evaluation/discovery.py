@@ -1,4 +1,4 @@
-"""Entities that players discover in open-ended play."""
+"""Entities that players discover in open-ended play (crafting without a goal)."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class Known(Record):
-    """Mean number of known entities after some attempts.
+    """Mean entity count that a player knows after a attempt count (combined pairs).
 
     Attributes:
-        low: lower 95 % interval bound; None for a single run.
+        low: lower bound for the 95 % interval over runs; None for a single run.
         repeated: share of the attempts so far that repeated a pair.
     """
 
@@ -36,15 +36,15 @@ class Known(Record):
 
 
 class DiscoveryView(Record, omit_defaults=True):
-    """Open-ended play.
+    """Player results in open-ended play (crafting without a goal).
 
     Attributes:
-        base: entities known at the start.
-        reachable: entities that can be made from the base.
-        players: each player's known entities by attempt count, with ``marks`` as keys.
-        people: entities known to people in another game, by attempt count.
-        references: reference pack rows for the same base, and the literature.
-        out: written page.
+        base: labels for entities known at the start.
+        reachable: entity count that can be made from ``base``.
+        players: number of known entities by player and attempt count (the numbers in ``marks``, as text).
+        people: entity count known to people in a different crafting game, by attempt count.
+        references: published results for the same base, and results from the literature.
+        out: path to the written page, or None.
     """
 
     graph: str
@@ -75,17 +75,17 @@ def view_discovery(
     scorer: "tuple[str, Scorer] | None" = None,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
-    """Run players in the open-ended world; return the view and the summarised curves.
+    """Let players craft without a goal; return the results and all runs' curves.
 
     Args:
-        graph: the graph.
-        players: player names.
-        attempts: combinations per run.
+        graph: the recipe graph.
+        players: names in :data:`~wordcraft_kg.agents.discovery.DISCOVERERS`.
+        attempts: number of pairs that a player combines in a run.
         runs: runs per player.
         seed: root seed.
-        base: entities known at the start; None takes the graph's base.
-        scorer: the guided player's scorer, with its name.
-        progress: see :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
+        base: labels for entities known at the start; None takes the graph's base entities.
+        scorer: name and scorer for the player ``empowerment-scorer``.
+        progress: callback, see :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
     """
     start = Discovery(graph, base)
     loaded = None if scorer is None else scorer[1]

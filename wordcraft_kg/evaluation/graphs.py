@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 class BuiltGraph(Record):
-    """The audit's main figures for a new graph, and the graph folder."""
+    """The main counts of a new recipe graph, its triples and its split, and the path to the graph folder."""
 
     entities: Count
     recipes: Count
@@ -28,14 +28,17 @@ class BuiltGraph(Record):
 
 
 class CheapestDerivation(Record):
-    """Recipes from the base to an entity, and their cost."""
+    """Recipes that make an entity from the base entities; ``cost`` counts an intermediate once for every use."""
 
     cost: Count
     steps: tuple[Recipe, ...]
 
 
 class EntityView(Record):
-    """An entity with recipes and uses; ``layer`` and ``derivation`` are None for an unreachable entity."""
+    """An entity with the recipes that make the entity (``recipes``) or use the entity as an ingredient (``uses``).
+
+    ``layer`` (crafting rounds) and ``derivation`` are None for an unreachable entity.
+    """
 
     entity: str
     base: bool
@@ -46,14 +49,14 @@ class EntityView(Record):
 
 
 def view_build(audit: Audit, folder: Path) -> BuiltGraph:
-    """Return a built graph's main figures from the audit."""
+    """Return a new graph's main counts from its audit."""
     same = {name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)}
     reachable, rounds = audit.reachability.reachable, audit.reachability.rounds
     return BuiltGraph(**same, reachable=reachable, rounds=rounds, out=str(folder))
 
 
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:
-    """Return an entity's recipes, uses and cheapest derivation.
+    """Return the recipes that make or use an entity, and the cheapest way to make the entity from the base.
 
     Raises:
         UnknownEntityError: for an unknown label.

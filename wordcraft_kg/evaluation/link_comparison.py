@@ -1,4 +1,4 @@
-"""Link predictors compared on the same queries."""
+"""Comparison of link predictors (models that rank triples) on the same queries."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -48,16 +48,16 @@ class ComparedModel(RankingMetrics, kw_only=True):
 
 
 class LinkComparison(Record, omit_defaults=True):
-    """Models on the same queries; the first is the reference.
+    """Models compared on the same queries; differences are to the first model.
 
     Attributes:
-        split: split hash.
-        triples: ranked unseen test triples.
-        sampled_from: number of all unseen test triples if a uniform sample is ranked.
+        split: content hash of the split.
+        triples: number of ranked unseen triples, that is, test triples outside the training data.
+        sampled_from: total unseen triple count if a uniform sample is ranked.
         pairs: number of model pairs, for the Bonferroni correction of difference intervals.
         best: model with the highest MRR among models that have not seen the test recipes.
-        not_told_apart: models that do not differ from the best: the difference interval contains 0.
-        out: written page.
+        not_told_apart: models that do not differ from ``best``: the difference interval contains 0.
+        out: path to the written page, or None.
     """
 
     graph: str
@@ -76,14 +76,14 @@ class LinkComparison(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare, with a run per seed."""
+    """A model to compare, with a training run for each seed."""
 
     name: str
     runs: Sequence[Model]
 
 
 def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
-    """Rank the unseen test triples (a uniform sample if very many) and bootstrap reciprocal rank differences.
+    """Compare models by MRR on test triples outside training (a sample if very many), with bootstrap intervals.
 
     All models share the ingredient pair resamples: a paired difference is more precise than two separate intervals.
     Reciprocal ranks are averaged over a model's seeds.

@@ -1,4 +1,4 @@
-"""A link predictor's strengths and weaknesses: slices, triple lists, and play by its scores."""
+"""Sections of a link-prediction report: metrics for query groups, lists of triples, and play by the scores."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
@@ -29,12 +29,12 @@ NO_NEAR_SYNONYM = "no such train recipe"
 
 
 class Comparison(Record):
-    """The model against a baseline on the same queries.
+    """A link predictor compared with a baseline on the same queries.
 
     Attributes:
         difference: the model's MRR minus the baseline's MRR.
-        ci: 95 % interval, by bootstrap over recipes.
-        verdict: ``level with`` if the interval includes 0.
+        ci: 95 % interval for ``difference``, by bootstrap over recipes.
+        verdict: ``above`` or ``below`` the baseline, or ``level with`` the baseline if the interval includes 0.
     """
 
     baseline: str
@@ -44,19 +44,19 @@ class Comparison(Record):
 
 
 class SliceMetrics(RankingMetrics, kw_only=True):
-    """Metrics for a named query slice."""
+    """Ranking metrics for a named group of queries (a slice)."""
 
     slice: str
 
 
 class DrillDown(Record):
-    """Metrics for non-empty query slices.
+    """Ranking metrics for query groups, without empty groups.
 
     Attributes:
-        seen_in_train: by the number of training triples with the target entity.
-        layer: by crafting rounds to the target entity.
-        self_combination: combinesWith between an entity and itself, and between different entities.
-        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and the rest.
+        seen_in_train: by the number of training triples that contain the query's answer.
+        layer: by the number of crafting rounds before the query's answer can be made.
+        self_combination: combinesWith queries between an entity and itself, and between different entities.
+        near_synonyms: queries from test recipes that repeat a train recipe with a near-synonym, and all the rest.
     """
 
     seen_in_train: tuple[SliceMetrics, ...]
@@ -66,7 +66,7 @@ class DrillDown(Record):
 
 
 class RankedTriple(Record):
-    """A query with the true entity's rank and score, and the best candidate."""
+    """A query with the true entity's rank and score, and the best candidate ``top``; ``side`` is the open slot."""
 
     head: str
     relation: Relation
@@ -78,7 +78,7 @@ class RankedTriple(Record):
 
 
 class ScoredPair(Record):
-    """A scored triple outside the graph."""
+    """A triple outside the graph, with its score."""
 
     head: str
     relation: Relation
@@ -94,7 +94,7 @@ class SelfEdges(Record):
 
 
 def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
-    """Compare the model with each baseline, query by query."""
+    """Compare a link predictor with each baseline by reciprocal ranks; ``seed`` is the bootstrap seed."""
     reciprocal_ranks = 1 / links.ranks["rank"].to_numpy(dtype=float)
     others = {name: 1 / ranks["rank"].to_numpy(dtype=float) for name, ranks in links.baseline_ranks.items()}
     others["random"] = random_reciprocal_ranks(links.ranks)
@@ -109,7 +109,7 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
 
 
 def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
-    """Return metrics for query slices; ``seed`` is the bootstrap seed."""
+    """Return ranking metrics for query groups; ``seed`` is the bootstrap seed."""
     graph, ranks, trained_on = links.graph, links.ranks, links.trained_on
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
     seen = np.bincount(np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities)[target]
@@ -151,7 +151,7 @@ def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple
 
 
 def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
-    """Return the best-scored triples outside the graph, equally many per relation, without self edges."""
+    """Return the best-scored triples outside the graph, perhaps missing recipes: equally many per relation."""
     graph, pairs = links.graph, []
     for relation, name in enumerate(RELATIONS):
         scores = links.table[relation].copy()
@@ -167,7 +167,7 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
 
 
 def self_edges_of(links: RankedLinks) -> SelfEdges:
-    """Return the share of entities with a self edge as the best combinesWith answer, and the true share."""
+    """Return the share of entities that the model ranks first as their own combinesWith partner, and the true share."""
     graph, scores = links.graph, links.table[COMBINES_WITH]
     symmetric = graph.triples[graph.triples[:, 1] == COMBINES_WITH]
     return SelfEdges(
@@ -177,7 +177,7 @@ def self_edges_of(links: RankedLinks) -> SelfEdges:
 
 
 def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players that use the scorer alone, on depth 1 test tasks with 1 and 8 distractors."""
+    """Evaluate players that choose by the scores alone, on test tasks of one recipe, with 1 and 8 distractors."""
     try:
         players = {
             **scorer_players(links.graph, links.scorer, links.observed),

@@ -1,4 +1,4 @@
-"""Link predictor evaluation: metrics, baselines, slices and checks."""
+"""Evaluation of a link predictor: ranking metrics, baselines, query groups, and validity checks."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
@@ -49,7 +49,7 @@ _Slices = dict[str, RankingMetrics]
 
 
 class EvaluatedModel(Record):
-    """The model; a model trained on the full graph has seen the evaluation triples."""
+    """The evaluated model's name and training graph; a model trained on the full graph has seen all queries."""
 
     name: str
     kg: TrainedOn
@@ -57,7 +57,7 @@ class EvaluatedModel(Record):
 
 
 class EvaluatedGraph(Record):
-    """The graph and the graph size."""
+    """Name, content hash and size for the evaluated graph."""
 
     name: str
     hash: Hash
@@ -67,7 +67,7 @@ class EvaluatedGraph(Record):
 
 
 class Check(Record):
-    """A condition for the headline to be valid."""
+    """A condition that must hold for the report's main metrics to be valid."""
 
     id: Literal["graph", "coverage", "leak", "mirror"]
     name: str
@@ -76,7 +76,7 @@ class Check(Record):
 
 
 class Ties(Record):
-    """Metrics with ties broken for and against the model, and with unfiltered ranks."""
+    """Ranking metrics with ties broken for or against the model, and with raw ranks (known answers also compete)."""
 
     optimistic: RankingMetrics
     pessimistic: RankingMetrics
@@ -84,13 +84,13 @@ class Ties(Record):
 
 
 class InSample(Record):
-    """MRR on train triples with and without these triples in training.
+    """MRR for a cross-fitted model on train triples, with and without these triples in training.
 
     Attributes:
-        folds: fold count for the train recipes.
-        queries: number of queries for train triples that no recipe outside their fold gives.
+        folds: number of folds; each fold of the train recipes has a model trained on all remaining folds.
+        queries: query count for train triples that no recipe outside their fold gives.
         in_sample_mrr: MRR with the model trained on all train recipes.
-        left_out_mrr: MRR with the models trained without the fold: a forecast for ``test_mrr``.
+        left_out_mrr: MRR with the models trained without the query's fold: a forecast for ``test_mrr``.
     """
 
     folds: Count
@@ -101,21 +101,22 @@ class InSample(Record):
 
 
 class LinkView(Record):
-    """The link-prediction report (``report.json``).
+    """All numbers in a link-prediction report (``report.json``).
 
     Attributes:
-        queries: number of queries, two per ranked triple (``triples``).
-        sampled_from: number of all triples if a uniform sample is ranked, else None.
-        without_pairs: whether the graph is too large for all pair scores; dependent parts are empty or None.
-        leaked_left_out: number of test recipe triples that are also in training.
-        metrics: filtered metrics with realistic ties.
-        in_sample: for a cross-fitted model, like ``probabilities``, else None or empty.
-        with_leaked: metrics with the leaked triples.
-        comparisons: the model against each baseline, the best baseline first.
+        queries: query count, two per ranked triple (``triples``).
+        sampled_from: total triple count if a uniform sample is ranked, else None.
+        without_pairs: whether the graph is too large to score all pairs; fields that need all pairs are empty or None.
+        leaked_left_out: number of test recipe triples left out because they are also in training.
+        metrics: metrics with filtered ranks; equal scores share their mean rank.
+        in_sample: MRR with and without training on the queries, for a cross-fitted model; else None.
+        probabilities: calibrated triple probabilities, for a cross-fitted model; else empty.
+        with_leaked: metrics with the leaked triples included.
+        comparisons: differences between the model and each baseline, the best baseline first.
         perhaps_missing: the best-scored triples outside the graph.
-        kg_play: success of players that use the scorer alone.
-        trace: a row per training epoch.
-        provenance: facts about the training.
+        kg_play: success rates for players that choose by the scores alone.
+        trace: a row for each training epoch.
+        provenance: facts about the training, by name.
     """
 
     format: Literal["wordcraft-kg link report 1"]
@@ -149,7 +150,10 @@ class LinkView(Record):
 
 
 class LinkSummary(Record):
-    """A report headline; metrics by slice, None without queries."""
+    """The main results in a link-prediction report.
+
+    Metrics have the keys ``all`` and each relation; a metric is None without queries.
+    """
 
     mrr: dict[str, Share | None]
     hits_at_1: dict[str, Share | None] = msgspec.field(name="hits@1")
@@ -177,7 +181,7 @@ def view_links(
     trace: Sequence[TraceRow] = (),
     seed: int = 0,
 ) -> LinkView:
-    """Return all numbers in the report; ``seed`` is the bootstrap and player seed."""
+    """Return all numbers in a link-prediction report; ``seed`` is the bootstrap and player seed."""
     graph, ranks = links.graph, links.ranks
     split = split_summary(links.opened.split)
 
@@ -218,7 +222,7 @@ def view_links(
 
 
 def summarise_links(view: LinkView, report: str) -> LinkSummary:
-    """Return a view's headline and the report path."""
+    """Return the main results in a link-prediction report, with the path ``report`` of the report."""
     slices = ("all", *RELATIONS)
     metrics = {name: view.metrics[name] for name in slices}
     by_slice: dict[str, Any] = {

@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success of a run's agent, or of another player on the same tasks.
+    """Success rates for a trained agent, or of a different player on the tasks in the agent's training run.
 
     Attributes:
-        checkpoint: the trained agent's checkpoint, else None.
-        scores: origin of the scores for a scorer alone, else None.
-        success: by distractor count, like ``outcomes`` (shares of termination reasons).
+        checkpoint: checkpoint of the trained agent; None for a different player.
+        scores: score settings for the player ``kg-only``, which uses the agent's scorer alone; else None.
+        success: success rates by distractor count.
+        outcomes: episode share for each termination reason, by distractor count.
     """
 
     run: str
@@ -39,7 +40,7 @@ class AgentEvaluation(Record):
 
 
 class Explanation(Record):
-    """Episodes of a run's agent, with the logits for each action."""
+    """Episodes with a trained agent, with all scores and logits for each action."""
 
     run: str
     checkpoint: str
@@ -50,7 +51,10 @@ class Explanation(Record):
 def view_evaluation(
     run: Path, trained: OpenedAgent, agent: str, part: TaskPart, distractors: Sequence[int], distractor_seeds: int
 ) -> AgentEvaluation:
-    """Evaluate the player called ``agent``, see :func:`~wordcraft_kg.agents.evaluation.player_of`, on a run's tasks."""
+    """Evaluate a player on the tasks in an agent's training run, for each distractor count.
+
+    ``agent`` is the player's name, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
+    """
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
     world = World(trained.opened, tasks.environment(part, distractors[0]))
     results = {
@@ -73,18 +77,18 @@ def view_evaluation(
 def view_explanation(
     run: Path, agent: OpenedAgent, part: TaskPart, distractors: int | None, goal: str | None, episodes: int
 ) -> Explanation:
-    """Explain an agent's episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
+    """Return episodes with the scores for each action, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
     explained = explain_episodes(agent.policy, world, goal=goal, episodes=episodes)
     return Explanation(str(run), agent.checkpoint, part, explained)
 
 
 class Baselines(Record):
-    """Success of scripted players, a row for each distractor count and player.
+    """Success rates for scripted players, with a row for each player and distractor count.
 
     Attributes:
-        tasks: task count; each task is played ``distractor_seeds`` times for each distractor count.
-        intervals: interval kind.
+        tasks: number of tasks; each task is played ``distractor_seeds`` times for each distractor count.
+        intervals: interval level and method, in words.
     """
 
     graph: str
@@ -108,17 +112,17 @@ def view_baselines(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> Baselines:
-    """Evaluate scripted players, and a model's players if given.
+    """Evaluate scripted players and, if a model is given, players that follow the model's scores.
 
     Args:
         opened: graph and split.
         graph: the user's name for the graph.
-        config: task part and depth.
-        distractors: distractor counts.
-        model: name and link predictor.
-        distractor_seeds: distractor seeds per task.
-        seed: seed for distractors and ties.
-        progress: see :func:`~wordcraft_kg.agents.players.play_all`.
+        config: environment settings, such as the split part and the depth of the tasks.
+        distractors: distractor counts to play with.
+        model: name and trained link predictor.
+        distractor_seeds: tables per task, with different random distractors.
+        seed: seed for distractors and for choices between equal scores.
+        progress: callback, see :func:`~wordcraft_kg.agents.players.play_all`.
     """
     players = knowledge_players(opened.split)
     world = World(opened, config)

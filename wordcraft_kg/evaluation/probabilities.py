@@ -1,4 +1,4 @@
-"""Calibration of a cross-fitted scorer's probabilities on recipes outside train."""
+"""Calibration of a cross-fitted scorer's triple probabilities, on recipes outside the training data."""
 
 from typing import Literal
 
@@ -20,7 +20,7 @@ _LEAST = 5.0
 
 
 class ReliabilityBin(Record):
-    """Triples of similar probability: mean probability, and share of true triples with its 95 % interval."""
+    """A group of triples with similar probability: mean probability, and share of true triples with 95 % interval."""
 
     probability: Share
     observed: Share
@@ -30,17 +30,19 @@ class ReliabilityBin(Record):
 
 
 class Reliability(Record):
-    """Predicted against observed triples in a relation outside training; combinesWith counts a single direction.
+    """Predicted and observed numbers of true triples of a relation, among all triples outside training.
+
+    combinesWith counts a single direction.
 
     Attributes:
-        pairs: different entities, or an entity with itself.
-        expected: expected number of true triples.
-        observed: number of true triples, from recipes outside train.
-        base_rate: probability without scores.
+        pairs: triples of different entities (``distinct``), or of an entity with ``itself``.
+        expected: expected number of true triples, the sum of the probabilities.
+        observed: number of true triples, from recipes outside training.
+        base_rate: constant probability that ignores the scores.
         ece: expected calibration error over ``bins``.
-        log_loss: mean ``-log P(truth)``, nats; ``base_log_loss`` for the base rate.
-        reason: reason for a constant base rate, or empty.
-        bins: by probability, with about equal expected numbers of true triples.
+        log_loss: mean ``-log(probability of the observed outcome)``, nats; ``base_log_loss`` is for the base rate.
+        reason: why all triples have the base rate as probability, or empty.
+        bins: groups of triples by probability, with about equal expected numbers of true triples.
     """
 
     relation: Relation
@@ -57,7 +59,7 @@ class Reliability(Record):
 
 
 def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids) -> tuple[Reliability, ...]:
-    """Compare predicted and observed triples outside training; empty for a scorer without probabilities."""
+    """Compare predicted probabilities with true triples outside training; empty for a scorer without probabilities."""
     if scorer.probabilities is None:
         return ()
     size = graph.num_entities

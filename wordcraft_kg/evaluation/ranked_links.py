@@ -1,4 +1,4 @@
-"""Evaluation triples ranked by a link predictor."""
+"""Ranks of the evaluation triples in a graph by a link predictor."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,19 +21,19 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, recipe_clusters, sampled
 
 MAP_LIMIT = 3_000
-"""Most entities for which all pair scores are used, as in the neighbour baseline."""
+"""Largest entity count for which all entity pairs are scored, for example by the neighbour baseline."""
 
 
 @dataclass(frozen=True)
 class RankedLinks:
-    """Ranked evaluation triples.
+    """The evaluation triples in a graph, ranked by a scorer.
 
     Attributes:
-        kg: training graph.
-        population: number of all evaluation triples.
-        queries: ranked triples, shape (T, 3): all triples, or a uniform sample.
-        ranks: a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
-        train_sample: training recipes.
+        kg: training graph: full, partial or none.
+        population: total evaluation triple count.
+        queries: ranked triples as ids, shape (T, 3): all evaluation triples, or a uniform sample.
+        ranks: table with a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
+        train_sample: the recipes that the scorer was trained on.
     """
 
     scorer: TripleScorer
@@ -46,17 +46,17 @@ class RankedLinks:
 
     @property
     def graph(self) -> RecipeGraph:
-        """The graph with the ranked triples."""
+        """The recipe graph with the ranked triples."""
         return self.opened.graph
 
     @property
     def is_full(self) -> bool:
-        """Whether the scorer has seen all triples."""
+        """Whether the scorer was trained on the full graph and has therefore seen all evaluation triples."""
         return self.kg == "full"
 
     @property
     def trained_on(self) -> Ids:
-        """Training triples, shape (T, 3)."""
+        """The scorer's training triples as ids, shape (T, 3)."""
         return self.train_sample.triples
 
     @property
@@ -67,24 +67,27 @@ class RankedLinks:
 
     @property
     def has_table(self) -> bool:
-        """Whether the graph is small enough for all pair scores."""
+        """Whether the graph is small enough to score all entity pairs."""
         return self.graph.num_entities <= MAP_LIMIT
 
     @cached_property
     def table(self) -> NDArray[np.float32]:
-        """All pair scores, shape (2, E, E), by relation, head and tail."""
+        """Scores of all entity pairs, shape (2, E, E): relation, head, tail."""
         return torch.stack([self.scorer.table(relation) for relation in range(len(RELATIONS))]).cpu().numpy()
 
     @cached_property
     def clusters(self) -> Ids:
-        """Each query's resampling unit, an ingredient pair; shape (2 T,)."""
+        """Number of each query's ingredient pair, the unit for bootstrap resampling; shape (2 T,)."""
         split = self.opened.split
         sources = np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
         return np.tile(recipe_clusters(self.graph, sources, self.queries), 2)
 
     @cached_property
     def baseline_ranks(self) -> dict[str, pd.DataFrame]:
-        """Baseline ranks with the same training triples, by name; an untrained scorer's baselines use train recipes."""
+        """Rank tables on the same queries, by name of the baseline.
+
+        Baselines use the scorer's training triples; for an untrained scorer, baselines use the train recipes.
+        """
         known = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
         if self.has_table:
@@ -94,7 +97,7 @@ class RankedLinks:
 
     @property
     def labelled_ranks(self) -> pd.DataFrame:
-        """``ranks`` with labels in place of ids."""
+        """The table ``ranks`` with labels in place of entity and relation ids."""
         return labelled(self.graph, self.ranks)
 
 
@@ -107,18 +110,19 @@ def rank_links(
     max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> RankedLinks:
-    """Rank a scorer's evaluation triples.
+    """Rank the evaluation triples in a graph by a scorer.
 
-    With the partial graph, the test triples outside training are evaluated; with the full graph all triples, which
-    measures memory and is marked as such.
+    For a scorer trained on the partial graph, evaluation triples are the test triples outside training. For a scorer
+    trained on the full graph, evaluation triples are all triples, which measures memory.
 
     Args:
-        scorer: a scorer for the graph.
+        scorer: a link predictor for the graph.
         opened: graph and split.
-        kg: training graph.
-        train_sample: training recipes; None takes all ``kg`` recipes. Triples and filter do not depend on the sample.
+        kg: graph that the scorer was trained on.
+        train_sample: recipes that the scorer was trained on, if not all recipes of ``kg``. Evaluation triples and
+            filtered ranks do not depend on the sample.
         max_queries: most queries to rank, two per triple in a uniform sample; 0 ranks all.
-        seed: sample seed.
+        seed: seed for the sample.
 
     Raises:
         ConfigError: if ``max_queries`` is too small for a meaningful figure.
@@ -143,7 +147,7 @@ def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
 
 
 def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
-    """Return a ranking with labels in place of ids."""
+    """Return a rank table with labels in place of entity and relation ids."""
     names = np.array(graph.entities, dtype=object)
     frame = ranks.copy()
     for column in ("head", "tail", "top"):

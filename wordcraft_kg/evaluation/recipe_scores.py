@@ -1,4 +1,4 @@
-"""Recipe scores: results for a pair, partners for an ingredient, and supporting train recipes."""
+"""Recipe scores: the best results for a pair, the best partners for an ingredient, and supporting train recipes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -26,13 +26,13 @@ _LEAST_SHARE = 0.01
 
 
 class ScoredRecipe(Record):
-    """A recipe's score, higher for a more plausible recipe.
+    """A recipe with its score; a higher score means a more plausible recipe.
 
     Attributes:
-        known: recipe part, or ``new``; None without the graph.
+        known: split part of the recipe (train, valid or test), or ``new``; None without the graph.
         in_sample: whether the scorer was trained on the recipe.
-        because: supporting recipes by descending weight.
-        probability: calibrated probability that the pair has this result, or None.
+        because: train recipes that support the score, by descending weight.
+        probability: calibrated probability that the two ingredients make this result, or None.
     """
 
     ingredient_a: str
@@ -46,7 +46,7 @@ class ScoredRecipe(Record):
 
 
 class RankedRecipe(ScoredRecipe):
-    """A recipe's score, and its unfiltered rank for each slot."""
+    """A recipe with its score, and the rank of each entity in its slot among all entities (known recipes count)."""
 
     rank_as_result: Count
     rank_as_ingredient_a: Count
@@ -55,7 +55,7 @@ class RankedRecipe(ScoredRecipe):
 
 
 class OpenRecipe(Record):
-    """The best entities for a recipe's open slot, given as None."""
+    """The best entities for the open slot in a recipe (an ingredient or the result); the open slot is None."""
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -65,7 +65,7 @@ class OpenRecipe(Record):
 
 
 class ScoredRecipeRow(Record):
-    """A row in a score file; ``rank`` is the rank in an open slot's list, or None."""
+    """A row in a file of recipe scores; ``rank`` is the rank in the list for an open slot, None for a full recipe."""
 
     line: int
     ingredient_a: str
@@ -79,13 +79,13 @@ class ScoredRecipeRow(Record):
 
 @dataclass(frozen=True)
 class RecipeScoring:
-    """A recipe scorer and the book's recipes.
+    """A recipe scorer, with the known recipes in the recipe book.
 
     Attributes:
-        model: the opened model.
+        model: the opened model, with the recipe split if the graph is available.
         scorer: the recipe scorer; for a cross-fitted model, the scorer trained on all train recipes.
-        parts: part by recipe; empty without the graph.
-        seen: the scorer's training recipes.
+        parts: split part of each known recipe; empty if the graph is missing.
+        seen: the recipes that the scorer was trained on.
     """
 
     model: ScoringModel
@@ -95,7 +95,7 @@ class RecipeScoring:
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
-        """Return a model's recipe scorer; ConfigError for a link model."""
+        """Return a model's recipe scorer; ConfigError for a model that scores links (triples), not recipes."""
         scorer, split = whole_of(model.scorer), model.split
         if not isinstance(scorer, RecipeScores):
             raise ConfigError(
@@ -109,25 +109,28 @@ class RecipeScoring:
         return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
 
     def rows(self, query: RecipeQuery) -> Ids:
-        """Return a query's recipes, shape (n, 3): a single recipe, or a recipe for each entity in the open slot."""
+        """Return the recipes for a query as ids, shape (n, 3): one recipe, or a recipe per entity in the open slot."""
         everything = np.arange(len(self.scorer.entities))
         ids = (everything if slot is None else [self.scorer.entities.index(slot)] for slot in query.slots)
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
     def scores(self, rows: Ids) -> torch.Tensor:
-        """Score recipes, shape (n, 3) -> (n,)."""
+        """Score recipes, given as ids, shape (n, 3): two ingredients and a result. Return shape (n,)."""
         return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
 
     def known(self, rows: Ids) -> list[Known | None]:
-        """Return each recipe's part, shape (n, 3)."""
+        """Return each recipe, ids, shape (n, 3): ``new`` if unknown, None without the graph."""
         return [self.parts.get(key, "new") if self.model.split is not None else None for key in _keys(rows)]
 
     def in_sample(self, rows: Ids) -> list[bool]:
-        """Return whether the scorer was trained on each recipe."""
+        """Return whether the scorer was trained on each recipe, ids, shape (n, 3)."""
         return [key in self.seen for key in _keys(rows)]
 
     def best(self, query: RecipeQuery, top: int, *, new_only: bool = False) -> tuple[Ids, list[float]]:
-        """Return recipes and scores for the best entities in an open slot, best first."""
+        """Return the ``top`` recipes for a query's open slot with their scores, best first.
+
+        ``new_only`` omits known recipes.
+        """
         rows = self.rows(query)
         scores = self.scores(rows)
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
@@ -136,7 +139,7 @@ class RecipeScoring:
         return rows[order[:top]], scores[order[:top].copy()].tolist()
 
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
-        """Yield recipes with their parts and supporting recipes."""
+        """Yield scored recipes, ids, shape (n, 3), with their split parts and supporting train recipes."""
         for row, score, known, in_sample in zip(rows, scores, self.known(rows), self.in_sample(rows), strict=True):
             a, b, result = self.labels(row)
             because = tuple(self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT))
@@ -154,7 +157,7 @@ def _keys(rows: Ids) -> list[_Key]:
 
 
 def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
-    """Score a recipe."""
+    """Score a recipe, and rank each entity in its slot."""
     row = scoring.rows(query)
     (recipe,) = scoring.recipes(row, scoring.scores(row).tolist())
 
@@ -173,7 +176,7 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
 
 
 def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, new_only: bool = False) -> OpenRecipe:
-    """List the best entities for a recipe's open slot."""
+    """List the ``top`` entities for the open slot in a recipe; ``new_only`` omits known recipes."""
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
     folds = scoring.model.scorer.folds
@@ -188,7 +191,7 @@ def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, ne
 def score_recipe_queries(
     scoring: RecipeScoring, queries: Sequence[RecipeQuery], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRecipeRow]:
-    """Yield scores in the query order: a row for a recipe, ``top`` rows for an open slot."""
+    """Yield scores in the query order: a row for a full recipe, up to ``top`` rows for a query with an open slot."""
     recipes = [scoring.rows(query) for query in queries if not query.is_open]
     scores = iter(scoring.scores(np.concatenate(recipes)).tolist() if recipes else ())
     for query in queries:
@@ -205,12 +208,12 @@ def score_recipe_queries(
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
-    """Return supporting recipes, without negligible shares."""
+    """Return the supporting recipes with at least 1 % weight share, or else the first recipe."""
     return [witness for witness in witnesses if witness.share >= _LEAST_SHARE] or witnesses[:1]
 
 
 def because(witnesses: Sequence[Witness]) -> str:
-    """Format supporting recipes with weights and shares, as ``river + wood -> driftwood 0.41 (80%)``."""
+    """Format supporting recipes as text with weights and shares, as ``river + wood -> driftwood 0.41 (80%)``."""
     return ", ".join(
         f"{witness.recipe} {witness.weight:.2g} ({witness.share:.0%})" for witness in main_support(witnesses)
     )

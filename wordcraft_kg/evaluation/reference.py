@@ -1,4 +1,4 @@
-"""The reference pack: published results for players and agents, from this package and from the literature."""
+"""The reference pack: published player results and agents to compare with, from this package or the literature."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
@@ -16,7 +16,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
 PACK = Path(__file__).parent / "references"
-"""The pack's folder."""
+"""Folder with the files of the reference pack."""
 FORMAT = "wordcraft-kg references 1"
 Kind = Literal["chance", "knowledge graph", "oracle", "agent", "people", "language model", "other"]
 """Kind of a player."""
@@ -32,7 +32,7 @@ _DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}
 
 
 class PlayedGraph(Record, frozen=True):
-    """A graph with its split."""
+    """Identity of a recipe graph and its split: names, split seed and content hashes."""
 
     name: str
     hash: Hash
@@ -42,13 +42,16 @@ class PlayedGraph(Record, frozen=True):
 
     @classmethod
     def of(cls, opened: OpenedGraph) -> "PlayedGraph":
-        """Return the record for an opened graph."""
+        """Return the identity of an opened graph and its split."""
         graph, split = opened.graph, opened.split
         return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
 
 
 class TaskPlay(Record, frozen=True, tag="tasks"):
-    """Crafting tasks; further settings are the defaults in :class:`~wordcraft_kg.envs.config.WordCraftConfig`."""
+    """The condition of a result on crafting tasks: split part, depth and attempts per task.
+
+    All further settings are the defaults in :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+    """
 
     part: TaskPart
     depth: Annotated[int, msgspec.Meta(ge=1)]
@@ -56,13 +59,13 @@ class TaskPlay(Record, frozen=True, tag="tasks"):
 
 
 class OpenPlay(Record, frozen=True, tag="open-ended"):
-    """Open-ended play; ``base`` has the labels known at the start, in alphabetical order."""
+    """The condition of a result in open-ended play (without a goal): ``base``, the sorted labels known at the start."""
 
     base: tuple[str, ...]
 
 
 class Figure(Record, frozen=True, omit_defaults=True):
-    """A value with its interval bounds, or None for both bounds."""
+    """A measured value with its interval bounds; both bounds are None without an interval."""
 
     value: float
     low: float | None = None
@@ -70,17 +73,17 @@ class Figure(Record, frozen=True, omit_defaults=True):
 
 
 class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """One player's results under one condition.
+    """A player's results under one condition: a row in a comparison table.
 
     Attributes:
-        figures: by distractor count (success) or attempt count (other measures).
-        source: command, publication, or the user's folder or file.
-        play: None in the literature.
-        interval: interval kind; empty without intervals.
-        distractor_seeds: distractor seeds per task.
-        seeds: training count.
+        figures: results by distractor count (for success) or attempt count (for open-ended play).
+        source: origin of the results: a command, a publication, or the user's folder or file.
+        play: crafting tasks or open-ended play; None for results from the literature.
+        interval: interval level and method, in words; empty without intervals.
+        distractor_seeds: tables per task, with different random distractors.
+        seeds: training run count.
         runs: run count in open-ended play.
-        settings: player settings by name.
+        settings: the player's settings by name.
         environment: publication environment, and how this package differs.
         year: publication year.
         notes: further remarks.
@@ -105,12 +108,12 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     notes: str = ""
 
     def at(self, columns: Iterable[int]) -> "ReferenceRow":
-        """Return the row with the figures in these columns only, which may be none."""
+        """Return the row with results for these distractor counts (or attempts) only, perhaps without any."""
         kept = {str(column): self.figures[str(column)] for column in columns if str(column) in self.figures}
         return msgspec.structs.replace(self, figures=kept)
 
     def shown(self, column: int) -> str:
-        """Format a column's figure with its interval; empty without a figure."""
+        """Format the result for a distractor count (or attempts), with its interval; empty without a result."""
         figure = self.figures.get(str(column))
         if figure is None:
             return ""
@@ -124,19 +127,19 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def in_words(self) -> str:
-        """All figures with their conditions, for a table with other columns."""
+        """All results with their conditions as text, for a table that lacks columns for these results."""
         figures = {int(column): self.shown(int(column)) for column in self.figures}
         if self.measure == "success":
             return ", ".join(f"{shown} with {counted(column, 'distractor')}" for column, shown in figures.items())
         return ", ".join(f"{shown} {self.measure} after {counted(at, 'attempt')}" for at, shown in figures.items())
 
     def fits(self, measure: Measure) -> bool:
-        """Return whether a table for this measure has columns for the figures; success in the literature has none."""
+        """Return whether the results fit the columns of a table for ``measure``; success in the literature does not."""
         return self.measure == measure and (self.origin != "literature" or measure != "success")
 
     @property
     def remark(self) -> str:
-        """Agent training, number of people, and notes, for rows from this package and the user."""
+        """Remark on the player as text: training settings, number of people, and notes."""
         settings = dict(self.settings)
         steps, trained_with = settings.pop("steps", ""), settings.pop(TRAINED_WITH, "")
         parts = [
@@ -151,13 +154,13 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def reference(self) -> str:
-        """A publication's source, environment and notes."""
+        """Citation as text: a publication's source, environment and notes."""
         environment = f"{self.environment[:1].upper()}{self.environment[1:]}"
         return ". ".join(part for part in (self.source, environment, self.notes) if part)
 
 
 class ReferencePack(Record, frozen=True, omit_defaults=True):
-    """A pack file: rows for a graph and split, with package versions, or rows from the literature (no graph)."""
+    """A file in the reference pack: results for a graph and split, or results from the literature (without a graph)."""
 
     format: Literal["wordcraft-kg references 1"]
     title: str
@@ -166,7 +169,7 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
     versions: dict[str, str] = msgspec.field(default_factory=dict)
 
     def rows_of(self, play: TaskPlay | OpenPlay, columns: Iterable[int] | None = None) -> tuple[ReferenceRow, ...]:
-        """Return a condition's rows, with the figures in ``columns`` only if given."""
+        """Return the results under a condition; ``columns`` selects distractor counts (or attempts) if given."""
         rows = tuple(row for row in self.rows if row.play == play)
         if columns is None:
             return rows
@@ -175,7 +178,7 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
 
 
 def read_pack(path: Path) -> ReferencePack:
-    """Read a pack file; ArtefactError for a missing or damaged file or a contradictory row."""
+    """Read a file in the reference pack; ArtefactError for a missing or damaged file or a contradictory row."""
     pack = read_record(path, ReferencePack)
     for number, row in enumerate(pack.rows, 1):
         if wrong := _contradiction(pack, row):
@@ -184,7 +187,7 @@ def read_pack(path: Path) -> ReferencePack:
 
 
 def read_packs(folder: Path = PACK) -> tuple[ReferencePack, ...]:
-    """Read all files in a folder with :func:`read_pack`, in name order."""
+    """Read all reference files in a folder with :func:`read_pack`, in the order of the file names."""
     return tuple(read_pack(path) for path in sorted(folder.glob("*.json")))
 
 
@@ -194,7 +197,7 @@ def _packs() -> tuple[ReferencePack, ...]:
 
 
 def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
-    """Return the pack for a graph and split (None: any split), or None."""
+    """Return the published results for a graph and split, given by content hash (None: any split), or None."""
     for pack in _packs():
         if pack.graph is not None and pack.graph.hash == graph and split in (None, pack.graph.split):
             return pack
@@ -202,14 +205,14 @@ def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
 
 
 def literature(measures: Sequence[Measure]) -> tuple[ReferenceRow, ...]:
-    """Return the rows from the literature with one of these measures."""
+    """Return the results from the literature that have one of these measures."""
     return tuple(row for pack in _packs() if pack.graph is None for row in pack.rows if row.measure in measures)
 
 
 def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
-    """Return the play for agents with these settings; None for rules that differ from the pack.
+    """Return the condition that agents with these task settings play under, to find comparable published results.
 
-    Rewards and the distractor count may differ from the defaults.
+    None for rules that differ from the defaults; rewards and the distractor count may differ.
     """
     config, usual = tasks.environment(part), WordCraftConfig
     rules = ("distractor_weighting", "distractor_policy", "ambiguity", "task_weighting")
@@ -219,7 +222,7 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
 
 
 def figures_of(values: Mapping[int, Estimate]) -> dict[str, Figure]:
-    """Return figures by column, rounded to six digits."""
+    """Convert values with bounds, by distractor count (or attempts), to results rounded to six digits."""
     return {
         str(column): Figure(round(value, 6), *(None if end is None else round(end, 6) for end in bounds))
         for column, (value, *bounds) in values.items()

@@ -1,4 +1,4 @@
-"""Triple scores, also for new words, and the best entities for an open slot."""
+"""Triple scores, also for words outside the graph, and the best entities for a query's open slot."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,17 +23,17 @@ from wordcraft_kg.models.scorers.queries import OPEN, Query, RecipeQuery
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 Known = Literal["train", "valid", "test", "new"]
-"""The part whose recipes give a triple (train first), or ``new`` without such a recipe."""
+"""The split part with a recipe that gives a triple (train takes precedence), or ``new`` without such a recipe."""
 
 
 class ScoredTriple(Record):
-    """A triple's score, and its unfiltered ranks among all tails and all heads.
+    """A triple with its score, and its ranks among all tails and among all heads (known triples also count).
 
     Attributes:
-        known: see :data:`Known`; None without the graph.
+        known: split part with the triple, see :data:`Known`; None if the graph is missing.
         probability: calibrated probability for a triple outside training, or None.
-        trained_on: ``full`` or ``partial`` recipes; None if not recorded.
-        by_words: new entities, scored by their words alone.
+        trained_on: recipes that the model was trained on, ``full`` or ``partial``; None if not recorded.
+        by_words: labels for entities outside the graph, scored by their words alone.
     """
 
     head: str
@@ -49,7 +49,7 @@ class ScoredTriple(Record):
 
 
 class ScoredEntity(Record):
-    """An entity for an open slot."""
+    """A candidate entity for a query's open slot, with the score of the resulting triple."""
 
     entity: str
     score: float
@@ -58,7 +58,7 @@ class ScoredEntity(Record):
 
 
 class OpenSlot(Record):
-    """The best entities for an open slot, which is None; see :class:`ScoredTriple`."""
+    """The best entities for a query's open slot, which is None; see :class:`ScoredTriple`."""
 
     head: str | None
     relation: str
@@ -69,7 +69,7 @@ class OpenSlot(Record):
 
 
 class ScoredRow(Record):
-    """A row in a score file: query line, and rank in an open slot's list (None for a triple)."""
+    """A row in a file of triple scores: query line, triple, and rank in the list for an open slot (else None)."""
 
     line: int
     head: str
@@ -82,7 +82,7 @@ class ScoredRow(Record):
 
 
 class ScoredFile(Record, omit_defaults=True):
-    """Scores for a query file; ``rows`` is omitted if ``out`` contains the scores."""
+    """Scores for all queries in a file; ``rows`` is empty if the scores were written to the file ``out``."""
 
     queries: Count
     scored: Count
@@ -94,12 +94,12 @@ class ScoredFile(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class ScoringModel:
-    """A scorer and, if its graph is available, the recipe split.
+    """A scorer and, if the scorer's graph is available, the recipe split.
 
     Attributes:
-        kg: training recipes; None if not recorded.
-        missing: why the graph is missing.
-        by_words: new entities, the scorer's last entities, see :func:`with_new_words`.
+        kg: recipes that the scorer was trained on, ``full`` or ``partial``; None if not recorded.
+        missing: why the graph is missing, or empty.
+        by_words: labels for entities outside the graph, the scorer's last entities, see :func:`with_new_words`.
     """
 
     scorer: Scorer
@@ -110,7 +110,9 @@ class ScoringModel:
 
     @classmethod
     def open(cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False) -> "ScoringModel":
-        """Open a model folder; a missing graph is an error only if given or needed.
+        """Open a model folder with the recorded graph, or with the graph folder ``graph``.
+
+        A missing graph is an error only if ``graph`` is given or ``needs_graph`` is True.
 
         Raises:
             ArtefactError: for a missing scorer or graph.
@@ -124,7 +126,7 @@ class ScoringModel:
         return cls(model.scorer, model.opened.split, model.kg)
 
     def known(self, triples: Ids) -> list[Known | None]:
-        """Return :data:`Known` for each triple, shape (T, 3), or None without the graph."""
+        """Return each triple, ids, shape (T, 3): see :data:`Known`; None without the graph."""
         if self.split is None:
             return [None] * len(triples)
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
@@ -135,7 +137,7 @@ class ScoringModel:
         return [names[number] for number in part.tolist()]
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
-        """Return triple probabilities, shape (T, 3); None for train recipe triples."""
+        """Return calibrated probabilities for triples, ids, shape (T, 3); None for triples ``known`` from train."""
         folds = self.scorer.folds
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
@@ -143,7 +145,7 @@ class ScoringModel:
         return [None if part == "train" else value for value, part in zip(values, known, strict=True)]
 
     def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
-        """Return the best entities for an open slot, best first; ``new_only`` omits known triples."""
+        """Return the ``top`` entities for a query's open slot, best first; ``new_only`` omits known triples."""
         everything = torch.arange(len(self.scorer.entities))
         head, tail = (everything if slot is None else slot for slot in (query.head, query.tail))
         scores = self.scorer.score(head, query.relation, tail).cpu()
@@ -166,7 +168,7 @@ def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
 
 
 def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
-    """Score a triple."""
+    """Score a triple, and rank its head and its tail among all entities."""
     scorer, (head, relation, tail) = model.scorer, _labels(query)
     ((_, known, probability),) = _scores(model, [(head, relation, tail)])
     tails, heads = (scorer.top(head, relation, None, limit=None), scorer.top(None, relation, tail, limit=None))
@@ -185,7 +187,7 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
 
 
 def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: bool = False) -> OpenSlot:
-    """List the best entities for a query's open slot."""
+    """List the ``top`` entities for a query's open slot; ``new_only`` omits known triples."""
     best = tuple(model.answers(query, top, new_only=new_only))
     return OpenSlot(query.head, query.relation, query.tail, best, model.kg, model.by_words)
 
@@ -193,7 +195,7 @@ def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: boo
 def score_queries(
     model: ScoringModel, queries: Sequence[Query], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRow]:
-    """Yield scores in the query order: a row for a triple, ``top`` rows for an open slot."""
+    """Yield scores in the query order: a row for a full triple, up to ``top`` rows for a query with an open slot."""
     scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
     for query in queries:
         line = query.line or 0
@@ -225,7 +227,7 @@ def _scores(
 def view_file(
     model: ScoringModel, queries: Sequence[Query | RecipeQuery], rows: Sequence[Record], out: Path | None = None
 ) -> ScoredFile:
-    """Return the scores for a query file, or the file ``out`` with the scores."""
+    """Return the scores for a query file as a record, or with the path ``out`` in place of the scores."""
     # Recipe scores always use words.
     by_words = model.by_words if any(isinstance(query, Query) for query in queries) else ()
     view = ScoredFile(len(queries), len(rows), model.kg, by_words, tuple(rows))
@@ -239,10 +241,10 @@ def _labels(query: Query) -> tuple[str, str, str]:
 
 
 class AnyLabel(Collection[str]):
-    """All labels except open slot symbols: the query entities for a model that scores any words."""
+    """A collection that contains every text except open slot symbols, for a model that scores any words."""
 
     def __init__(self, entities: Sequence[str]):
-        """Set the graph entities, which may include an open slot symbol."""
+        """Set the labels for the graph entities, which may include an open slot symbol."""
         self._entities = frozenset(entities)
 
     def __contains__(self, label: object) -> bool:
@@ -299,7 +301,7 @@ _LISTED = 5
 
 
 def note_of_words(model: ScoringModel) -> list[str]:
-    """Return the note on new entities, scored by their words."""
+    """Return a note on entities outside the graph, scored by their words alone; empty without such entities."""
     words = model.by_words
     if not words:
         return []

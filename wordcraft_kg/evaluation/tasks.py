@@ -1,4 +1,4 @@
-"""Task counts and example tasks for a graph."""
+"""Crafting tasks in a split part: counts and examples."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 
 class ShownTask(Record):
-    """A task with a table and all its plans."""
+    """An example task: the goal, a table (starting ingredients and distractors), and all plans for the goal."""
 
     goal: str
     start: tuple[str, ...]
@@ -19,13 +19,13 @@ class ShownTask(Record):
 
 
 class TaskListing(Record):
-    """Tasks in a split part.
+    """The crafting tasks in a split part (such as test), with examples.
 
     Attributes:
-        tasks: task count.
-        complete: whether all tasks are enumerated.
-        mixed: tasks without a part.
-        shown: examples.
+        tasks: number of tasks.
+        complete: whether all tasks are counted; False if the tasks are a random sample.
+        mixed: tasks in no part, because their plans use recipes from several parts.
+        shown: example tasks.
     """
 
     graph: str
@@ -38,7 +38,7 @@ class TaskListing(Record):
 
 
 def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
-    """Count an environment's tasks, with up to ``limit`` examples in random order."""
+    """Count an environment's tasks, and return up to ``limit`` example tasks, chosen at random by ``seed``."""
     # Seeding only the first episode, as in training, gives different distractors to each table.
     env.reset(seed=seed)
     order = np.random.default_rng(seed).permutation(len(env.tasks))[:limit].tolist()

@@ -1,4 +1,4 @@
-"""Training curves per agent and seed: success, training figures and λ; also from unfinished runs."""
+"""Training curves of agents: success, logged statistics and mixing weights λ; also for unfinished runs."""
 
 from collections.abc import Sequence
 from typing import Literal, get_args
@@ -14,11 +14,11 @@ _CURVE_POINTS = 100
 """Approximate limit for points in a curve."""
 Figure = Literal["test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"]
 FIGURES: tuple[Figure, ...] = get_args(Figure)
-"""Training figures shown for each seed."""
+"""Logged training statistics, with a curve for each seed."""
 
 
 class CurvePoint(Record, array_like=True):
-    """Success after a number of steps, with the interval over seeds."""
+    """Mean success over seeds after a number of environment steps, with the 95 % interval over seeds."""
 
     step: int
     success: float
@@ -27,7 +27,10 @@ class CurvePoint(Record, array_like=True):
 
 
 class LambdaCurve(Record):
-    """A source's mean λ in training as (step, λ), for the first or the second action."""
+    """Mean mixing weight λ of a score source during training, for the first or second action of an attempt.
+
+    ``points`` are (environment step, λ).
+    """
 
     source: str
     action: Literal["first", "second"]
@@ -35,14 +38,14 @@ class LambdaCurve(Record):
 
 
 class SeedCurve(Record):
-    """A training figure as (step, value)."""
+    """A logged training statistic of one run; ``points`` are (environment step, value)."""
 
     seed: int
     points: tuple[tuple[int, float], ...]
 
 
 def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
-    """Return mean success over training by part, with the interval over seeds."""
+    """Return the mean success curve of an agent's runs by split part (test, train), with intervals over seeds."""
     curves = {}
     for part in ("test", "train"):
         rows = _shared_rows(members, f"{part}_success")
@@ -56,7 +59,7 @@ def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, .
 
 
 def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
-    """Return mean λ over seeds by source and pick, in about :data:`_CURVE_POINTS` points."""
+    """Return mean mixing weights λ over seeds by score source and action, in about :data:`_CURVE_POINTS` points."""
     curves = []
     actions: tuple[Literal["first", "second"], ...] = ("first", "second")
     for source in (ALPHA.name, *source_names()):
@@ -69,9 +72,9 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
 
 
 def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurve, ...]]:
-    """Return each training's logged figures, in about :data:`_CURVE_POINTS` points.
+    """Return curves of the logged training statistics of each run, in about :data:`_CURVE_POINTS` points.
 
-    Figures are means since the previous line; a line after a short interval is mostly noise and omitted.
+    Logged values are means since the previous log line; a line after a short interval is mostly noise and omitted.
     """
     by_figure: dict[Figure, tuple[SeedCurve, ...]] = {}
     for figure in FIGURES:

@@ -1,6 +1,6 @@
-"""HTML pages, charts and tables from the values in :mod:`wordcraft_kg.evaluation`.
+"""HTML pages, charts and tables from the evaluation results in :mod:`wordcraft_kg.evaluation`.
 
-A page is one file that can be read without a script. Headings and explained terms are collected while its template is
-rendered; they become the contents table and the glossary. One script sorts, searches and copies tables; the page's
-content security policy admits only this script, by its hash, and all resources are in the file.
+A page is a single file that can be read without a script. Headings and explained terms are collected while the page
+template is rendered, and become the contents table and the glossary. A script sorts, searches and copies tables; the
+page's content security policy admits only this script, by hash, and all resources are in the file.
 """

@@ -1,4 +1,4 @@
-"""Agent pictures: success curves, training figures and mixing weights, and bars for source contributions."""
+"""Charts for agents: curves for success, training statistics and mixing weights, and bars for score sources."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,16 +20,16 @@ FIGURES: dict[Figure, str] = {
     "entropy": "entropy of the policy, nats",
     "grad_norm": "gradient norm",
 }
-"""Picture titles by training figure."""
+"""Chart titles by logged training statistic."""
 
 
 def source_colours() -> dict[str, int]:
-    """Return colour numbers by source."""
+    """Return the colour number for each score source, by name."""
     return {name: number for number, name in enumerate((ALPHA.name, *source_names()))}
 
 
 def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> Markup:
-    """Draw success on train and test tasks over training; ``curves`` by agent and task part."""
+    """Draw success curves on train and test tasks; ``curves`` has the points by agent name and task part."""
     named = [
         (f"{agent}, {part}", part, colour, points)
         for colour, (agent, parts) in enumerate(curves.items())
@@ -47,7 +47,7 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
 
 
 def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
-    """Draw an agent's mixing weights over training."""
+    """Draw an agent's mixing weights (λ for each score source) over training."""
     colours = source_colours()
     curves = {f"{label_of(curve.source).coefficient} {curve.action}": curve for curve in lambdas}
     return charts.curves(
@@ -61,7 +61,10 @@ def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
 
 
 def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]]) -> list[Markup]:
-    """Draw a picture for each training figure, with a curve for each run; ``figures`` by agent and figure."""
+    """Draw a chart for each logged training statistic, with a curve for each run.
+
+    ``figures`` has the curves by agent name and statistic.
+    """
     pictures = []
     for figure, title in FIGURES.items():
         runs = {
@@ -85,12 +88,12 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
 
 
 def column_labels(step: ExplainedStep) -> list[Label]:
-    """Return source labels for a step's score columns."""
+    """Return the labels for the score sources in an explained action, in the order of the score columns."""
     return [label_of(name) for name in step.slots[0].sources]
 
 
 def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
-    """Return the slots by descending logit, each with a bar for its contributions on a common scale."""
+    """Return an action's slots by descending logit, each with a bar for the score sources' shares in the logit."""
     scale = max(
         sum(abs(value) for value in slot.contributions.values() if (value > 0) is to_the_right)
         for slot in step.slots

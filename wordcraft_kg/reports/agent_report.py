@@ -1,4 +1,4 @@
-"""The agent report: the view for all agents, with pictures."""
+"""The agent report: evaluation results for all agents, with charts."""
 
 import re
 from collections.abc import Sequence
@@ -38,7 +38,10 @@ def make_agent_report(
     distractor_seeds: int = 5,
     episodes: int = 2,
 ) -> Report[AgentsView]:
-    """Evaluate agents on all tasks in a split part, see :func:`~wordcraft_kg.evaluation.agents.view_agents`."""
+    """Evaluate agents on all tasks in a split part, and return the report, ready to write.
+
+    For the arguments see :func:`~wordcraft_kg.evaluation.agents.view_agents`.
+    """
     view = view_agents(groups, part=part, distractors=distractors, distractor_seeds=distractor_seeds, episodes=episodes)
     return Report(
         view,
@@ -57,7 +60,7 @@ def make_agent_report(
 
 
 def report_schema() -> dict[str, Any]:
-    """Return the JSON Schema for ``report.json``."""
+    """Return the JSON Schema for the agent report's numbers, ``report.json``."""
     return schema_of(AgentsView, "urn:wordcraft-kg:agent-report:1", "wordcraft-kg agent report")
 
 

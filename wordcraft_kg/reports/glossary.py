@@ -9,7 +9,7 @@ Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
 
 class Term(Record):
-    """A term, its definition in one to three sentences, and its symbol in formulas."""
+    """A glossary term: topic, name, definition in one to three sentences, and symbol in formulas."""
 
     topic: Topic
     name: str
@@ -288,7 +288,7 @@ GLOSSARY = {
 
 
 def find_term(key: str) -> Term:
-    """Return a term from the glossary or for a registered source.
+    """Return the term for a key: a glossary entry, or the label for a registered score source.
 
     Raises:
         KeyError: if the key is unknown.

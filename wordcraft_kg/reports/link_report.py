@@ -1,4 +1,4 @@
-"""The link-prediction report: a link predictor's view with pictures."""
+"""The link-prediction report: evaluation results for a link predictor, with charts."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,7 +29,7 @@ PLAYERS = {
     "random": "any slot at random",
     "recipe oracle": "recipe oracle",
 }
-"""Player names in words."""
+"""Descriptions by player name, for players that choose by a link predictor's scores."""
 
 
 def make_link_report(
@@ -44,16 +44,16 @@ def make_link_report(
     max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> Report[LinkView]:
-    """Evaluate a scorer on a graph's links.
+    """Evaluate a link predictor on a graph's triples, and return the report, ready to write.
 
     Args:
-        scorer: a scorer for this graph.
+        scorer: a link predictor for this graph.
         opened: graph and split.
-        kg: training graph, see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
-        train_sample: the scorer's training recipes; None takes all ``kg`` recipes.
+        kg: graph that the scorer was trained on, see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
+        train_sample: recipes that the scorer was trained on; None takes all ``kg`` recipes.
         name: scorer name in the report.
-        provenance: facts for the last section.
-        trace: a row for each epoch.
+        provenance: facts about the training, by name.
+        trace: a row for each training epoch.
         max_queries: most queries to rank; 0 ranks all.
         seed: seed for the query sample and the bootstrap.
 
@@ -72,7 +72,7 @@ def make_link_report(
 
 
 def report_schema() -> dict[str, Any]:
-    """Return the JSON Schema for ``report.json``."""
+    """Return the JSON Schema for the link-prediction report's numbers, ``report.json``."""
     return schema_of(LinkView, "urn:wordcraft-kg:link-report:1", "wordcraft-kg link-prediction report")
 
 
@@ -119,7 +119,7 @@ def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
 
 
 def comparison_page(view: LinkComparison) -> str:
-    """Return a comparison page: a table with all models, their MRR, and differences to the first model."""
+    """Render a comparison between link predictors as an HTML page: MRR, and differences to the first model."""
     mrr = charts.intervals(
         [(model.name, (model.mrr or 0.0, *(model.mrr_ci or (None, None)))) for model in view.models],
         "filtered MRR, 95 % over recipes",

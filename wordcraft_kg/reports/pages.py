@@ -1,4 +1,4 @@
-"""Pages from the package's templates, readable offline, and reports: a page with numbers and tables."""
+"""HTML pages from the package's templates, readable offline, and reports: a page with files for numbers and tables."""
 
 import base64
 import hashlib
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Outline:
-    """A page's headings (titles by anchor, in order) and glossary terms, collected during rendering."""
+    """The section headings (titles by anchor, in order) and glossary terms in a page, collected during rendering."""
 
     def __init__(self) -> None:
         """Create an empty outline."""
@@ -33,7 +33,7 @@ class Outline:
         self.terms: dict[str, Term] = {}
 
     def heading(self, title: str, note: str = "") -> Markup:
-        """Return a section heading, with an anchor and an optional note."""
+        """Record a section title; return the heading as HTML, with an anchor and an optional note."""
         slug = anchor = re.sub(r"\W+", "-", title.lower()).strip("-") or "section"
         while anchor in self.headings:
             anchor += f"-{slug}"
@@ -42,7 +42,7 @@ class Outline:
         return Markup('<h2 id="{}"><a href="#{}">{}</a>{}</h2>').format(anchor, anchor, title, remark)
 
     def term(self, key: str, text: str | None = None) -> Markup:
-        """Return a glossary term, or ``text`` in its place, with the meaning as a tooltip.
+        """Record a glossary term; return the term's name (or ``text``) as HTML, with the meaning as a tooltip.
 
         Raises:
             KeyError: for an unknown key.
@@ -68,7 +68,7 @@ def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> st
 
 
 def chart_style() -> str:
-    """Return the CSS rules for charts, for figures in separate files."""
+    """Return the CSS rules that charts need in separate SVG files, outside an HTML page."""
     return resolved(_environment("").get_template("chart.css.j2").render())
 
 
@@ -103,7 +103,7 @@ V = TypeVar("V", bound=Record)
 
 @dataclass(frozen=True)
 class Report(Generic[V]):
-    """A report: numbers, pictures, further template values, tables and files by name."""
+    """A report before writing: its numbers (``view``), page template, pictures, further template values, and files."""
 
     view: V
     template: str
@@ -114,14 +114,14 @@ class Report(Generic[V]):
 
 
 def render(report: Report[Any]) -> str:
-    """Return a report as a self-contained HTML page."""
+    """Return a report's page as self-contained HTML."""
     data = ("report.json", *report.tables, *report.files)
     return render_page(report.template, data=data, report=report.view, pictures=report.pictures, **report.shown)
 
 
 @stage("writing the report")
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
-    """Write ``index.html``, ``report.json``, the tables and further files into a folder.
+    """Write a report's page (``index.html``), numbers (``report.json``), tables and further files into a folder.
 
     Raises:
         ValueError: before anything is written, if a number in the view is not finite or out of bounds.

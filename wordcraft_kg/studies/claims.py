@@ -1,6 +1,7 @@
-"""Claims about a study: a verdict by a rule, with figures.
+"""Claims about a study's results: each gets a verdict by a fixed rule, with the measured values.
 
-With [l, h] the 95 % interval for the difference between two sides, a claim of *more, by at least b* (default 0) is
+A claim compares two sides: two variants, or a variant and a value. With [l, h] the 95 % interval for the difference
+between the sides, a claim of *more, by at least b* (default 0) is
 
 | verdict | if |
 |---|---|
@@ -51,14 +52,14 @@ _MEASURES = {
 
 
 class Measured(Record, frozen=True):
-    """A claim's two sides at a grid point.
+    """The measured values for a claim under fixed grid settings (``values``).
 
     Attributes:
-        left: the left side's mean over seeds.
-        right: the right side's mean, or the claim's value.
-        low: lower end of the difference's 95 % interval; None for a single seed.
-        seeds: number of seeds on both sides.
-        tasks: test task count; 0 for a figure per run.
+        left: mean over seeds for the claim's first variant.
+        right: mean over seeds for the claim's second variant, or the claim's value.
+        low: lower bound of the 95 % interval for ``difference``; None for a single seed.
+        seeds: number of seeds that both variants have.
+        tasks: number of test tasks; 0 for a measure with a single value per run.
     """
 
     values: Values
@@ -75,10 +76,10 @@ class ClaimVerdict(Record, frozen=True):
     """A claim with its verdict.
 
     Attributes:
-        sides: names on both sides; the right side may be a value (``is_value``).
-        verdict: by this module's rule, with its reason in ``why``.
+        sides: the two variants that the claim compares; the second may be a value (``is_value``).
+        verdict: verdict by this module's rule, with the reason in ``why``.
         note: the known reason for a deviation from the claim.
-        measured: figures at the claim's point; a claim about variation has several points.
+        measured: measured values for a combination of grid settings; claims that expect ``varies`` have several.
     """
 
     text: str
@@ -95,13 +96,13 @@ class ClaimVerdict(Record, frozen=True):
 
 
 def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) -> tuple[ClaimVerdict, ...]:
-    """Compare claims (default: the study's claims) with results; a claim has an entry for each grid point."""
+    """Compare claims (default: the study's claims) with results; a claim has a verdict for each grid point."""
     given = results.study.claims if claims is None else claims
     return tuple(entry for claim in given for entry in check_claim(results, claim))
 
 
 def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
-    """Compare a claim with results, at each of its grid points."""
+    """Compare a claim with results, and return a verdict for each grid point that the claim is about."""
     figures: list[Measured] = []
     lacking: list[str] = []
     for point in points_at(results.study, claim.at):
@@ -267,7 +268,7 @@ def _varies(
 
 
 def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
-    """Format a claim's figures at a point; ``mark`` surrounds the names on both sides."""
+    """Format a claim's measured values as a sentence; ``mark`` surrounds the names of the variants."""
     left, right = (f"{mark}{side}{mark}" for side in claim.sides)
     interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
     other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"

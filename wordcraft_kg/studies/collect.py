@@ -1,4 +1,4 @@
-"""Collecting the figures from a study, or from all runs in a results folder."""
+"""Collecting the results from a study, or from all agent runs in a results folder."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -27,18 +27,18 @@ _NONE = "none"
 
 
 def collect_study(root: Path, name: str) -> StudyResults:
-    """Return a study's present figures; ArtefactError for an unknown study."""
+    """Return the results that a study in a results folder has so far; ArtefactError for an unknown study."""
     plan = read_plan(root, name)
     rows = list(zip(plan.cells, plan.runs, plan.scorers, strict=True))
     return _results(root, name, plan.command, plan.study, rows)
 
 
 def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
-    """Return the figures for all runs in a results folder, regardless of the study.
+    """Return the results for all agent runs in a results folder as a single study.
 
     Args:
         root: results folder.
-        by: settings that define the variants; further settings with several values define the grid.
+        by: settings that define the variants; all further settings with several values define the grid.
 
     Raises:
         ArtefactError: if ``root`` is not a results folder.

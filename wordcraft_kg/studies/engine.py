@@ -1,4 +1,4 @@
-"""The engine: performs a study's missing tasks in input order, and estimates their duration."""
+"""The engine: performs a study's missing tasks, inputs first, and estimates their duration."""
 
 import logging
 import shutil
@@ -28,12 +28,12 @@ _TICK = 0.5
 
 @dataclass
 class State:
-    """A running study's state.
+    """The progress of a running study, in numbers of tasks.
 
     Attributes:
-        kept: tasks finished before.
-        failed: outcomes for failed tasks and for tasks with failed inputs.
-        running: start time for running tasks, by :func:`time.monotonic`.
+        kept: tasks that were finished before the start.
+        failed: outcomes for failed tasks and for tasks with failed inputs, by task folder.
+        running: start time of each running task by :func:`time.monotonic`, by task folder.
     """
 
     total: int
@@ -44,7 +44,7 @@ class State:
 
     @property
     def left(self) -> int:
-        """Number of waiting tasks."""
+        """Number of tasks that have not started."""
         return self.total - self.kept - self.done - len(self.failed) - len(self.running)
 
 
@@ -58,17 +58,19 @@ class FullDiskError(WordCraftKGError, OSError):
 def run_plan(
     plan: Plan, root: Path, make_workers: Callable[[], Workers], *, command: str = "", watch: Watch | None = None
 ) -> State:
-    """Perform the missing tasks in a study; a failed task stops only its dependants, and the next call retries it.
+    """Perform the missing tasks in a study and return the final state.
+
+    A failed task stops only the tasks that need its result; the next call repeats failed tasks.
 
     Args:
-        plan: the study.
+        plan: the study's tasks.
         root: results folder.
-        make_workers: starts the workers, if there are tasks.
+        make_workers: function that starts the workers; called only if there are tasks.
         command: the command line, for the record.
-        watch: called regularly.
+        watch: function to call regularly with the plan and its state.
 
     Raises:
-        ArtefactError: if another engine works in the folder.
+        ArtefactError: if a different study runs in the folder.
         FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; running trainings keep a checkpoint.
     """
@@ -226,13 +228,13 @@ def run_study(
     keep_all: bool = True,
     watch: Watch | None = None,
 ) -> StudyResults:
-    """Perform the missing tasks in a study and return its figures; failed trainings are listed as missing.
+    """Perform the missing tasks in a study and return its results; failed trainings are listed as missing.
 
     Args:
         study: from :func:`~wordcraft_kg.studies.study.read_study`, or made in Python.
         out: results folder; studies in the same folder share equal tasks.
         name: study name.
-        jobs: parallel trainings, each in a process. Default: as many as the cores allow.
+        jobs: number of parallel trainings, each in a process. Default: as many as the cores allow.
         keep_all: keep run weights and episodes, tens of megabytes each.
         watch: called regularly with the plan and its state.
 

@@ -35,7 +35,7 @@ class _Place:
 
 
 class LocalWorkers:
-    """Performs tasks in persistent processes, because starting a process and importing torch takes seconds."""
+    """Workers that perform tasks in processes on this machine; a process is reused, because importing torch is slow."""
 
     def __init__(self, root: Path, jobs: int, perform: _Perform, threads: int = 1):
         """Prepare ``jobs`` processes with ``threads`` CPU threads and cores each; they start with their first task."""
@@ -55,7 +55,7 @@ class LocalWorkers:
         self._begin(number, place if place and place.process.is_alive() else self._started(number), task, 1)
 
     def wait(self, seconds: float) -> list[Outcome]:
-        """Return outcomes for finished tasks; a task with a dead process starts again, once."""
+        """Return outcomes for finished tasks after at most ``seconds``; a task whose process died is repeated once."""
         busy = {place.connection: (number, place) for number, place in enumerate(self._places) if place and place.task}
         outcomes = []
         for ready in wait(list(busy), timeout=seconds):
@@ -68,7 +68,7 @@ class LocalWorkers:
         return outcomes
 
     def stop(self) -> None:
-        """Request checkpoints for running tasks, and end the processes."""
+        """Let running tasks write a checkpoint, then end the processes."""
         deadline = time.monotonic() + _PATIENCE
         busy = [place for place in self._places if place and place.task]
         while busy and time.monotonic() < deadline:

@@ -34,7 +34,7 @@ _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 
 
 def is_done(task: Task, root: Path) -> bool:
-    """Return whether a task has figures; ArtefactError if they are damaged."""
+    """Return whether a task is done, that is, has recorded results; ArtefactError for damaged results."""
     if not (task.folder(root) / FIGURES_FILE).exists():
         return False
     read_figures(task.folder(root), FIGURES[task.kind])
@@ -42,7 +42,7 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> None:
-    """Check the files in a graph or finished scorer folder; ArtefactError for a missing or damaged file."""
+    """Check the files in the folder of a finished graph or scorer; ArtefactError for a missing or damaged file."""
     folder = task.folder(root)
     if task.kind == "graphs":
         open_graph(str(folder))
@@ -53,7 +53,7 @@ def check_whole(task: Task, root: Path) -> None:
 
 
 def make_graph(task: Task, root: Path, book: str) -> None:
-    """Write a task's graph folder.
+    """Build a task's graph from a recipe book, and write the graph folder.
 
     Raises:
         RecipeFileError: for a missing book.
@@ -70,12 +70,12 @@ def make_graph(task: Task, root: Path, book: str) -> None:
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
-    """Train a task's scorer or agent, from a checkpoint if present; errors are part of the outcome.
+    """Train a task's scorer or agent, from a checkpoint if present; errors are returned in the outcome, not raised.
 
     Args:
         task: the task.
         root: results folder, with the task's inputs.
-        keep_all: keep large run files, such as agent weights.
+        keep_all: keep large files in the run folder, such as agent weights.
     """
     try:
         if is_done(task, root):

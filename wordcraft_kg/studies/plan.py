@@ -1,4 +1,4 @@
-"""A study plan: its trainings, with their graphs and scorers, each planned once."""
+"""A study's plan: the tasks that make its graphs, scorers and agent runs; equal tasks are planned once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -54,12 +54,12 @@ DEFAULTS_OF_GRAPH = {name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for
 
 @dataclass(frozen=True)
 class Plan:
-    """Study tasks.
+    """A study's tasks, in an executable order. An address is a task's folder relative to the results folder.
 
     Attributes:
-        runs: run address by cell; equal trainings share an address.
+        runs: address of the agent run for each cell; equal trainings share an address.
         tasks: all tasks by address, each after its inputs.
-        books: recipe book name or file by graph address.
+        books: name or file of the recipe book, by graph address.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Plan:
 
 
 def make_plan(study: Study, name: str) -> Plan:
-    """Plan a study; ``name`` becomes a file name in the results folder.
+    """Plan the tasks for a study; ``name`` becomes a file name in the results folder.
 
     Raises:
         ConfigError: for an invalid name, a setting out of range or in conflict with another, or two equal variants.
@@ -217,7 +217,7 @@ class _Planner:
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
-    """Return agent settings; ConfigError for a value out of range."""
+    """Return an agent's configuration from settings and input addresses; ConfigError for a value out of range."""
     parts = {
         name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
         for name, kind in _PART_OF_AGENT.items()

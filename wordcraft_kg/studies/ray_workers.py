@@ -24,9 +24,9 @@ _PATIENCE = 60.0
 
 
 class RayWorkers:
-    """Performs tasks on a Ray cluster; all nodes share the results folder under the same path.
+    """Workers that perform tasks on a Ray cluster; all nodes share the results folder under the same path.
 
-    Each task checks the folder and the package version on its node.
+    Before a task starts, its node checks the folder and the package version.
     """
 
     def __init__(self, root: Path, address: str | None, perform: Callable[[Task, Path], Outcome]):
@@ -35,7 +35,7 @@ class RayWorkers:
         Args:
             root: results folder.
             address: host:port of the cluster, ``auto`` for a cluster on this machine, or None for a temporary cluster.
-            perform: performs a task, see :func:`~wordcraft_kg.studies.perform.perform`.
+            perform: function that performs a task, see :func:`~wordcraft_kg.studies.perform.perform`.
 
         Raises:
             MissingExtraError: without Ray.
@@ -55,11 +55,11 @@ class RayWorkers:
 
     @property
     def places(self) -> int:
-        """Cluster cores; Ray queues tasks with several threads."""
+        """Number of CPU cores in the cluster; Ray delays tasks that need several cores."""
         return max(int(self._ray.cluster_resources().get("CPU", 0)), 1)
 
     def start(self, task: Task) -> None:
-        """Hand a task to the cluster."""
+        """Submit a task to the cluster."""
         gpus = int(task.device.startswith("cuda"))
         nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
         if not any(node.get("CPU", 0) >= task.threads and node.get("GPU", 0) >= gpus for node in nodes):
@@ -78,7 +78,7 @@ class RayWorkers:
         self._running[remote.remote(task, *self._common)] = task
 
     def wait(self, seconds: float) -> list[Outcome]:
-        """Return a finished task's outcome; wait at most ``seconds``."""
+        """Return the outcome of a finished task, if any, after at most ``seconds``."""
         refused, self._refused = self._refused, []
         if refused or not self._running:
             return refused
@@ -86,7 +86,7 @@ class RayWorkers:
         return [self._outcome(reference) for reference in ready]
 
     def stop(self) -> None:
-        """Request checkpoints for running tasks, and leave the cluster."""
+        """Let running tasks write a checkpoint, then disconnect from the cluster."""
         with self._cleanup:
             for reference in self._running:
                 self._ray.cancel(reference)

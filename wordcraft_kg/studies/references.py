@@ -1,4 +1,4 @@
-"""Figures for comparison: the reference pack, scripted players measured now, and the user's results."""
+"""Results for comparison: published results, scripted players measured now, and the user's results."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -27,7 +27,7 @@ from wordcraft_kg.reports.pages import render_page
 from wordcraft_kg.studies.result_readers import DRAWS, SEEN, external_rows
 
 DISTRACTORS = (1, 2, 8)
-"""Distractor counts in the pack, as in the paper."""
+"""Distractor counts in the published results, as in the paper."""
 _SEED, RUNS = 0, 100
 """Seed and run count for scripted players, the defaults in ``evaluate-agent`` and ``discover``."""
 _CHANCE = ("random", "random, distinct", "random-no-repeat")
@@ -38,16 +38,16 @@ _KINDS: tuple[Kind, ...] = ("chance", "knowledge graph", "oracle", "agent", "peo
 
 
 class ReferenceTable(Record, frozen=True):
-    """Players' figures under one condition, and figures from the literature.
+    """A table that compares players under one condition, with results from the literature.
 
     Attributes:
-        measure: the measure in ``rows``.
+        measure: the measure in ``rows``, such as success.
         columns: distractor counts, or attempt counts in open-ended play.
-        pack: title of the pack for this graph and split, or None.
-        measured: columns without figures in the pack, measured now with scripted players.
-        rows: this package's figures on this graph and split, by player kind.
-        literature: figures from other environments, not directly comparable.
-        out: written page.
+        pack: title of the published results for this graph and split, or None.
+        measured: columns without published results, measured now with scripted players.
+        rows: results on this graph and split, by player kind.
+        literature: results from different environments, not directly comparable.
+        out: path to the written page, or None.
     """
 
     graph: PlayedGraph
@@ -64,7 +64,7 @@ class ReferenceTable(Record, frozen=True):
 def view_references(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int] = DISTRACTORS, external: Sequence[Path] = ()
 ) -> ReferenceTable:
-    """Return figures from the pack, from scripted players for missing columns, and from the user's results.
+    """Return a table with published results, scripted players for missing columns, and the user's results.
 
     Args:
         opened: graph and split; open-ended play ignores the split.
@@ -99,7 +99,7 @@ def view_references(
 
 
 def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPlay:
-    """Return open-ended play from a base; None takes the graph's base.
+    """Return the condition of open-ended play from base entities; None takes the graph's base.
 
     Raises:
         ConfigError: for an unknown entity, or a base that makes nothing.
@@ -108,7 +108,7 @@ def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPla
 
 
 def scripted_rows(opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Evaluate the scripted players in ``evaluate-agent`` or ``discover``; return a row for each player."""
+    """Evaluate the scripted players of ``evaluate-agent`` or ``discover``; return a table row for each player."""
     return tuple(_task_rows(opened, play, columns) if isinstance(play, TaskPlay) else _open_rows(opened, play))
 
 
@@ -153,7 +153,7 @@ def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
 
 
 def in_order(rows: Sequence[ReferenceRow]) -> tuple[ReferenceRow, ...]:
-    """Sort rows by player kind, the user's results last; the order within a kind stays."""
+    """Sort table rows by player kind, with the user's results last in each kind."""
     return tuple(sorted(rows, key=lambda row: (_KINDS.index(row.kind), row.origin == "external")))
 
 
@@ -172,5 +172,5 @@ def _kind(player: str) -> Kind:
 
 
 def reference_page(view: ReferenceTable) -> str:
-    """Render a table as a page."""
+    """Render a comparison table as an HTML page."""
     return render_page("wordcraft_kg.studies/reference_page.html.j2", report=view)

@@ -1,4 +1,4 @@
-"""A study report: tables, figures and a page from the view."""
+"""A study report: page, tables and pictures from a study's summarised results."""
 
 from collections.abc import Iterator
 from itertools import groupby
@@ -22,7 +22,9 @@ _SUCCESS = "greedy success on test tasks"
 
 
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
-    """Write a study's page, report.json, table and figures (PNG and PDF with the extra ``figures``); return the files.
+    """Write a study's page, report.json, table and picture files into a folder, and return the paths.
+
+    The extra ``figures`` adds PNG and PDF files.
 
     Raises:
         OutputExistsError: if the folder exists and ``force`` is False.
@@ -33,7 +35,7 @@ def write_study_report(view: StudyView, folder: Path, *, force: bool = False) ->
 
 
 def make_study_report(view: StudyView) -> Report[StudyView]:
-    """Return a study report's content."""
+    """Return a study report, ready to write."""
     return Report(
         view,
         "wordcraft_kg.studies/study_report.html.j2",
@@ -54,7 +56,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
 
 
 def study_figure(view: StudyView) -> str:
-    """Return a study's figure as an SVG file with a panel for each grid point."""
+    """Return a study's picture as the text of an SVG file, with a chart for each grid point."""
     return charts.figure(view.title, list(panels_of(view)), chart_style())
 
 
@@ -66,7 +68,7 @@ def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
 
 
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
-    """Yield each grid point's caption and picture; the drawing "scatter" has a picture for all scorer settings."""
+    """Yield a caption and a chart for each grid point; a "scatter" study has a single chart for all scorer settings."""
     if view.drawing == "scatter" and view.scatters:
         for title in dict.fromkeys(title_of(scatter.values) for scatter in view.scatters):
             yield (

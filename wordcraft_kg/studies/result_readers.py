@@ -1,4 +1,4 @@
-"""Readers for external results in reference tables, and the reader for agent runs.
+"""Readers for external results (results from the user) in comparison tables, and the reader for agent runs.
 
 An app registers a :class:`ResultReader` by an entry point in the group ``wordcraft_kg.result_readers``.
 """
@@ -42,14 +42,14 @@ _SHOWN = ("steps", "distractors")
 
 @dataclass(frozen=True)
 class ResultReader:
-    """A kind of external results.
+    """Functions that read external results in a certain file format.
 
-    The functions raise ConfigError for other tasks, GraphMismatchError for another graph or split, and ArtefactError
-    for a damaged file.
+    The functions raise ConfigError for results on different tasks, GraphMismatchError for results on a different graph
+    or split, and ArtefactError for a damaged file.
 
     Attributes:
-        expected: folder and file names, for the error about an unknown path.
-        knows: return whether a path, which need not exist, has this kind.
+        expected: description of the format, for the error about an unknown path.
+        knows: return whether a path, which need not exist, has this format.
         task_rows: return success on crafting tasks from paths, graph and split, tasks, and distractor counts.
         open_rows: return known entities in open-ended play from paths, graph and play; None if not supported.
     """
@@ -98,7 +98,7 @@ def _rows(
 
 
 def begins_with(path: Path, form: str) -> bool:
-    """Return whether a path is a file with the format name in the first line."""
+    """Return whether a path is a file that names the format ``form`` in the first line."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -106,7 +106,7 @@ def begins_with(path: Path, form: str) -> bool:
 
 
 def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
-    """Raise GraphMismatchError for a result on another graph or split."""
+    """Raise GraphMismatchError if a result's graph or split (hash ``has``) is not the table's (hash ``wanted``)."""
     if has != wanted:
         raise GraphMismatchError(
             f"--external-results: '{path}' was played on {name} {has[:12]}, but the table shows {wanted[:12]}. Use the "
@@ -115,7 +115,7 @@ def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
 
 
 def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
-    """Raise ConfigError for a result on other tasks, with the options for a table with these tasks."""
+    """Raise ConfigError if a result's tasks ``its`` differ from the table's tasks ``play``, with the right options."""
     if its != play:
         attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(

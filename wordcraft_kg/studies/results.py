@@ -1,4 +1,4 @@
-"""Figures for finished tasks and studies. ``figures.json`` is written last and marks a task as done."""
+"""Results of finished tasks and studies. A task's ``figures.json`` is written last and marks the task as done."""
 
 import hashlib
 import json
@@ -20,21 +20,22 @@ Curve = tuple[tuple[int, float], ...]
 
 
 class RunResult(Record, frozen=True):
-    """Training figures.
+    """Results of one agent training in a study.
 
     Attributes:
-        values: grid values by setting.
-        run: run folder address, a settings hash.
-        graph: graph index in :attr:`StudyResults.graphs`.
-        success: greedy success rate, by part (train, test).
-        by_plan: success rate by the last pair in a plan, by part.
-        terminations: share by termination reason, see :data:`~wordcraft_kg.agents.outcomes.TERMINATION_REASONS`.
-        won: each test task's successes among ``distractor_seeds`` episodes, a digit for each task.
+        values: the training's values for the grid settings.
+        run: run folder in the results folder, named by a settings hash.
+        graph: position of the graph in :attr:`StudyResults.graphs`.
+        success: greedy success rate by split part (train, test).
+        by_plan: share of episodes that make the goal by one of the task's plans, by split part.
+        terminations: share of episodes by termination reason, see
+            :data:`~wordcraft_kg.agents.outcomes.TERMINATION_REASONS`.
+        won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
         curve: success on test tasks during training.
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has seen these triples.
         steps: environment steps.
         seconds: training time.
-        steps_per_second: speed for acting and learning alone.
+        steps_per_second: environment steps per second of acting and learning, without evaluation.
     """
 
     variant: str
@@ -60,7 +61,7 @@ class RunResult(Record, frozen=True):
 
 
 class Missing(Record, frozen=True):
-    """A training without figures, and the reason."""
+    """A training in a study that has no results, and the reason."""
 
     variant: str
     values: Values
@@ -69,13 +70,13 @@ class Missing(Record, frozen=True):
 
 
 class StudyResults(Record, frozen=True):
-    """A study and all its figures (``results.json``).
+    """A study and the results of all its trainings (``results.json``).
 
     Attributes:
         command: the command that runs the study again.
         study: the study with all command line changes.
-        versions: run package versions.
-        runs: in the order of the study's cells.
+        versions: versions of the packages that the trainings used.
+        runs: results of finished trainings, by grid point, variant and seed.
         hours: total training time.
     """
 
@@ -91,7 +92,7 @@ class StudyResults(Record, frozen=True):
 
 
 def results_text(results: StudyResults) -> str:
-    """Return results as JSON with a line for each run, for readable diffs."""
+    """Return a study's results as JSON text with a line for each training, for readable diffs."""
     values = as_values(results)
     runs = ",\n".join(json.dumps(run, ensure_ascii=False, separators=(",", ":")) for run in values.pop("runs"))
     return f'{json.dumps(values, ensure_ascii=False)[:-1]}, "runs": [\n{runs}\n]}}\n'
@@ -102,21 +103,21 @@ F = TypeVar("F", bound="Figures")
 
 
 class Figures(Record, frozen=True, kw_only=True):
-    """Figures for any task: duration (0 for a graph) and package versions."""
+    """Results recorded for any task: duration in seconds (0 for a graph) and package versions."""
 
     seconds: float
     versions: dict[str, str]
 
 
 class ScorerFigures(Figures, frozen=True, kw_only=True):
-    """A scorer's training graph, and leak-free MRR on unseen test triples, or None."""
+    """Results of training a scorer: graph kind (full or partial), and MRR on test triples outside training, or None."""
 
     mrr: Share | None
     kg: str
 
 
 class RunFigures(Figures, frozen=True, kw_only=True):
-    """Figures for an agent's run, see :class:`RunResult`."""
+    """Results of training an agent; for the attributes see :class:`RunResult`."""
 
     graph: PlayedGraph
     success: dict[str, Share]
@@ -130,13 +131,13 @@ class RunFigures(Figures, frozen=True, kw_only=True):
 
 
 def write_figures(folder: Path, figures: Figures) -> None:
-    """Write ``figures.json`` with a hash over the figures; the file marks the task as done."""
+    """Write a task's results with a hash to ``figures.json`` in the task's folder; the file marks the task as done."""
     values = as_values(figures)
     write_atomically(folder / FIGURES_FILE, dump_json({"sha256": _hash(values), "figures": values}), durable=True)
 
 
 def read_figures(folder: Path, kind: type[F]) -> F:
-    """Read ``figures.json``.
+    """Read a task's results, a record of the type ``kind``, from ``figures.json`` in the task's folder.
 
     Raises:
         ArtefactError: for a missing, damaged or edited file.

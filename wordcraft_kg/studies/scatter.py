@@ -1,4 +1,4 @@
-"""Success of agents against the MRR of their scorers, all else equal."""
+"""Success of agents against the MRR of their scorers, with all further settings equal."""
 
 from collections.abc import Iterator, Sequence
 from typing import Literal
@@ -16,7 +16,7 @@ _EVERYTHING: Values = {"train_fraction": 1, "label_noise": 0}
 
 
 class Correlation(Record, array_like=True):
-    """A correlation over cells, with the 95 % bootstrap interval over cells."""
+    """A correlation coefficient, with the 95 % interval by resampling the points."""
 
     value: float
     low: float
@@ -24,7 +24,7 @@ class Correlation(Record, array_like=True):
 
 
 class ScatterPoint(Record):
-    """A variant's success and MRR at a grid point, see :class:`VariantFigures`."""
+    """A variant's success and its scorer's MRR under fixed grid settings, see :class:`VariantFigures`."""
 
     label: str
     variant: str
@@ -36,15 +36,15 @@ class ScatterPoint(Record):
 
 
 class ScorerScatter(Record):
-    """Success against the scorer's MRR, all else equal.
+    """Agents' success against their scorers' MRR, with all further settings equal.
 
     Attributes:
-        values: grid values for all settings except scorer settings.
-        in_sample: whether train tasks have in-sample scores.
-        points: by ascending MRR.
+        values: the grid settings except scorer settings.
+        in_sample: whether train tasks have scores from a scorer trained on the same recipes.
+        points: a point for each variant and scorer setting, by ascending MRR.
         pearson: correlation between MRR and success; None for fewer than three points.
         steps_spearman: rank correlation between MRR and :attr:`ScatterPoint.reached`; never counts as the latest step.
-        without: success by a reference without a scorer.
+        without: success of the reference variant, if this variant has no scorer.
     """
 
     values: Values
@@ -57,7 +57,7 @@ class ScorerScatter(Record):
 
 
 def scatters_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[ScorerScatter]:
-    """Yield success by MRR for each way to score train tasks, at each point in the remaining settings."""
+    """Yield points (MRR, success), grouped by in-sample scores and by all grid settings except scorer settings."""
     groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
     for point in points:
         for entry in point.variants:

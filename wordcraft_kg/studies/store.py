@@ -1,4 +1,4 @@
-"""A results folder: graphs, scorers and runs, addressed by a settings hash, and the studies that use these tasks.
+"""A results folder: graphs, scorers and agent runs in folders named by a settings hash, and the studies that use them.
 
 | file or folder | content |
 |---|---|
@@ -29,7 +29,7 @@ _FAILED = "failed"
 
 
 class PlannedStudy(Record, frozen=True):
-    """``studies/<name>.json``: a study, and the run, scorer and graph addresses by cell."""
+    """A study's record in ``studies/<name>.json``: for each cell (training), the folders of run, scorer and graph."""
 
     format: Literal["wordcraft-kg study 1"]
     study: Study
@@ -42,10 +42,10 @@ class PlannedStudy(Record, frozen=True):
 
 @contextmanager
 def own_results(root: Path) -> Iterator[None]:
-    """Lock a results folder, created if necessary, against other engines.
+    """Lock a results folder, created if necessary, so that only a single study runs there.
 
     Raises:
-        ArtefactError: if another engine has the lock, or the path is a file.
+        ArtefactError: if another study has the lock, or the path is a file.
     """
     if root.is_file():
         raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")
@@ -70,7 +70,7 @@ def own_results(root: Path) -> Iterator[None]:
 
 
 def write_plan(root: Path, plan: Plan, command: str) -> None:
-    """Record a study's cells and tasks before any training."""
+    """Record a study in a results folder before any training: the study, its trainings and their folders."""
     needs = [plan.tasks[run].needs for run in plan.runs]
     record = PlannedStudy(
         format="wordcraft-kg study 1",
@@ -94,7 +94,7 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
 
 
 def studies_of(root: Path) -> list[str]:
-    """Return the study names in a results folder; ArtefactError for another folder."""
+    """Return all study names in a results folder; ArtefactError if ``root`` is not a results folder."""
     if not (root / _STUDIES).is_dir():
         raise ArtefactError(
             f"'{root}' is not a results folder: it lacks the folder '{_STUDIES}'. Create one: wordcraft-kg reproduce."
@@ -103,7 +103,7 @@ def studies_of(root: Path) -> list[str]:
 
 
 def read_plan(root: Path, name: str) -> PlannedStudy:
-    """Read a study record; ArtefactError for a missing or damaged record."""
+    """Read the record of a planned study; ArtefactError for a missing or damaged record."""
     known = studies_of(root)
     if name not in known:
         raise ArtefactError(
@@ -117,7 +117,7 @@ def _failure_file(root: Path, address: str) -> Path:
 
 
 def note_failure(root: Path, task: Task, outcome: Outcome) -> None:
-    """Record a task's failure."""
+    """Record why a task failed, for later reports."""
     path = _failure_file(root, task.address)
     path.parent.mkdir(exist_ok=True)
     write_atomically(path, f"{task.title}\n{outcome.error}\n{outcome.detail}")

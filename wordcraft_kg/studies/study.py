@@ -1,4 +1,4 @@
-"""A study: an experiment as data, with agent variants, a settings grid, and seeds.
+"""A study: an experiment as data, with variants (named agent settings), a grid with further settings, and seeds.
 
 A study is a TOML file; ``builtin/`` has the package's studies, including the paper's figures. Every setting is
 an option in ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``, ``valid_ratio``), ``train-agent``
@@ -27,10 +27,10 @@ from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 Value = str | int | float | bool
 Values = dict[str, Value]
 Drawing = Literal["curves", "bars", "scatter"]
-"""Success by training step; each variant's final success; final success by the scorer's MRR."""
+"""The picture to draw: success by training step; each variant's final success; final success by the scorer's MRR."""
 
 Metric = Literal["success", "iqm", "by-plan", "train", "mrr", "steps"]
-"""Figures in the text output."""
+"""The result to print for each variant in the text output."""
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]
 
@@ -63,22 +63,22 @@ NO_SETTINGS = ("seed", "checkpoint_every")
 
 
 class Claim(Record, frozen=True, omit_defaults=True):
-    """A testable claim about two variants, or a variant and a value.
+    """A testable claim that compares two variants, or a variant and a value.
 
     Attributes:
         text: the claim, in a sentence.
-        left: a variant.
-        right: another variant, or empty.
+        left: name of the first variant.
+        right: name of the second variant, or empty.
         than: a value in place of ``right``.
-        expected: more or less than the right side; comparable (closer than ``by``); or varies (left is better at some
-            grid points, right at different points).
+        expected: ``left`` has more or less than ``right``; comparable (difference below ``by``); or varies (``left``
+            is better for some grid settings, ``right`` for different settings).
         by: least difference for more and less, greatest difference for comparable, in the measure's unit.
         measure: success: final success on test tasks; early: success after a tenth of the steps; steps: environment
-            steps until the curve reaches 95 % of the right curve's end, as a share of all steps; same_twice: share
-            of test episodes that end with an entity paired with itself without making the goal.
-        at: the claim's grid values; empty for all points.
-        right_at: grid values in which the point for ``right`` differs.
-        source: claim author and place.
+            steps until the learning curve reaches 95 % of the final success of ``right``, as a share of all steps;
+            same_twice: share of test episodes that end with an entity paired with itself without making the goal.
+        at: grid settings for which the claim holds, with values; empty for the whole grid.
+        right_at: grid settings in which ``right`` differs from ``left``, with values.
+        source: author and place of the claim.
         note: known reason for a deviation.
     """
 
@@ -96,21 +96,21 @@ class Claim(Record, frozen=True, omit_defaults=True):
 
 
 class Study(Record, omit_defaults=True):
-    """A study file's content.
+    """A study file's content: variants (named agent settings), each trained for all grid settings and seeds.
 
     Attributes:
         title: the comparison's subject, in a line.
-        variants: settings by variant name.
-        about: study question, and how to read the figures.
+        variants: training settings by variant name.
+        about: the study's question, and how to read the results.
         source: where the comparison comes from, such as a figure in the paper.
-        seeds: trainings per cell, with seeds from 0; scorers without a seed use the agent's seed.
-        drawing: figure kind.
-        reference: the variant for all comparisons. Default: the first.
+        seeds: trainings per variant and grid point, with seeds from 0; scorers without a seed use the agent's seed.
+        drawing: kind of picture.
+        reference: the variant that all variants are compared with. Default: the first.
         settings: settings common to all trainings.
-        grid: values for crossed settings by name.
-        points: further conditions, tables with the same settings, crossed with the grid.
-        scorers: scorers by name: ``command`` (train-complex, train-links, train-recipes, facts, neighbours or kernel),
-            and settings.
+        grid: values by setting; each combination of values is a grid point.
+        points: further combinations, each a table with the same settings, crossed with the grid.
+        scorers: settings by scorer name, with ``command``: train-complex, train-links, train-recipes, facts,
+            neighbours or kernel.
         claims: claims to compare with the results.
 
     Example:
@@ -134,7 +134,7 @@ class Study(Record, omit_defaults=True):
 
 
 class Cell(Record, frozen=True):
-    """A training in a study: variant, grid values, seed, and all given settings from study, grid and variant."""
+    """One training in a study: variant, grid settings (``values``), seed, and all settings given in the study file."""
 
     variant: str
     values: Values
@@ -148,7 +148,7 @@ def built_in() -> list[str]:
 
 
 def read_study(source: str | Path) -> Study:
-    """Read a study from a TOML file or a built-in study by name, and check everything except its books.
+    """Read a study from a TOML file or a built-in study by name, and check everything except its recipe books.
 
     Raises:
         ConfigError: for a missing study, or an unknown, wrong or contradictory setting.
@@ -172,7 +172,7 @@ def read_study(source: str | Path) -> Study:
 
 
 def parse_study(text: str, source: str) -> Study:
-    """Parse and check TOML text, called ``source`` in a ConfigError."""
+    """Parse and check the TOML text of a study; ConfigErrors call the text ``source``."""
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -187,7 +187,7 @@ def parse_study(text: str, source: str) -> Study:
 
 
 def adapted(study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None) -> Study:
-    """Return a study with another book, step count or seed count.
+    """Return a study changed to a different recipe book, number of training steps or number of seeds.
 
     Raises:
         ConfigError: if the study varies the setting, or for a number out of range.
@@ -296,13 +296,13 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
 
 
 def points_of(study: Study) -> list[Values]:
-    """Return a study's grid points: its conditions, each crossed with the grid."""
+    """Return a study's grid points: all combinations of values for the settings in ``points`` and ``grid``."""
     crossed = [dict(zip(study.grid, point, strict=True)) for point in product(*study.grid.values())]
     return [{**point, **values} for point in study.points or [{}] for values in crossed]
 
 
 def points_at(study: Study, values: Values) -> list[Values]:
-    """Return the grid points with the given values."""
+    """Return the grid points that have the given values for the given settings."""
     return [point for point in points_of(study) if values.items() <= point.items()]
 
 
@@ -313,9 +313,9 @@ def _known(source: str, where: str, table: Any, known: Any) -> None:
 
 
 def cells_of(study: Study) -> list[Cell]:
-    """Return a study's trainings by point, variant and seed.
+    """Return a study's cells (trainings), in the order grid point, variant, seed.
 
-    A cell without a scorer omits the settings ``scorer.NAME``, because they do not change the training.
+    A cell without a scorer omits the settings ``scorer.NAME``, because these settings do not change the training.
     """
     cells = []
     for values in points_of(study):
@@ -328,5 +328,5 @@ def cells_of(study: Study) -> list[Cell]:
 
 
 def split_of(settings: Values) -> SplitConfig:
-    """Return a cell's split settings."""
+    """Return the split settings for a cell (one training)."""
     return SplitConfig(**{OF_GRAPH[name]: settings[name] for name in OF_GRAPH if name != "book" and name in settings})  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Study tables: for its page, as lines of text, and all figures as CSV."""
+"""Tables with a study's results: for the report page, as lines of text, and as CSV."""
 
 import csv
 import io
@@ -15,12 +15,12 @@ from wordcraft_kg.studies.view import StudyView, title_of
 
 @dataclass(frozen=True)
 class Table:
-    """A text table.
+    """A table of texts.
 
     Attributes:
-        title: the grid point.
+        title: the grid settings in words.
         headings: column headings, the first for the variants.
-        rows: each variant's cells.
+        rows: the texts for each variant.
     """
 
     title: str
@@ -32,7 +32,7 @@ _Column = tuple[str, Callable[[VariantFigures], str]]
 
 
 def tables_of(view: StudyView) -> list[Table]:
-    """Return a table for each grid point, without columns that are empty everywhere."""
+    """Return a table for each combination of grid settings, without columns that are empty everywhere."""
     columns = [(heading, text) for heading, text in _COLUMNS if any(text(at) for p in view.points for at in p.variants)]
     headings = tuple(heading for heading, _ in columns)
     return [
@@ -120,7 +120,7 @@ def notes(view: StudyView) -> list[str]:
 
 
 def as_csv(view: StudyView) -> str:
-    """Return all figures but durations as CSV, a row for each variant at each point; equal results give equal bytes."""
+    """Return all results but durations as CSV, a row per variant and grid point; equal results give equal bytes."""
     grid = list(dict.fromkeys(name for point in view.points for name in point.values))
     rows = [_values(point, entry, grid) for point in view.points for entry in point.variants]
     text = io.StringIO()
@@ -175,7 +175,7 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
 
 
 def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
-    """Yield a study's text output: its title, and for each grid point a line per variant."""
+    """Yield the lines of a study's text output: title, a line per grid point and variant, and claims."""
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
         yield f"{point.title} ({_where(point)})"

@@ -1,4 +1,4 @@
-"""Study tasks, addressed by inputs and settings, and the worker interface."""
+"""Tasks in a study, each with a folder named after inputs and settings, and the interface for workers."""
 
 import hashlib
 import json
@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 Kind = Literal["graphs", "scorers", "runs"]
-"""Task kind, and subfolder in the results folder."""
+"""Kind of result that a task makes, and subfolder in the results folder."""
 TerminationReason = Literal["done", "failed", "interrupted"]
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A task: a graph folder, a model folder or an agent's run folder.
+    """A task in a study: make a graph folder, a scorer folder or an agent's run folder.
 
     Attributes:
-        settings: all settings that determine the outcome, and input addresses.
-        title: a line for people; not in the address.
-        needs: input addresses.
-        threads: CPU threads.
+        settings: all settings that determine the result, and the addresses (folders) of inputs.
+        title: description for people; does not change the address.
+        needs: addresses of the tasks that make the inputs.
+        threads: number of CPU threads.
         device: torch device.
     """
 
@@ -44,7 +44,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A task's outcome; an interrupted task can be resumed.
+    """How a task ended: done, failed or interrupted; an interrupted task can be resumed.
 
     Attributes:
         error: the error in a line.
@@ -60,11 +60,11 @@ class Outcome:
 
 
 class Workers(Protocol):
-    """Performs tasks with finished inputs; a task's files are in the results folder before its outcome."""
+    """Interface for processes that perform tasks; a task's files are written before its outcome is returned."""
 
     @property
     def places(self) -> int:
-        """Number of parallel tasks; may change with the cluster size."""
+        """Greatest number of parallel tasks; may change with the cluster size."""
 
     def start(self, task: Task) -> None:
         """Start a task and return at once."""

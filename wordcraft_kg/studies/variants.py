@@ -1,4 +1,4 @@
-"""A variant's figures at a grid point: means, intervals, and differences to the reference."""
+"""Results of a variant at a grid point (fixed grid settings): means, intervals, and differences to the reference."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ Interval = tuple[float, float]
 
 
 class StudyCurvePoint(Record, array_like=True):
-    """Mean success on test tasks after a number of steps, with the interval over seeds."""
+    """Mean success on test tasks after a number of environment steps, with the interval over seeds."""
 
     step: int
     success: float
@@ -36,16 +36,16 @@ class StudyCurvePoint(Record, array_like=True):
 
 
 class Comparison(Record):
-    """A variant against the reference at a grid point; all intervals are 95 % intervals.
+    """A variant compared with the study's reference variant under the same grid settings; intervals are 95 %.
 
     Attributes:
-        difference: in mean success on test tasks.
-        interval: over pairs (seed, task).
-        pairs: shared seed count.
-        p_better: probability that a variant run beats a reference run.
-        p_better_interval: over seeds; None for a single seed.
-        p_value: for zero difference, from the interval.
-        p_corrected: corrected by Holm over all comparisons in the study.
+        difference: the variant's mean success on test tasks minus the reference's.
+        interval: interval for ``difference``, by resampling seeds and tasks.
+        pairs: number of seeds that both variants have.
+        p_better: probability that a run of the variant beats a run of the reference.
+        p_better_interval: interval for ``p_better``, by resampling seeds; None for a single seed.
+        p_value: p-value for a true difference of 0, from ``interval``.
+        p_corrected: ``p_value`` with Holm's correction for all comparisons in the study.
     """
 
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -58,23 +58,23 @@ class Comparison(Record):
 
 
 class VariantFigures(Record):
-    """A variant's figures at a grid point; all intervals are 95 % intervals.
+    """Results of a variant under fixed grid settings; all intervals are 95 % intervals.
 
     Attributes:
         success: each run's success on test tasks, in the order of ``seeds``.
-        iqm: interquartile mean.
-        seed_interval: for the mean over seeds; None for a single seed.
-        interval: for the mean over seeds and tasks; over tasks alone for a single seed.
-        iqm_interval: for the IQM over seeds; None for a single seed.
-        by_plan: success rate by the last pair in a plan.
+        iqm: interquartile mean success over runs.
+        seed_interval: interval for ``mean``, by resampling seeds; None for a single seed.
+        interval: interval for ``mean``, by resampling seeds and tasks; only tasks for a single seed.
+        iqm_interval: interval for ``iqm``, by resampling seeds; None for a single seed.
+        by_plan: share of episodes that make the goal by one of the task's plans.
         train: mean success on train tasks; None if not measured.
-        mrr: the scorers' mean leak-free MRR on test triples, or None.
+        mrr: mean MRR of the agents' scorers on test triples outside training, or None.
         mrr_range: least and greatest MRR.
-        comparison: against the reference; None for the reference and without pairs.
-        reached: steps until the mean curve reaches the reference's final success; None for never.
-        reached_interval: over seeds, with None for never; None for a single seed.
-        curve: success during training.
-        runs: run folder addresses.
+        comparison: difference to the reference; None for the reference and without common seeds.
+        reached: steps until the mean learning curve reaches the reference's final success; None for never.
+        reached_interval: interval for ``reached``, with None for never; None for a single seed.
+        curve: mean success during training.
+        runs: run folders relative to the results folder.
         seconds: mean training time.
     """
 
@@ -100,13 +100,13 @@ class VariantFigures(Record):
 
 
 class PointFigures(Record):
-    """All variants with runs at a grid point, in the study order.
+    """Results for all variants at a grid point (one combination of grid settings).
 
     Attributes:
-        values: grid values by setting, with ``title`` in words.
-        graphs: the runs' graphs, usually one.
-        tasks: test task count.
-        distractor_seeds: distractor seeds per task.
+        values: the grid settings; ``title`` is their description in words.
+        graphs: the the runs' graphs, usually a single graph.
+        tasks: number of test tasks.
+        distractor_seeds: tables per task, with different random distractors.
     """
 
     values: Values
@@ -118,7 +118,7 @@ class PointFigures(Record):
 
 
 def figures_of(results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]) -> VariantFigures:
-    """Return figures for a variant's runs, compared with the reference's runs ``base``."""
+    """Summarise the runs ``members`` of a variant, and compare with the runs ``base`` of the reference variant."""
     success = [run.success["test"] for run in members]
     table = _table(members)
     train = [run.success["train"] for run in members if "train" in run.success]

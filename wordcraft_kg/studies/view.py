@@ -1,4 +1,4 @@
-"""Study figures: variants at all grid points, with intervals and differences to the reference."""
+"""Summary of a study's results: all variants for all grid settings, with intervals and differences to the reference."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal
@@ -17,12 +17,12 @@ from wordcraft_kg.studies.variants import PointFigures, VariantFigures, figures_
 
 
 class StudyView(Record):
-    """The study report (``report.json``).
+    """All numbers in a study report (``report.json``).
 
     Attributes:
-        reference: the variant for all comparisons.
-        points: grid points that have runs.
-        scatters: for the drawing "scatter": entries by how train tasks are scored and by remaining settings.
+        reference: the variant that all variants are compared with.
+        points: results for each combination of grid settings that has runs.
+        scatters: success against the scorer's MRR, if the study's ``drawing`` is "scatter".
         comparisons: number of comparisons that the p-values are corrected for.
     """
 
@@ -44,14 +44,14 @@ class StudyView(Record):
 
 
 Runs = dict[str, list[RunResult]]
-"""Runs of a point of the grid, by variant."""
+"""Agent runs with the same grid settings, by variant."""
 
 
 def view_study(results: StudyResults) -> StudyView:
-    """Compute all study figures.
+    """Summarise a study's results.
 
     Raises:
-        ConfigError: without runs, or if runs in a cell have different graphs, splits or tasks.
+        ConfigError: without runs, or if a variant's runs at a grid point have different graphs, splits or tasks.
     """
     study = results.study
     reference = study.reference or next(iter(study.variants))
@@ -79,7 +79,7 @@ def view_study(results: StudyResults) -> StudyView:
 
 
 def title_of(values: Values) -> str:
-    """Format a grid point.
+    """Describe grid settings in words.
 
     Example:
         >>> title_of({"distractors": 8, "split": "by-goal", "scorer.train_fraction": 0.5})

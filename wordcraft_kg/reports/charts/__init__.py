@@ -1,4 +1,4 @@
-"""Small charts as inline SVG strings, which follow the page's light and dark colours and need no JavaScript.
+"""Small charts as SVG strings to place in pages; charts follow the page's light and dark colours without JavaScript.
 
 Colours (``series-0``, ``series-1``, ..., ``series-other``) and dashes (``dash-0`` to ``dash-3``, ``dashed``) are CSS
 classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.charts.plot`.

@@ -24,7 +24,7 @@ _SWEEPS = 24
 
 @dataclass(frozen=True)
 class Made:
-    """An entity in a layer (from 1), made from entities in earlier layers; ``href`` may be empty, ``style`` is CSS."""
+    """An entity in a layer (from 1), made from the entities ``of`` in earlier layers; ``style`` is a CSS class."""
 
     label: str
     href: str
@@ -48,8 +48,8 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     """Draw entities as boxes, with their ingredients below and arrows to their results.
 
     Args:
-        things: entities in crafting order; further ingredients have no box and no arrow.
-        given: base entity labels, in bold.
+        things: the entities to draw, in crafting order; further ingredients have no box and no arrow.
+        given: labels for the base entities, in bold.
         description: text alternative.
     """
     layers = [thing.layer for thing in things] or [1]

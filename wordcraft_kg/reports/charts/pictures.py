@@ -12,11 +12,11 @@ from wordcraft_kg.reports.charts.scales import Labels, shortened
 
 
 def contribution_bar(contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]) -> Markup:
-    """Draw the terms in a sum: positive terms stacked to the right of the middle, negative terms to the left.
+    """Draw a sum as a bar: positive terms stacked to the right from the middle, negative terms to the left.
 
     Args:
-        contributions: terms by name.
-        scale: value that half the width stands for.
+        contributions: the sum's terms by name.
+        scale: value drawn as half the width.
         colours: colour number by name.
     """
     half, height = 70.0, 12
@@ -36,7 +36,7 @@ def contribution_bar(contributions: Mapping[str, float], scale: float, colours: 
 
 
 _LONGEST = 24
-"""Most letters in a label; a shortened label's tooltip is complete."""
+"""Longest label in letters; longer labels are shortened, with the full label as a tooltip."""
 LETTER, LINE = 11.0, 22
 """Letter width and line height, in map units at page width."""
 _SIDE, _EDGE, _RIGHT = 50, 40, 190
@@ -45,7 +45,7 @@ _SIDE, _EDGE, _RIGHT = 50, 40, 190
 
 @dataclass(frozen=True)
 class Dot:
-    """An entity on the map: coordinates, size (1 to 5), colour class and tooltip."""
+    """An entity on the map: label, link target, coordinates, size (1 to 5), CSS colour class and tooltip."""
 
     label: str
     href: str
@@ -58,7 +58,7 @@ class Dot:
 
 @dataclass(frozen=True)
 class Region:
-    """A map region's name and centre."""
+    """A named region on the map, with the centre's coordinates."""
 
     name: str
     x: int
@@ -132,5 +132,5 @@ def _place_of_label(dot: Dot) -> tuple[float, float, int]:
 
 
 def colour_of(number: int) -> str:
-    """Return a group's colour class; negative numbers and groups beyond the palette are grey."""
+    """Return the CSS colour class for a group number; negative numbers and numbers beyond the palette are grey."""
     return f"series-{number}" if 0 <= number < COLOURS else "series-other"

@@ -1,4 +1,4 @@
-"""Axes with linear scales, the marks drawn between them as SVG elements, and series colours.
+"""Charts with linear axes: grid lines, curves, markers and labels as SVG elements, and the colours for data series.
 
 The first six colours are from Okabe and Ito 2008, "Color universal design", by contrast with a white page. The seventh
 is the text colour; the eighth is brown on a white page and yellow on a dark page. A test simulates deuteranopia and
@@ -23,7 +23,7 @@ WIDTH, HEIGHT = 460, 250
 LEFT, _RIGHT, TOP, BOTTOM = 46, 12, 12, 42
 _LINE_HEIGHT = 13
 LETTER, SMALL_LETTER = 6.3, 5.5
-"""Letter widths in the charts' usual (11 px) and small text."""
+"""Mean letter widths in pixels, for usual (11 px) and small text."""
 _LONGEST_NAME = 28
 """Most letters in a name; a shortened name's tooltip is complete."""
 ABOVE = 28
@@ -43,7 +43,7 @@ CurvePoint = tuple[float, float, float | None, float | None]
 
 
 def style_of(number: int) -> str:
-    """Return a series' colour class; colours repeat after the last."""
+    """Return the CSS colour class for a data series, given its number; colours repeat after the last."""
     return f"series-{number % COLOURS}"
 
 
@@ -53,12 +53,12 @@ def short(name: str) -> str:
 
 
 def room_for(names: Iterable[str], extra: int = 20) -> int:
-    """Return the margin in pixels for series names and ``extra`` further pixels."""
+    """Return the margin in pixels that the longest of these names needs, plus ``extra`` pixels."""
     return round(extra + LETTER * max((len(short(name)) for name in names), default=0))
 
 
 class Plot:
-    """Linear axes and a list with SVG elements; ``top``, ``right`` and ``left`` are margins in pixels."""
+    """A chart with linear axes, built from SVG elements; ``top``, ``right`` and ``left`` are margins in pixels."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class Plot:
             self.text(self.left - 5, y + 4, text, anchor="end")
 
     def x_axis(self, ticks: Sequence[float], texts: Sequence[str], *, grid: bool = False) -> None:
-        """Write tick labels, and draw vertical lines if ``grid`` is True."""
+        """Write tick labels below the chart, and draw vertical grid lines if ``grid`` is True."""
         bottom, style = self.height - BOTTOM, "small" if len(ticks) > 6 else "tick"
         for value, text in zip(ticks, texts, strict=True):
             x = self.x(value)
@@ -115,7 +115,7 @@ class Plot:
             self.text(self.left, self.top - 10, y_title, "small")
 
     def polyline(self, points: Iterable[Sequence[float | None]], style: str, title: str = "") -> None:
-        """Draw a line through points; elements after x and y are ignored."""
+        """Draw a line through points (x, y, ...); elements after x and y are ignored."""
         path = " ".join(f"{self.x(x or 0)},{self.y(y or 0)}" for x, y, *_ in points)
         inside = f"><title>{escape(title)}</title></polyline>" if title else "/>"
         self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
@@ -138,7 +138,7 @@ class Plot:
             self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
 
     def hover_points(self, name: str, points: Sequence[CurvePoint], number: int, percent: bool) -> None:
-        """Add tooltips to points in a curve; a single-point curve is a dot."""
+        """Add tooltips to a curve's points; a curve with a single point is drawn as a dot."""
         style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot {style_of(number)}", 3.6)
         every = math.ceil(len(points) / _HOVER_POINTS)
         # Every n-th point counted from the end, because the last point matters most.
@@ -153,7 +153,7 @@ class Plot:
         )
 
     def whiskers(self, x: Estimate, y: Estimate, number: int) -> None:
-        """Draw a point's intervals in x and y, if present."""
+        """Draw a point's intervals in x and y as lines (whiskers), where bounds are given."""
         style = f"whisker {style_of(number)}"
         if x[1] is not None and x[2] is not None:
             self.polyline([(x[1], y[0]), (x[2], y[0])], style)
@@ -162,7 +162,7 @@ class Plot:
             self.parts.append(f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}" class="{style}"/>')
 
     def marker(self, x: float, y: float, number: int, title: str) -> None:
-        """Draw a marker at pixel coordinates, in the series' shape and colour."""
+        """Draw a marker at pixel coordinates, in the shape and colour for the data series ``number``."""
         style, inside = f"dot {style_of(number)}", f"<title>{escape(title)}</title>"
         corners = _CORNERS[number % len(_CORNERS)]
         path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
@@ -183,7 +183,7 @@ class Plot:
             self.text(edge + 13, place + 4, short(name), style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:
-        """Return the chart, with a legend that names the series in colour order."""
+        """Return the chart as SVG, with a legend that names the data series in the order of their colours."""
         x = float(self.left)
         for i, name in enumerate(legend):
             self.parts.append(f'<rect x="{x:g}" y="6" width="11" height="11" class="series-{i}"/>')

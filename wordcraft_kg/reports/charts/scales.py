@@ -1,4 +1,4 @@
-"""Numbers on axes and in tooltips, and text placement."""
+"""Axis ticks, number formats for axes and tooltips, and placement of labels without overlap."""
 
 import math
 from collections.abc import Sequence
@@ -64,15 +64,15 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
 
 
 class Labels:
-    """Text positions without overlap, first come, first served."""
+    """The space already taken by texts in a chart, so that later texts do not overlap earlier texts."""
 
     def __init__(self, line: float):
-        """Set the least distance between text lines."""
+        """Set the least vertical distance between texts in a chart."""
         self._line = line
         self._taken: dict[int, list[tuple[float, float, float]]] = {}
 
     def take(self, left: float, right: float, y: float) -> bool:
-        """Reserve a text position; return False if it overlaps another text."""
+        """Reserve space for a text from ``left`` to ``right`` at height ``y``; return False if the space is taken."""
         row = int(y // self._line)
         others = [one for near in (row - 1, row, row + 1) for one in self._taken.get(near, ())]
         fits = all(left > end or right < start or abs(y - at) >= self._line for start, end, at in others)

@@ -1,4 +1,4 @@
-"""Series charts: curves and estimates with intervals. ``description`` is a chart's text alternative."""
+"""Charts for data series: curves, and estimates with intervals. ``description`` is a chart's text alternative."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -211,7 +211,10 @@ def intervals(
 
 
 def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
-    """Draw accuracy against confidence, with a diagonal for perfect calibration."""
+    """Draw accuracy against confidence; ``points`` are (confidence, accuracy, query count).
+
+    A diagonal shows perfect calibration.
+    """
     ticks = round_ticks(0, max((max(x, y) for x, y, _ in points), default=1.0))
     plot = Plot((0, ticks[-1]), (0, ticks[-1]), description)
     texts = [f"{value:.3g}" for value in ticks]

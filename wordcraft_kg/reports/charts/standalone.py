@@ -1,4 +1,4 @@
-"""Figures in separate files: SVG, PNG and PDF."""
+"""Charts in separate files: SVG, PNG and PDF."""
 
 import re
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ def _height(chart: str) -> int:
 
 
 def resolved(style: str) -> str:
-    """Replace ``var()`` and ``color-mix()``, unknown to SVG file renderers, by colours for a white page."""
+    """Replace ``var()`` and ``color-mix()`` in CSS rules, unknown to SVG renderers, by colours for a white page."""
     values = _INK | {f"s{number}": colour for number, colour in enumerate(LIGHT)}
     plain = re.sub(r"var\(--(\w+)\)", lambda match: values[match[1]], style)
     return re.sub(r"color-mix\(in srgb, (#\w{6}) (\d+)%, (#\w{6})\)", _mixed, plain)
@@ -67,12 +67,12 @@ def _mixed(match: re.Match[str]) -> str:
 
 
 def as_png(svg: str) -> bytes:
-    """Render a figure as PNG; MissingExtraError without the extra ``figures``."""
+    """Render an SVG file as PNG; MissingExtraError without the extra ``figures``."""
     return _rendered(svg, "png")
 
 
 def as_pdf(svg: str) -> bytes:
-    """Render a figure as a vector PDF with the same size; MissingExtraError without the extra ``figures``."""
+    """Render an SVG file as a vector PDF with the same size; MissingExtraError without the extra ``figures``."""
     return _rendered(svg, "pdf")
 
 

@@ -254,7 +254,7 @@ def view_agents(
 
 
 def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
-    """Return the main results in an agent report, with the path ``report`` of the report."""
+    """Return the main results in an agent report; ``report`` is the path to the report."""
     agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
 

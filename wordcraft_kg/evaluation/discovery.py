@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Known(Record):
-    """Mean entity count that a player knows after a attempt count (combined pairs).
+    """Mean number of known entities after a number of attempts (combined pairs).
 
     Attributes:
         low: lower bound for the 95 % interval over runs; None for a single run.
@@ -40,9 +40,9 @@ class DiscoveryView(Record, omit_defaults=True):
 
     Attributes:
         base: labels for entities known at the start.
-        reachable: entity count that can be made from ``base``.
+        reachable: number of entities that can be made from ``base``.
         players: number of known entities by player and attempt count (the numbers in ``marks``, as text).
-        people: entity count known to people in a different crafting game, by attempt count.
+        people: number of entities known to people in a different crafting game, by attempt count.
         references: published results for the same base, and results from the literature.
         out: path to the written page, or None.
     """

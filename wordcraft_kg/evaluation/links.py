@@ -222,7 +222,7 @@ def view_links(
 
 
 def summarise_links(view: LinkView, report: str) -> LinkSummary:
-    """Return the main results in a link-prediction report, with the path ``report`` of the report."""
+    """Return the main results in a link-prediction report; ``report`` is the path to the report."""
     slices = ("all", *RELATIONS)
     metrics = {name: view.metrics[name] for name in slices}
     by_slice: dict[str, Any] = {

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success rates for a trained agent, or of a different player on the tasks in the agent's training run.
+    """Success rates for a trained agent, or for a different player on the tasks in the agent's training run.
 
     Attributes:
         checkpoint: checkpoint of the trained agent; None for a different player.
@@ -77,7 +77,7 @@ def view_evaluation(
 def view_explanation(
     run: Path, agent: OpenedAgent, part: TaskPart, distractors: int | None, goal: str | None, episodes: int
 ) -> Explanation:
-    """Return episodes with the scores for each action, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
+    """Play episodes and explain each action, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
     explained = explain_episodes(agent.policy, world, goal=goal, episodes=episodes)
     return Explanation(str(run), agent.checkpoint, part, explained)

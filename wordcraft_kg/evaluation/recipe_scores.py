@@ -109,21 +109,21 @@ class RecipeScoring:
         return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
 
     def rows(self, query: RecipeQuery) -> Ids:
-        """Return the recipes for a query as ids, shape (n, 3): one recipe, or a recipe per entity in the open slot."""
+        """Return the recipes for a query as ids of shape (n, 3): one recipe, or a recipe per entity in the open slot."""
         everything = np.arange(len(self.scorer.entities))
         ids = (everything if slot is None else [self.scorer.entities.index(slot)] for slot in query.slots)
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
     def scores(self, rows: Ids) -> torch.Tensor:
-        """Score recipes, given as ids, shape (n, 3): two ingredients and a result. Return shape (n,)."""
+        """Score recipes, given as ids of shape (n, 3): two ingredients and a result. Return shape (n,)."""
         return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
 
     def known(self, rows: Ids) -> list[Known | None]:
-        """Return each recipe, ids, shape (n, 3): ``new`` if unknown, None without the graph."""
+        """Return the split part of each recipe, ids of shape (n, 3): ``new`` if unknown, None without the graph."""
         return [self.parts.get(key, "new") if self.model.split is not None else None for key in _keys(rows)]
 
     def in_sample(self, rows: Ids) -> list[bool]:
-        """Return whether the scorer was trained on each recipe, ids, shape (n, 3)."""
+        """Return whether the scorer was trained on each recipe, ids of shape (n, 3)."""
         return [key in self.seen for key in _keys(rows)]
 
     def best(self, query: RecipeQuery, top: int, *, new_only: bool = False) -> tuple[Ids, list[float]]:
@@ -139,7 +139,7 @@ class RecipeScoring:
         return rows[order[:top]], scores[order[:top].copy()].tolist()
 
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
-        """Yield scored recipes, ids, shape (n, 3), with their split parts and supporting train recipes."""
+        """Yield scored recipes, ids of shape (n, 3), with their split parts and supporting train recipes."""
         for row, score, known, in_sample in zip(rows, scores, self.known(rows), self.in_sample(rows), strict=True):
             a, b, result = self.labels(row)
             because = tuple(self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT))

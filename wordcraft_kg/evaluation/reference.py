@@ -1,4 +1,4 @@
-"""The reference pack: published player results and agents to compare with, from this package or the literature."""
+"""The reference pack: published results to compare players and agents with, from this package or the literature."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache

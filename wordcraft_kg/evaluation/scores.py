@@ -126,7 +126,7 @@ class ScoringModel:
         return cls(model.scorer, model.opened.split, model.kg)
 
     def known(self, triples: Ids) -> list[Known | None]:
-        """Return each triple, ids, shape (T, 3): see :data:`Known`; None without the graph."""
+        """Return the split part of each triple, ids of shape (T, 3): see :data:`Known`; None without the graph."""
         if self.split is None:
             return [None] * len(triples)
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
@@ -137,7 +137,7 @@ class ScoringModel:
         return [names[number] for number in part.tolist()]
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
-        """Return calibrated probabilities for triples, ids, shape (T, 3); None for triples ``known`` from train."""
+        """Return calibrated probabilities for triples, ids of shape (T, 3); None for triples ``known`` from train."""
         folds = self.scorer.folds
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)

@@ -57,7 +57,7 @@ class EvaluatedModel(Record):
 
 
 class EvaluatedGraph(Record):
-    """Name, content hash and size for the evaluated graph."""
+    """Name, content hash and size of the evaluated graph."""
 
     name: str
     hash: Hash
@@ -110,7 +110,7 @@ class LinkView(Record):
         leaked_left_out: number of test recipe triples left out because they are also in training.
         metrics: metrics with filtered ranks; equal scores share their mean rank.
         in_sample: MRR with and without training on the queries, for a cross-fitted model; else None.
-        probabilities: calibrated triple probabilities, for a cross-fitted model; else empty.
+        probabilities: calibration of triple probabilities, for a cross-fitted model; else empty.
         with_leaked: metrics with the leaked triples included.
         comparisons: differences between the model and each baseline, the best baseline first.
         perhaps_missing: the best-scored triples outside the graph.

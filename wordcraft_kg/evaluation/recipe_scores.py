@@ -109,7 +109,7 @@ class RecipeScoring:
         return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
 
     def rows(self, query: RecipeQuery) -> Ids:
-        """Return the recipes for a query as ids of shape (n, 3): one recipe, or a recipe per entity in the open slot."""
+        """Return a query's recipes, ids of shape (n, 3): one recipe, or a recipe per entity in the open slot."""
         everything = np.arange(len(self.scorer.entities))
         ids = (everything if slot is None else [self.scorer.entities.index(slot)] for slot in query.slots)
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)

@@ -81,7 +81,7 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
         play: crafting tasks or open-ended play; None for results from the literature.
         interval: interval level and method, in words; empty without intervals.
         distractor_seeds: tables per task, with different random distractors.
-        seeds: training run count.
+        seeds: number of training runs.
         runs: run count in open-ended play.
         settings: the player's settings by name.
         environment: publication environment, and how this package differs.

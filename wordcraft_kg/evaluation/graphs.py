@@ -37,7 +37,7 @@ class CheapestDerivation(Record):
 class EntityView(Record):
     """An entity with the recipes that make the entity (``recipes``) or use the entity as an ingredient (``uses``).
 
-    ``layer`` (crafting rounds) and ``derivation`` are None for an unreachable entity.
+    ``layer`` (crafting rounds) and ``derivation``: None for an unreachable entity.
     """
 
     entity: str

@@ -152,7 +152,7 @@ class LinkView(Record):
 class LinkSummary(Record):
     """The main results in a link-prediction report.
 
-    Metrics have the keys ``all`` and each relation; a metric is None without queries.
+    Metrics have the keys ``all`` and each relation; None marks a metric without queries.
     """
 
     mrr: dict[str, Share | None]

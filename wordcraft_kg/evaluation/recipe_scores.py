@@ -55,7 +55,7 @@ class RankedRecipe(ScoredRecipe):
 
 
 class OpenRecipe(Record):
-    """The best entities for the open slot in a recipe (an ingredient or the result); the open slot is None."""
+    """The best entities for the open slot in a recipe (an ingredient or the result); None marks the open slot."""
 
     ingredient_a: str | None
     ingredient_b: str | None

@@ -65,7 +65,7 @@ class OpenPlay(Record, frozen=True, tag="open-ended"):
 
 
 class Figure(Record, frozen=True, omit_defaults=True):
-    """A measured value with its interval bounds; both bounds are None without an interval."""
+    """A measured value with its interval bounds (None without an interval)."""
 
     value: float
     low: float | None = None

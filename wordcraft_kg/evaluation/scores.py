@@ -58,7 +58,7 @@ class ScoredEntity(Record):
 
 
 class OpenSlot(Record):
-    """The best entities for a query's open slot, which is None; see :class:`ScoredTriple`."""
+    """The best entities for a query's open slot (None); see :class:`ScoredTriple`."""
 
     head: str | None
     relation: str

@@ -104,7 +104,7 @@ class PointFigures(Record):
 
     Attributes:
         values: the grid settings; ``title`` is their description in words.
-        graphs: the the runs' graphs, usually a single graph.
+        graphs: the runs' graphs, usually a single graph.
         tasks: number of test tasks.
         distractor_seeds: tables per task, with different random distractors.
     """

@@ -276,13 +276,11 @@ class Explainer:
         return query._replace(policy=policy, task=0)
 
     def _ways(self, goal: int, table: Iterable[int]) -> tuple[Rows, ...]:
-        """Return the shortest plans for a goal from a table."""
         world, have = self.world, frozenset(table) - {goal}
         ways = world.search.shortest_ways(goal, have, min(world.config.attempts, world.config.depth))
         return tuple(world.search.ordered(ways, goal, have))
 
     def _folds(self) -> Ids | None:
-        """Return the fold of each recipe for a cross-fitted scorer."""
         for source in self._policy.sources.values():
             if isinstance(source, FoldedSource) and source.reads_task and len(source.fold_of_recipe):
                 return np.asarray(source.fold_of_recipe.cpu().numpy())
@@ -320,7 +318,6 @@ class Explainer:
         return ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
 
     def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
-        """Return the mask of a model's known training recipes."""
         if self._trained_on is not None:
             return is_seen & self._trained_on
         for source in self._policy.sources.values():
@@ -330,7 +327,6 @@ class Explainer:
         return is_seen
 
     def _played(self, query: _Query) -> ExplainedEpisode:
-        """Play until the goal is reached or attempts are exhausted."""
         world, graph, nothing = self.world, self.world.graph, self.world.nothing
         plans, parts = self._plan_labels(query.plans)
         room = max(world.num_slots, len(query.table) + world.max_results * world.config.attempts)
@@ -359,7 +355,6 @@ class Explainer:
         return ExplainedEpisode(graph.entities[query.goal], query.start, plans, outcome, tuple(steps))
 
     def _plan_labels(self, plans: tuple[Rows, ...]) -> tuple[tuple[tuple[str, ...], ...], set[str]]:
-        """Return plans as texts, and all ingredients of final recipes."""
         graph = self.world.graph
         labels = [graph.recipe_labels(graph.recipes[list(plan)]) for plan in plans]
         texts = tuple(tuple(f"{a} + {b} -> {result}" for a, b, result in plan) for plan in labels)
@@ -425,7 +420,6 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
 
 
 def _evidence(policy: Policy, state: States, graph: RecipeGraph) -> list[SlotEvidence | None]:
-    """Return evidence for each slot, from the first source that provides any."""
     result: list[SlotEvidence | None] = [None] * state.table.shape[1]
     for name, source in policy.sources.items():
         assert isinstance(source, Source)

@@ -251,7 +251,6 @@ class Impala:
         external_scores: Tensor | None,
         noise: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """Sample actions from uniform noise; return actions and log-probabilities, shape (B,) each."""
         log_probs = log_policy(self.policy(goal, selection, table, weights, external_scores=external_scores).logits)
         shares = log_probs.exp().cumsum(0)
         # The first slot where the cumulative probability exceeds the noise, never a slot with probability 0.

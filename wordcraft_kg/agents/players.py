@@ -262,6 +262,5 @@ def play_all(
 
 
 def _best(scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:
-    """Return the column with the row maximum, ties at random."""
     is_best = scores == scores.max(axis=1, keepdims=True)
     return np.asarray(np.where(is_best, rng.random(scores.shape), -1.0).argmax(axis=1))

@@ -36,9 +36,8 @@ Schedule = Callable[[float], float]
 class _NetworkPolicy(BasePolicy):
     """Base class: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
 
-    Features, layers and initial weights from Stable-Baselines3 are not used. Observations have ids in ``goal`` and
-    ``selection``, shape (B,) or (B, 1), and ``table``, shape (B, A), in any number type. ``task`` is read if scores
-    depend on the task; further keys are ignored.
+    Observations have ids in ``goal`` and ``selection``, shape (B,) or (B, 1), and ``table``, shape (B, A), in
+    any number type. ``task`` is read if scores depend on the task; further keys are ignored.
     """
 
     def __init__(
@@ -109,7 +108,6 @@ class _NetworkPolicy(BasePolicy):
         """Skip the default network construction."""
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        """Return constructor arguments for saving."""
         names = ("observation_space", "action_space", "network", "optimizer_class", "optimizer_kwargs")
         return {name: getattr(self, name) for name in names} | {"lr_schedule": self._dummy_schedule}
 
@@ -134,12 +132,10 @@ class _NetworkPolicy(BasePolicy):
         return self.network(goal, selection, obs["table"].long(), task=task)
 
     def _bound_to(self) -> list[str]:
-        """Return hashes of the bound task sets."""
         return [source.bound_to for source in _folded(self.network)]
 
 
 def _folded(network: Policy) -> list[FoldedSource]:
-    """Return sources with task-dependent scores."""
     return [source for source in network.sources.values() if isinstance(source, FoldedSource) and source.reads_task]
 
 

@@ -237,7 +237,6 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             self._save()
 
     def _log(self, figures: dict[str, float | None], *, is_point: bool) -> None:
-        """Write a line of metrics, with learning curves if ``is_point``."""
         step, seconds = self._logged
         rate = round((self.step - step) / (self.seconds - seconds)) if self.seconds > seconds else None
         self._logged = (self.step, self.seconds)
@@ -284,7 +283,6 @@ def _warn_of_in_sample_scores(config: AgentConfig) -> None:
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
-    """Warn about ``self_edges`` observed in a book with many self pairs."""
     share = graph.num_self_pairs / graph.num_pairs
     if config.policy.self_edges == "observed" and share >= _MANY_SELF_PAIRS:
         logging.getLogger(__name__).warning(

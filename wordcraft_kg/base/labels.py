@@ -168,7 +168,7 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool = True, by_be
 
 
 def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:
-    """Return the distinct pairs that a text can name; halves that name no single label join ``unread``."""
+    """Return the distinct pairs; halves that name no single label join ``unread``."""
     pairs: dict[tuple[int, int], None] = {}
     for halves in _halves(text):
         meant = [_meant(half, labels) for half in halves]

@@ -191,7 +191,6 @@ class Ahead:
             self._draw(arrays.array(np.arange(count)), episodes)
 
     def _draw(self, rows: Array, episodes: Array) -> None:
-        """Draw episodes for some environments, from the given numbers."""
         draws, shape = self.draws, (len(rows), self.size)
         keys = draws.keys(self.keys[rows][:, None], episodes[:, None] + self._offsets).reshape(-1)
         tasks = draws.tasks(keys)

@@ -117,7 +117,6 @@ def _write(
     *,
     is_centred: bool = False,
 ) -> None:
-    """Write a line to the right of a point or centred, scaled down or cut to fit ``width``."""
     drawn = _font(size).render(text, True, colour)
     room = int(width * _SHARPNESS)
     if drawn.get_width() > room:
@@ -130,7 +129,6 @@ def _write(
 
 
 def _font(size: int) -> Any:
-    """Return pygame's own font, with Latin, Greek and Cyrillic letters."""
     font = _pygame().font
     if not font.get_init():
         font.init()

@@ -257,7 +257,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return drawn
 
     def _draw_once(self, task: int) -> list[int]:
-        """Draw distractors by weight, skipping entities that this table must not hold."""
         goal, start = self._goals[task][0], self._starts[task]
         guarded = self._guarded.get(goal, ())
         taken = {goal, self._nothing, *start, *self._made[task]}

@@ -76,8 +76,6 @@ class SlotSource(Protocol):
 
 
 class _Scores:
-    """Scores from sources, by name, for a world's observations."""
-
     def __init__(self, world: World, sources: Sequence[SlotSource]):
         self.sources, self.world = sources, world
         self.has_train_recipes = world.config.part in ("train", "all")

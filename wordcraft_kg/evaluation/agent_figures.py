@@ -89,7 +89,6 @@ def _means(results: Sequence[Evaluation]) -> list[float]:
 
 
 def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
-    """Return all runs' successes, shape (N tasks, runs · distractor seeds)."""
     return np.concatenate([result.success for result in results], axis=1)
 
 

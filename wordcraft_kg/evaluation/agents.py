@@ -267,7 +267,6 @@ def _baselines(evaluators: dict[int, Evaluator]) -> tuple[BaselineSuccess, ...]:
 
 
 def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Return the reference pack's rows for an agent's tasks, without the scripted players in the report."""
     play = play_of(agent.config.tasks, part)
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:

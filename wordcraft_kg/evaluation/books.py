@@ -66,7 +66,6 @@ def view_books() -> BookList:
 
 
 def _size(book: KnownBook) -> tuple[int, int] | None:
-    """Return entity and recipe counts for a small, readable book."""
     if book.path is None or book.path.stat().st_size > MAX_COUNTED:
         return None
     try:
@@ -101,7 +100,6 @@ def view_check(
 
 
 def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
-    """Add words without vectors, and test recipes that nearly repeat a train recipe."""
     from wordcraft_kg.models.scorers.features import glove_features
     from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
 

@@ -112,7 +112,6 @@ def view_discovery(
 
 
 def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:
-    """Return reference pack rows and the literature that the view does not contain already."""
     pack = pack_of(graph.hash, None)
     ours = pack.rows_of(OpenPlay(base)) if pack else ()
     others = literature(["entities known", "new combinations"])

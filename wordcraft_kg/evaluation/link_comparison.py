@@ -156,7 +156,7 @@ def _with_intervals(
 
 
 def _check_alike(reference: Model, contender: Contender) -> None:
-    """Refuse a contender with training data unlike the reference, or with settings that differ between its seeds."""
+    """Refuse different training data, or settings that differ between seeds."""
     for run in contender.runs:
         for input_name, left, right in (
             ("graphs", reference.opened.graph.hash, run.opened.graph.hash),
@@ -174,7 +174,6 @@ def _check_alike(reference: Model, contender: Contender) -> None:
 
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
-    """Return a model's metrics, and each query's reciprocal rank, averaged over its seeds."""
     known = contender.runs[0].opened.graph.triples
     ranks = [rank_triples(run.scorer, queries, known) for run in contender.runs]
     metrics = [ranking_metrics(frame) for frame in ranks]

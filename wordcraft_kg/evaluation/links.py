@@ -281,7 +281,6 @@ def _by_slice(ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.b
 
 
 def _with_leaked(links: RankedLinks) -> RankingMetrics:
-    """Return metrics for all triples of the test recipes, leaked triples included."""
     if links.is_full:
         return ranking_metrics(links.ranks)
     split, size = links.opened.split, links.graph.num_entities

@@ -230,7 +230,6 @@ def figures_of(values: Mapping[int, Estimate]) -> dict[str, Figure]:
 
 
 def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
-    """Return a row's fault, or an empty text."""
     if pack.graph is None:
         if row.origin != "literature" or not row.environment or row.year is None:
             return "has no graph; expected a row from the literature with an 'environment' and a 'year'"

@@ -163,7 +163,6 @@ class ScoringModel:
 
 
 def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
-    """Broadcast ids to triples, shape (T, 3)."""
     return np.stack(np.broadcast_arrays(np.atleast_1d(heads), relation, tails), axis=1).astype(np.int64)
 
 

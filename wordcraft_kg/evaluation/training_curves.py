@@ -97,6 +97,5 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
 
 
 def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
-    """Return the steps shared by all runs with their figures."""
     rows = [{row.step: row.figures[key] for row in agent.metrics if key in row.figures} for agent in members]
     return [(step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))]

@@ -154,7 +154,6 @@ def check_book(
 
 
 def _decoded(data: bytes) -> tuple[str, list[Finding]]:
-    """Decode a file; return the text and findings about the bytes."""
     findings = []
     if data.startswith(b"\xef\xbb\xbf"):
         findings.append(_problem("bom", "the file starts with a byte order mark; save it without one", [1]))
@@ -187,7 +186,6 @@ def _read_other(path: Path, name: str | None, single: str | None, findings: list
 
 
 def _read_table(table: Table, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]) -> RecipeBook:
-    """Read all valid rows into a book and ``lines_of``, with a finding for each invalid row."""
     for row in table:
         line = row[0]
         if len(findings) >= MAX_FINDINGS:
@@ -258,7 +256,7 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
 def _unreachable(
     graph: RecipeGraph, line_of: Mapping[str, int], lines_of: Mapping[Recipe, list[int]]
 ) -> Iterator[Finding]:
-    """Find entities out of reach from the base, one finding per island, and cycles of mutual need."""
+    """Find unreachable entities, one finding per island, and cycles of mutual need."""
     import networkx as nx
 
     idle = graph.recipe_counts + graph.use_counts == 0

@@ -212,7 +212,6 @@ class Table:
         return None
 
     def _read(self, number: int, line: str) -> Row | Fault | None:
-        """Read one line; None if it is blank."""
         if len(line) > _MAX_LINE_LENGTH:
             return Fault(number, "row", _too_long(line))
         line = trimmed(line.rstrip("\r\n"), self._delimiter)
@@ -281,7 +280,6 @@ _Raw = tuple[str, list[Any], list[Any], Any]
 def _parse_json(
     path: Path, text: str, single: str | None
 ) -> tuple[list[str] | None, Iterable[str], Iterator[Sequence[str]]]:
-    """Return base entities or None, listed entities, and rows."""
     content = _load_json(path, text)
     entities = content.get("entities") if isinstance(content, dict) else None
     if isinstance(entities, dict):

@@ -263,7 +263,6 @@ class RecipeGraph:
 
 
 def _unique_rows(rows: Ids) -> Ids:
-    """Sort integer rows ``(a, b, c)`` lexicographically and drop duplicates."""
     if not len(rows):
         return rows.copy()
     rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]

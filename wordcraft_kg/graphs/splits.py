@@ -251,7 +251,6 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
 
 
 def _part_of_groups(num_groups: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
-    """Assign groups to parts at random, by rounded ratios; shape (num_groups,)."""
     order = rng.permutation(num_groups)
     num_train = round(config.train_ratio * num_groups)
     num_valid = round(config.valid_ratio * num_groups)
@@ -262,7 +261,6 @@ def _part_of_groups(num_groups: int, config: SplitConfig, rng: np.random.Generat
 
 
 def _by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out whole pairs, with all results."""
     return Draw(_part_of_groups(graph.num_pairs, config, rng)[graph.pair_of_recipe])
 
 
@@ -334,19 +332,15 @@ def _slots(graph: RecipeGraph) -> Ids:
 def _by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
     """Hold out recipe groups, so that no (ingredient, result) in a test recipe occurs in train.
 
-    In a by-recipe split, 90 % of the test recipes differ from a train recipe in one ingredient only, so counting the
-    partners of the shared ingredient goes a long way. Here counting does not help.
-
-    Most goals form a single group, so this split is nearly by-goal: 34 % of the test goals have another group in train
-    for the everyday book, 15 % for Little Alchemy 2. Holding out goals with several groups first was rejected: such
-    goals are few, so seeds would share half the test part.
+    In a by-recipe split, 90 % of the test recipes share an ingredient and the result with a train recipe.
+    Most goals form a single group, so this split is nearly by-goal. Holding out goals with several groups
+    first was rejected: such goals are few, so seeds would share half the test part.
     """
     group = _slots(graph)
     return Draw(_part_of_groups(group.max(initial=-1) + 1, config, rng)[group])
 
 
 def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Keep all recipes in train, for the full knowledge graph."""
     return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
 
 

@@ -261,7 +261,6 @@ class _Draw:
 
 
 def _drawn(sieve: _Sieve, draw: _Draw, limit: int) -> dict[_Posed, Plans]:
-    """Return distinct tasks in drawn order."""
     tasks: dict[_Posed, Plans] = {}
     tries = 0
     while draw.last_steps and len(tasks) < limit and tries < _TRIES:

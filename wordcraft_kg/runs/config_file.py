@@ -80,7 +80,6 @@ def _flat(settings: Any) -> dict[str, Any]:
 
 
 def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) -> T:
-    """Move a dataclass's settings, nested groups included, from a table into a new instance."""
     hints = get_type_hints(kind)
     plain, nested = [], dict[str, Any]()
     for field in fields(kind):  # type: ignore[arg-type]

@@ -312,7 +312,6 @@ def _settle(out: Path) -> None:
 
 
 def _is_beginning(folder: Path) -> bool:
-    """Return whether a folder is empty or holds a run without a record."""
     if not folder.is_dir() or (folder / RUN_FILE).exists():
         return False
     return (folder / _BEGUN).exists() or not any(folder.iterdir())

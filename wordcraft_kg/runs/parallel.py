@@ -112,7 +112,6 @@ def train_in_processes(jobs: Sequence[Job], workers: int, note: Callable[..., No
 
 
 def _started(jobs: Sequence[Job]) -> tuple[Connection, BaseProcess]:
-    """Start a process for jobs; return its message receiver and the process."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(sender, jobs), daemon=True)
@@ -142,7 +141,6 @@ def isolated_start() -> Iterator[None]:
 
 
 def _work(connection: Connection, jobs: Sequence[Job]) -> None:
-    """Run jobs in this process; send fold and epoch numbers, or the final error."""
     with suppress(BrokenPipeError):  # the parent has ended
         try:
             for job in jobs:

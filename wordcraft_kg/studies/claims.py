@@ -176,7 +176,6 @@ def _tasks(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
-    """Return variant runs by seed, or raise with the first known reason for a missing run."""
     runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
     if not runs:
         reasons = [lost.why for lost in results.missing if lost.variant == variant and lost.values == point]
@@ -212,7 +211,6 @@ def _student(differences: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _rule(claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
-    """Return the verdict and its reason by the module's rule."""
     intervals = [(of.low, of.high) for of in measured if of.low is not None and of.high is not None]
     if len(intervals) < len(measured):
         return "undecided", "one seed shows no variation between seeds"

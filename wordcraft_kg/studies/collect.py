@@ -83,14 +83,12 @@ def _of(values: Values, names: Sequence[str]) -> Values:
 
 
 def _varies(name: str, by: Sequence[str], runs: Sequence[Values]) -> bool:
-    """Return whether a setting has several values among runs with equal ``by``."""
     first: dict[tuple[Value, ...], Value] = {}
     pairs = [(tuple(_of(values, by).values()), values.get(name, _NONE)) for values in runs]
     return any(first.setdefault(agreed, value) != value for agreed, value in pairs)
 
 
 def _explicit(plan: PlannedStudy, cell: Cell, scorer: str | None) -> Values:
-    """Return the explicit settings for a run and its scorer."""
     values = dict(cell.settings)
     name = values.get(SCORER)
     if scorer is None or name is None:

@@ -188,7 +188,6 @@ def _scorer(task: Task, root: Path) -> bool:
 
 
 def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -> None:
-    """Write an untrained scorer."""
     from wordcraft_kg.graphs.triples import recipe_triples
     from wordcraft_kg.models.saving import save_scorer
     from wordcraft_kg.models.scorers.baselines import NeighbourScorer, SymbolicScorer

@@ -99,7 +99,6 @@ def make_plan(study: Study, name: str) -> Plan:
 
 
 def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
-    """Refuse variants with equal trainings, for example by an explicit default."""
     by_variant: dict[str, list[str]] = {}
     for number, cell in enumerate(cells):
         by_variant.setdefault(cell.variant, []).append(runs[number])
@@ -110,8 +109,6 @@ def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
 
 
 class _Planner:
-    """Makes the tasks for cells; cells share equal tasks."""
-
     def __init__(self, study: Study):
         self.study = study
         self.tasks: dict[str, Task] = {}
@@ -226,7 +223,6 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
 
 
 def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
-    """Refuse values with a type unlike their defaults."""
     for name, value in settings.items():
         default = defaults.get(name)
         if isinstance(default, str) and not isinstance(value, str):
@@ -238,7 +234,6 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
-    """Return the settings in a dataclass that differ from the defaults."""
     defaults = defaults_of(kind)
     return {name: settings[name] for name in defaults if name in settings and settings[name] != defaults[name]}
 

@@ -111,7 +111,7 @@ class RayWorkers:
 def _perform_on_node(
     task: Task, root: Path, perform: Callable[[Task, Path], Outcome], command: list[str], marker: Path, expected: str
 ) -> Outcome:
-    """Perform a task with the study's command line for the records, if this node has the folder and the version."""
+    """Perform a task if this node has the folder and the version."""
     sys.argv = command
     if not marker.exists() or version("wordcraft-kg") != expected:
         raise ConfigError(
@@ -123,7 +123,6 @@ def _perform_on_node(
 
 
 def _connected(address: str | None, cleanup: contextlib.ExitStack) -> Any:
-    """Connect and return the module ``ray``; ``cleanup`` ends the connection."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     if address is None and "RAY_AUTH_MODE" not in os.environ and "ray" not in sys.modules:

@@ -158,7 +158,6 @@ def in_order(rows: Sequence[ReferenceRow]) -> tuple[ReferenceRow, ...]:
 
 
 def _merged(known: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns: Sequence[int]) -> list[ReferenceRow]:
-    """Return the pack's rows with the figures measured now, in column order."""
     more = {row.player: row for row in now}
     rows = []
     for row in known:

@@ -113,7 +113,6 @@ def _correlation(x: Sequence[float], y: Sequence[float], kind: Literal["pearson"
 
 
 def _label(point: PointFigures, variant: str) -> str:
-    """Return a point's scorer settings that differ from :data:`_EVERYTHING`."""
     prefix = f"{SCORER}."
     values = {name.removeprefix(prefix): value for name, value in point.values.items() if name.startswith(prefix)}
     differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}

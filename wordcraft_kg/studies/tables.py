@@ -203,7 +203,6 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
 
 
 def _p_value(p: float) -> str:
-    """Format a p-value; values below .001 are not distinguished."""
     return "<.001" if p < 0.001 else f"{p:.2g}"
 
 

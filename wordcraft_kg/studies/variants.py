@@ -205,7 +205,7 @@ def _curve(members: Sequence[RunResult]) -> tuple[StudyCurvePoint, ...]:
 def _reached(
     members: list[RunResult], base: list[RunResult]
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
-    """Return the steps until the mean curve reaches the reference curve's end, and the interval over seeds."""
+    """Return the steps until the mean reaches the reference's end, with the interval."""
     if not base:
         return None, None
     steps, table = _curves(members)

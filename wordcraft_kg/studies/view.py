@@ -97,7 +97,6 @@ def _worded(name: str, value: Value) -> str:
 
 
 def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
-    """Return the grid points in the run order, with runs by variant in the study order."""
     if not results.runs:
         why = f" The first: {results.missing[0].why.rstrip('.')}." if results.missing else ""
         raise ConfigError(
@@ -163,7 +162,6 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
 
 
 def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
-    """Return the points with p-values corrected over all points."""
     p_values = [entry.comparison.p_value for point in points for entry in point.variants if entry.comparison]
     corrected = iter(holm(p_values))
 

@@ -90,7 +90,6 @@ def read_elicited(
 def _pairs(
     text: str, known: LabelIndex, goals: set[int | None]
 ) -> Iterator[tuple[tuple[int, int] | None, int | None, str]]:
-    """Yield each pair in an answer with goal and line; None for an unreadable pair or goal."""
     heading: int | None = None
     # With some servers, reasoning starts in the prompt and only ends in the answer.
     *_, visible = _END_OF_THINKING.split(_THINKING.sub("\n", text))
@@ -113,10 +112,7 @@ def _pairs(
 
 
 def _divided(line: str, known: LabelIndex) -> tuple[int | None, str]:
-    """Return a line's goal and the remaining text; None without a goal in the graph.
-
-    The beginning of a label may be a label too, as ``star`` in ``star: wars``; the label before a pair counts.
-    """
+    """Return a line's goal and the remaining text; of nested labels, the one before a pair counts."""
     about: list[tuple[int, str]] = []
     for match in _GOAL.finditer(line):
         goal = known.find(line[: match.start()])
@@ -143,7 +139,6 @@ def _pair(text: str, known: LabelIndex) -> tuple[int, int] | None:
 
 
 def _plain(line: str) -> str:
-    """Return a line without list marks and emphasis."""
     line = _BULLET.sub("", line.strip())
     line = _MARKS.sub("", line).strip()
     return "" if re.fullmatch(r"[-=*#~ ]*", line) or line.startswith("```") else line.rstrip(".,; ")

@@ -105,7 +105,7 @@ def _progress(kept: int, total: int) -> str:
 async def _ask_waiting(
     prompts: Sequence[Prompt], endpoint: Endpoint, keep: Callable[[Prompt, Answer], None], interrupted: threading.Event
 ) -> None:
-    """Send prompts until the first error or Ctrl-C; then wait for pending answers and raise the error."""
+    """Send prompts until an error or Ctrl-C; then wait for pending answers and raise."""
     todo = iter(prompts)
     errors: list[Exception] = []
 

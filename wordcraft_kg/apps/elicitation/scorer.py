@@ -96,7 +96,6 @@ class ElicitedScorer(StoredScorer):
         return []
 
     def _strongest_links(self) -> tuple[Tensor, Tensor]:
-        """Return link keys, ascending, and maximum weights."""
         size = len(self.entities)
         a, b, c = self.elicited.numpy().astype(np.int64).T
         keys = np.concatenate(

@@ -96,7 +96,6 @@ class Explored:
 
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:
-    """Return folders by name, with parent names for equal names."""
     named: dict[str, Path] = {}
     for folder in folders:
         name, above = run_name(folder), folder.resolve().parent

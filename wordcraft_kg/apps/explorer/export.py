@@ -116,7 +116,6 @@ def _without_paths(text: str, explored: Explored) -> str:
 
 
 def _stem(page: Page[Any], state: State) -> str:
-    """Return a file name from a state's choices."""
     plain = page.state()
     values = ((getattr(state, name), getattr(plain, name)) for name in state.__struct_fields__)
     chosen = "-".join(str(value) for value, usual in values if value != usual)

@@ -233,7 +233,6 @@ class LinkPredictor:
 
 
 def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple[Ids, Ids]:
-    """Return all true entities, with one part per recipe; entities may repeat."""
     graph = split.graph
     rows = graph.recipes_of(entity) if relation != COMBINES_WITH and side == "head" else graph.uses_of(entity)
     a, b, result = graph.recipes[rows].T

@@ -64,7 +64,6 @@ class Site:
 
 
 def _anchor(address: str, text: str) -> Markup:
-    """Return a link, or the plain text without an address."""
     return Markup('<a href="{}">{}</a>').format(address, text) if address else Markup("{}").format(text)
 
 

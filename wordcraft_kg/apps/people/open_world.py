@@ -22,8 +22,6 @@ the start of its name. u undoes the first selection, l lists the known items,
 
 
 class _GameHeader(Record):
-    """The first line of a game file."""
-
     format: Literal["wordcraft-kg open-ended game 1"]
     graph: str
     graph_hash: Hash
@@ -32,8 +30,6 @@ class _GameHeader(Record):
 
 
 class _GameMove(Record):
-    """A further line: an attempt."""
-
     actions: tuple[str, str]
 
 
@@ -70,8 +66,6 @@ def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
 
 
 class _Game:
-    """The environment and the counts for the tally."""
-
     def __init__(self, terminal: Terminal, env: OpenEndedEnv, out: Path | None):
         env.reset()
         self.terminal, self.env, self.out = terminal, env, out

@@ -171,7 +171,6 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
 
 
 def _identity(record: StudyRecord) -> dict[str, Any]:
-    """Return the identifying values except the consent text."""
     values = as_values(record) | record.settings | {"distractors": ", ".join(map(str, record.distractors))}
     return {name: value for name, value in values.items() if name not in ("created", "consent", "settings")}
 

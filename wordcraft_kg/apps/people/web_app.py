@@ -178,7 +178,6 @@ class _Server:
         return self._after(code, tasks, number)
 
     def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
-        """Redirect after an answer, to feedback after train tasks."""
         task = tasks[place]
         if task.part == "train":
             return _to(f"/s/{code}/feedback/{task.number}")
@@ -230,7 +229,6 @@ async def _form(request: Request) -> dict[str, str]:
 
 
 def _slot(text: str, task: PosedTask) -> int | None:
-    """Return the slot for a field (numbers from 1); None if invalid."""
     if text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= len(task.table):
         return int(text) - 1
     return None

@@ -68,7 +68,6 @@ def _read(path: Path) -> "EvalLog":
 
 
 def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
-    """Return all game records; raise an ArtefactError unless all games were played."""
     scores = []
     for sample in log.samples or []:
         for name in ("goal_made", "known_items"):

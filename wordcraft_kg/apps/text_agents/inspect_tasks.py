@@ -50,7 +50,6 @@ class InspectTaskError(ConfigError, PrerequisiteError):
 
 
 def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
-    """Declare a task's parameters for Inspect: a graph, game settings by name, and further settings with defaults."""
     defaults = {field.name: field.default for field in fields(EvaluationSettings)}
     kind = Parameter.POSITIONAL_OR_KEYWORD
     given = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}

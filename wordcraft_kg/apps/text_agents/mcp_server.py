@@ -161,7 +161,6 @@ def tools_hash() -> str:
 def _server(
     rules: str, last: int | None, look_ups: int, has_scorer: bool, hosted: Callable[[], HostedGames] = _no_games
 ) -> MCPServer[Any]:
-    """Return a server for tasks 0 to ``last``, or for the open-ended world with ``last`` None."""
     known = "the likely links of" if has_scorer else "the known recipes of"
     about_look_ups = _TOOLS["look_up"].format(known=known, look_ups=counted(look_ups, "look-up"))
     server = _Server(

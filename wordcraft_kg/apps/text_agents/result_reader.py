@@ -55,7 +55,6 @@ def _open_rows(paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay) -> Se
 def _task_rows(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
-    """Return a row per player; results for several distractor counts share a row."""
     rows: dict[tuple[str, PlayedSettings, int], ReferenceRow] = {}
     for path in paths:
         result = _result(path, opened)

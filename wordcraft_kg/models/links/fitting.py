@@ -178,7 +178,6 @@ class Epochs(TrainingCallback):
             loop.model.load_state_dict(self._best)
 
     def _note(self, row: TraceRow, seconds: float) -> None:
-        """Add an epoch; stop early if the best validation was too long ago."""
         before = self.so_far
         now = replace(before, seconds=before.seconds + seconds, trace=(*before.trace, row))
         if row.valid_mrr is not None:
@@ -207,7 +206,7 @@ class Epochs(TrainingCallback):
 
 
 def _optimizer_state(tensors: dict[str, Tensor], parameters: Sequence[Tensor]) -> dict[int, dict[str, Tensor]]:
-    """Return the optimiser tensors by parameter, after a shape check that PyKEEN defers to the next epoch."""
+    """Return the optimiser tensors; PyKEEN would check shapes an epoch later."""
     state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
     for name, value in with_prefix(tensors, "optimizer.").items():
         index, _, key = name.partition(".")

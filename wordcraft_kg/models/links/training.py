@@ -125,7 +125,6 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         return {"inputs": inputs, "files": [CHOICE] if (run.path / CHOICE).exists() else []}
 
     def _decide_regularisation(self, run: RunFolder[LinkProgress], report: Progress | None) -> None:
-        """Choose open regularisation weights; write ``choice.json`` if chosen on folds."""
         settings = self.config.settings
         if not isinstance(settings, ComplExConfig):
             return
@@ -183,7 +182,6 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         return TrainedLinks(run.path, metrics.epochs, metrics)
 
     def _cross_fit(self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None) -> None:
-        """Train a model for each fold, with as many epochs as the main model."""
         assert self.folds is not None
         settings = self.config.settings
         ended = metrics.best_epoch if settings.patience and metrics.best_epoch else metrics.epochs
@@ -233,7 +231,6 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
 
 
 def _check_memory(opened: OpenedGraph, settings: LinkSettings) -> None:
-    """Refuse dimensions and batches that exceed the memory."""
     graph = opened.graph
     parameters = 4 * settings.dim * (graph.num_entities + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
     # Parameters, gradients and optimiser state.

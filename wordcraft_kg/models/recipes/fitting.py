@@ -242,7 +242,6 @@ def fit_link_rankers(
 
 
 def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:
-    """Return all held-out triples that no seen recipe gives, shape (T, 3)."""
     new = recipe_triples(held_out)
     return new[~is_in(new, recipe_triples(seen), size)]
 
@@ -251,8 +250,7 @@ def _unknown_entities(recipes: Ids, text: Tensor, rng: np.random.Generator) -> t
     """Hold out entities with all recipes, so that the rankers learn to use words alone.
 
     Returns:
-        The base from the remaining recipes, links between held-out and remaining entities (T, 3), and the mask of
-        held-out entities (E,).
+        The base from the remaining recipes, links (T, 3) to held-out entities, and their mask (E,).
     """
     entities = np.unique(recipes)
     taken = rng.permutation(entities)[: round(UNKNOWN * len(entities))]

@@ -110,7 +110,6 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
 
 
 def _text(graph: RecipeGraph, settings: RecipeScorerConfig) -> tuple[Tensor, str]:
-    """Return word cosines, shape (E, E), and the vectors' hash."""
     features = make_features(settings.features, graph.entities, allow_missing=settings.allow_missing)
     if features.is_one_hot:
         return torch.zeros(graph.num_entities, graph.num_entities), features.sha256

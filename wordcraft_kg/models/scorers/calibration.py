@@ -255,7 +255,6 @@ def _base(true: _Floats, others: _Floats, share: float) -> float:
 
 
 def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
-    """Return intercept and slopes, shape (1 + slopes,)."""
     start = np.array([_base(true, others, share)] + [0.1] * slopes)
     if not slopes:
         return start
@@ -265,7 +264,6 @@ def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
 
 
 def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tuple[float, _Floats]:
-    """Return the negative log-likelihood, in nats, and the gradient."""
     inputs = _segments(_centres(), len(values) - 1)
     chance = expit(values[0] + inputs @ values[1:])
     labelled = np.clip(share * chance, 1e-300, 1 - 1e-12)

@@ -202,7 +202,6 @@ def _words(labels: Sequence[str]) -> list[str]:
 
 
 def _spellings(text: str) -> tuple[str, ...]:
-    """Return spellings in look-up order."""
     joined = "_".join(text.split())
     return text, text.lower(), joined, joined.lower()
 
@@ -267,7 +266,6 @@ def _from_file(path: Path, labels: Sequence[str], pooling: Pooling) -> EntityFea
 
 
 def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Read vectors for wanted words; all lines are checked for length."""
     rows: dict[str, tuple[int, list[float]]] = {}
     spelt = {word.encode() for word in wanted}
     announced = None
@@ -323,7 +321,6 @@ def _numbers(values: Sequence[bytes], where: str, word: str) -> list[float]:
 
 
 def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
-    """Return the rows with wanted labels from an ``.npy`` file."""
     label_files = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
     labels = next((file for file in label_files if file.is_file()), None)
     if labels is None:
@@ -355,7 +352,6 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield stripped lines, with numbers from 1; the file may be gzipped."""
     with path.open("rb") as raw:
         is_packed = raw.peek(2)[:2] == _GZIP_MAGIC  # no UTF-8 text starts like this
         file = io.BufferedReader(gzip.GzipFile(fileobj=raw)) if is_packed else raw

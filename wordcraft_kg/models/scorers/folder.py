@@ -96,7 +96,6 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
 
 
 def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> CrossFitted:
-    """Add the fold models, which become scorers on first use."""
     path, inputs = files.folder / FOLDS_TENSORS, files.run.inputs
     record, tensors = files.record(FOLDS_RECORD, FoldsRecord), files.tensors(FOLDS_TENSORS)
     if record.hash != inputs.get("folds"):

@@ -139,7 +139,6 @@ class LinkEvidence:
         return np.flatnonzero(((a == head) | (b == head)) & (result == tail))
 
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
-        """Return the first recipes with a link, and the number of further recipes."""
         rows = self.recipes_of(head, relation, tail)
         recipes = [[self.entities[entity] for entity in row] for row in self.recipes[rows[:RECIPES]].tolist()]
         return tuple(Recipe.of(*labels) for labels in recipes), max(len(rows) - RECIPES, 0)

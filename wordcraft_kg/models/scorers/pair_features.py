@@ -273,7 +273,6 @@ def knowledge_of(
 
 
 def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
-    """Return ``numbers`` and ``results`` of :class:`RecipeKnowledge`."""
     pairs, number = np.unique(recipes[:, :2], axis=0, return_inverse=True)
     of_pair: list[list[int]] = [[] for _ in range(len(pairs) + 1)]
     for pair, result in zip(number.reshape(-1).tolist(), recipes[:, 2].tolist(), strict=True):
@@ -291,7 +290,6 @@ def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 def _square(slots: int, device: torch.device) -> Tensor:
-    """Return pair numbers by slots, shape (A * A,)."""
     one, other = pairs_of(slots, device)
     number = torch.zeros(slots, slots, dtype=torch.int64, device=device)
     number[one, other] = number[other, one] = torch.arange(len(one), device=device)

@@ -177,7 +177,6 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the cells in non-blank rows, with the first line number."""
     if not path.is_file():
         raise QueryFileError(f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(HEADER)}.")
     try:

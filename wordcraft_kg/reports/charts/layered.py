@@ -93,7 +93,6 @@ def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
 def _arrows(
     things: Sequence[Made], place_of: dict[str, _Place], columns: list[list[_Place]]
 ) -> list[tuple[str, list[_Place]]]:
-    """Return each arrow's title and route; arrows from the same box cross a layer at the same place."""
     passing: dict[tuple[str, int], _Place] = {}
     arrows = []
     for thing in things:
@@ -113,7 +112,7 @@ def _arrows(
 
 
 def _settle(layers: list[list[_Place]]) -> None:
-    """Move nodes towards the mean position of their neighbours, with a gap between nodes in a layer."""
+    """Move nodes towards the mean of their neighbours, with gaps."""
     for layer in layers:
         for number, place in enumerate(layer):
             place.y = _GAP * (number - (len(layer) - 1) / 2)
@@ -133,7 +132,6 @@ def _mean(place: _Place, from_left: bool, both: bool) -> float:
 
 
 def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
-    """Return an arrow's SVG path: horizontal inside layers, curved between layers."""
     y = int(route[0].y)
     path = [f"M{lefts[route[0].column] + widths[route[0].column]} {y}"]
     for place in route[1:]:

@@ -167,7 +167,6 @@ def _values(estimates: Iterable[Estimate]) -> list[float]:
 
 
 def _label_point(plot: Plot, taken: Labels, named: set[str], label: str, x: float, y: Estimate, *, below: bool) -> None:
-    """Write a label outside a point's whiskers if the label fits and is new."""
     ends = [plot.y(value) for value in _values([y])]
     left, half, line = plot.x(x), SMALL_LETTER * len(label) / 2, max(ends) + 12 if below else min(ends) - 5
     if label not in named and taken.take(left - half, left + half, line):
@@ -260,10 +259,8 @@ def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, flo
 
 
 def _shares(ticks: Sequence[float]) -> list[str]:
-    """Return tick texts in percent, or as decimals on a very short axis."""
     return [f"{value:.3g}" if ticks[1] < 0.01 else f"{value:.0%}" for value in ticks]
 
 
 def _pattern(place: int) -> str:
-    """Return a curve's dash pattern; curves with equal colours differ in their pattern."""
     return f"dash-{(place + place // COLOURS) % _DASHES}"

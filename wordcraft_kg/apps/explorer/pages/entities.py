@@ -81,7 +81,6 @@ def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[s
 
 
 def _folded(text: str) -> str:
-    """Return a text without case, accents and outer spaces, for comparison."""
     apart = unicodedata.normalize("NFKD", text.strip().casefold())
     return "".join(letter for letter in apart if not unicodedata.combining(letter))
 

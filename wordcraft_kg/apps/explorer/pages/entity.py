@@ -176,7 +176,6 @@ def _exported(explored: Explored) -> Iterator[Entity]:
 
 
 def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
-    """Yield pages for entities with more than :data:`LISTED` recipes."""
     graph = explored.opened.graph
     counts = zip(graph.recipe_counts.tolist(), graph.use_counts.tolist(), strict=True)
     uses: tuple[Use, ...] = ("makes", "uses")

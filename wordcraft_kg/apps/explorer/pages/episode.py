@@ -180,7 +180,6 @@ def _is_live(explored: Explored, state: Episode) -> bool:
 
 
 def _exported(explored: Explored) -> Iterator[Episode]:
-    """Yield episodes for the tasks in a static site."""
     for tasks in TASKS.states(explored):
         try:
             followed(explored, tasks.run)[1].agent()  # an error without weights

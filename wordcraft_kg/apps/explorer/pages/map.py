@@ -159,7 +159,6 @@ def map_of(graph: RecipeGraph) -> EntityMap:
 
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
-    """Return links between different entities by position in ``ids``; shape (L, 2), sorted."""
     number = np.full(graph.num_entities, -1)
     number[ids] = np.arange(len(ids))
     triples = graph.triples
@@ -218,7 +217,6 @@ def view_map(places: EntityMap, entity: str = "") -> MapView:
 
 
 def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
-    """Return partners, products and ingredients, each with the most used entity first."""
     used = graph.recipes[graph.uses_of(entity)]
     others = used[:, :2].sum(axis=1) - entity
     made_of = graph.recipes[graph.recipes_of(entity), :2]
@@ -277,14 +275,12 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:
-    """Return class, name and size for each coloured group, and for all other groups."""
     shown = [(charts.colour_of(number), group.name, group.size) for number, group in enumerate(view.groups)]
     others = sum(size for _, _, size in shown[charts.COLOURS :])
     return shown[: charts.COLOURS] + ([("series-other", "other groups", others)] if others else [])
 
 
 def _layers(view: MapView) -> list[tuple[str, str, int]]:
-    """Return class, meaning and number of entities for each colour."""
     layers_of: dict[str, list[int]] = {}
     for spot in view.spots:
         layers_of.setdefault(_shade_of(spot, view.layers), []).append(spot.layer)

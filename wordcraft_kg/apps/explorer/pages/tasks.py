@@ -168,7 +168,6 @@ def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
 
 
 def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
-    """Return the reason for missing results; empty if there are results."""
     try:
         records = run.records()
         if records.evaluation is None:

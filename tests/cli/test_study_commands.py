@@ -131,7 +131,7 @@ def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study,
         os.kill(process.pid, by)
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130
-    assert b"the same command goes on" in said
+    assert b"repeat the command to perform the rest" in said
     subprocess.run([*command, str(tmp_path / "parts")], check=True)
     resumed = [json.loads(path.read_text()).get("resumed") for path in tmp_path.glob("parts/runs/*/run.json")]
     assert any(resumed)

@@ -10,7 +10,7 @@ from wordcraft_kg.cli.options import Force, Graph
 from wordcraft_kg.graphs.export import ExportPart, Format
 
 EXAMPLES = (
-    "wordcraft-kg export everyday --format graphml --out everyday.graphml",
+    "wordcraft-kg export everyday --format nt --out everyday.nt",
     "wordcraft-kg export graphs/everyday --format graphml --out everyday.graphml",
     "wordcraft-kg export graphs/everyday --format tsv --part partial --out train.tsv",
 )

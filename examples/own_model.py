@@ -1,4 +1,4 @@
-"""A kind of model of one's own: it trains, goes on after Ctrl-C, and serves every command that takes a model.
+"""A kind of model of one's own: it trains, resumes after Ctrl-C, and serves every command that takes a model.
 
 Run it in an empty folder, in a few seconds; repeat it after Ctrl-C. The line at ``MODELS`` is all that the package has
 to know. A package of your own has its module imported by an entry point:

@@ -416,11 +416,14 @@ def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(pri
     assert sizes("--clear-cache") == [(0, 0), (0, 0), (1, 3)]
 
 
-SHORTER = {"train-complex": "--epochs 2", "train-links": "--epochs 1", "train-agent": "--steps 5000"}
+SHORTER = {
+    **{"train-complex": "--epochs 2", "train-links": "--epochs 1", "train-recipes": "--train-fraction 0.05"},
+    **{"train-agent": "--steps 5000"},
+}
 """What is added to examples that would take minutes."""
 IN_ORDER = (
     *("books", "check-book", "build-graph", "describe", "export", "tasks", "train-complex", "train-links"),
-    *("evaluate-links", "score", "discover", "train-agent", "evaluate-agent", "explain", "reference"),
+    *("train-recipes", "evaluate-links", "score", "discover", "train-agent", "evaluate-agent", "explain", "reference"),
 )
 """Commands whose examples need nothing but the files of earlier examples; play needs a player."""
 

@@ -33,12 +33,14 @@ RENAMED = {
     "human-summary": "people summary",
     "link-models": "train-links --list-models",
     "results": "reproduce --show",
+    "splits": "describe",
     "resume": "to repeat the interrupted command",
     "study": "people",
     "sweep": "reproduce",
     "--beside": "--external-results",
     "--draws": "--distractor-seeds",
     "--noise": "--label-noise",
+    "--refusals": "--max-invalid",
     "--share": "--train-fraction",
 }
 """New names of renamed commands and options, by former name."""

@@ -194,7 +194,7 @@ class World:
         return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:
-        """Raise a :class:`ConfigError` after too many draws of distractors with a shortcut."""
+        """Raise a :class:`ConfigError` after too many samples of distractors with a shortcut."""
         if tries > SHORTCUT_TRIES:
             raise ConfigError(
                 f"`num_distractors` {self.config.num_distractors}: found no distractors without a shortcut to "

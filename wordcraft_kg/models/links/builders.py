@@ -120,7 +120,7 @@ def model_class(name: str) -> type[Model]:
     """Return the PyKEEN model class with a given name, except for ComplEx, which has its own training command.
 
     Raises:
-        ConfigError: if the name is unknown (the error lists the nearest names), or ComplEx.
+        ConfigError: if the name is unknown (the error lists the nearest names), ComplEx, or a model without embeddings.
     """
     if name.lower() == "complex":
         raise ConfigError(
@@ -129,7 +129,10 @@ def model_class(name: str) -> type[Model]:
         )
     if name.lower() not in model_resolver.lookup_dict:
         raise refuse("model", name, "a PyKEEN model", nearest(name.lower(), model_resolver.lookup_dict))
-    return model_resolver.lookup_dict[name.lower()]
+    kind: type[Model] = model_resolver.lookup_dict[name.lower()]
+    if not issubclass(kind, ERModel):
+        raise ConfigError(f"`model` {name!r} learns no embeddings; expected a PyKEEN embedding model, as 'rotate'.")
+    return kind
 
 
 def trainable_models() -> list[type[Model]]:
@@ -139,10 +142,9 @@ def trainable_models() -> list[type[Model]]:
     trainable = []
     with pykeen_guard(0, threads=1), quiet_pykeen():
         for name, kind in sorted(model_resolver.lookup_dict.items()):
-            if name != "complex" and issubclass(kind, ERModel):
-                with suppress(ConfigError):
-                    make_training_loop(LinkModelConfig(model=name, dim=4), factory)
-                    trainable.append(kind)
+            with suppress(ConfigError):
+                make_training_loop(LinkModelConfig(model=name, dim=4), factory)
+                trainable.append(kind)
     return trainable
 
 

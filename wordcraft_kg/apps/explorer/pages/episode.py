@@ -19,7 +19,7 @@ from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.tasks import TaskPart
 
 LISTED_SEEDS = 5
-"""Offered draws of distractors, as in the evaluation."""
+"""Distractor seeds offered on the page, as many as the evaluation uses."""
 MOST_ROWS = 160
 """Maximum rows of slots on a page; large pages show only the best slots of each action."""
 

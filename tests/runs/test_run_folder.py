@@ -345,6 +345,15 @@ def test_a_killed_beginning_of_a_replacement_does_not_make_force_needless(tmp_pa
     assert (tmp_path / "run/result").read_text() == "the first"
 
 
+@pytest.mark.parametrize("name", [".search.json.a1b2c3d4.wordcraft-kg", ".mine.json"])
+def test_only_temporary_files_of_a_killed_process_make_way_for_a_new_run(tmp_path, name):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / name).touch()
+    with nullcontext() if name.endswith("wordcraft-kg") else pytest.raises(OutputExistsError):
+        plain_run.train(tmp_path / "run", "mine")
+        assert not (tmp_path / "run" / name).exists()
+
+
 def test_a_first_run_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(RuntimeError, match="no more"):
         plain_run.train(tmp_path / "run", "")
@@ -364,6 +373,7 @@ def test_a_folder_of_somebody_else_is_never_replaced(tmp_path):
 COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
 LONG = {
     "train-complex": ("--epochs", 15, "--dim", 32, "--n3", 0.1, "--folds", 2, "--checkpoint-every", 5),
+    "train-recipes": ("--folds", 3, "--train-fraction", 0.3),
     "train-agent": ("--distractors", 4, "--steps", 200_000, "--checkpoint-every", 5_000, "--eval-every", 50_000),
 }
 
@@ -374,7 +384,7 @@ def start(*arguments: object) -> subprocess.Popen[bytes]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("command", "moments"), [("train-complex", 10), ("train-agent", 20)])
+@pytest.mark.parametrize(("command", "moments"), [("train-complex", 10), ("train-recipes", 5), ("train-agent", 20)])
 def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one(tmp_path, command, moments):
     """Several runs, if need be: one ends after a few kills. A process may also be killed when its work is done."""
     rng, whole, began = np.random.default_rng(0), tmp_path / "whole", time.monotonic()
@@ -395,4 +405,4 @@ def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one
         said = process.stderr.read().decode() if process.stderr else ""
         assert code == 0 or f"'{folder}' exists" in said, said
         assert learned(folder) == learned(whole)
-        assert {path.name for path in folder.glob("[!.]*")} == {path.name for path in whole.glob("[!.]*")}
+        assert {path.name for path in folder.iterdir()} == {path.name for path in whole.iterdir()}

@@ -14,6 +14,8 @@ from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 
 _OWN_FILES = ("graph.json", "run.json", "report.json", "search.json", "site.json")
 """Files that mark a folder as written by this package; ``force`` may replace such a folder."""
+TEMPORARY = ".wordcraft-kg"
+"""Suffix of hidden temporary files and folders; after a kill, a later command may remove such leftovers."""
 SMALL_FILE = 2**28
 """Largest file with records, logs or settings, in bytes."""
 LARGE_FILE = 2**36
@@ -102,7 +104,7 @@ def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durabl
 
     A ``durable`` file is flushed to disk before the rename, so that a power failure cannot leave an empty file.
     """
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY)
     try:
         if isinstance(content, bytes):
             with os.fdopen(descriptor, "wb") as binary:
@@ -120,6 +122,17 @@ def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durabl
         raise
 
 
+def has_only_temporary(folder: Path) -> bool:
+    """Return whether a folder is empty, apart from temporary files of a killed process."""
+    return all(path.match(f".*{TEMPORARY}") for path in folder.iterdir())
+
+
+def drop_temporary(folder: Path) -> None:
+    """Remove temporary files and folders that a killed process has left in ``folder``; no other process may write."""
+    for path in folder.glob(f".*{TEMPORARY}"):
+        shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+
+
 def check_output(out: Path, *, force: bool) -> None:
     """Check, before any work, that an output may be written to ``out``.
 
@@ -131,7 +144,7 @@ def check_output(out: Path, *, force: bool) -> None:
         raise OutputExistsError(f"'{out}' is a file, but the output is a folder. Choose another `out`.")
     if not out.exists():
         return
-    if any(out.iterdir()) and not any((out / name).is_file() for name in _OWN_FILES):
+    if not has_only_temporary(out) and not any((out / name).is_file() for name in _OWN_FILES):
         raise OutputExistsError(
             f"'{out}' exists and does not look like an output of wordcraft-kg (without {', '.join(_OWN_FILES)});"
             " the folder is not replaced, even with `force`. Choose another `out`."
@@ -148,7 +161,7 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     """
     check_output(out, force=force)
     with _parents_of(out):
-        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.", suffix=TEMPORARY))
         try:
             os.chmod(staging, 0o777 & ~_umask())
             yield staging
@@ -169,7 +182,7 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
     if out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
     with _parents_of(out):
-        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.", suffix=TEMPORARY))
         try:
             yield staging / out.name
             os.replace(staging / out.name, out)
@@ -196,7 +209,7 @@ def _replace_folder(staging: Path, out: Path) -> None:
     if not out.exists():
         os.rename(staging, out)
         return
-    aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old."))
+    aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old.", suffix=TEMPORARY))
     os.rename(out, aside / "was")
     try:
         os.rename(staging, out)

@@ -11,7 +11,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Generic, TypeVar, Unpack
 
-from wordcraft_kg.base.artefacts import check_output, sha256_of, what_is, with_a_name, write_atomically
+from wordcraft_kg.base.artefacts import (
+    check_output,
+    drop_temporary,
+    has_only_temporary,
+    sha256_of,
+    what_is,
+    with_a_name,
+    write_atomically,
+)
 from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
@@ -209,6 +217,7 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
         record = kind.read_record(folder)  # under the lock, the record cannot change
         if record.status == "done":
             raise ArtefactError(f"'{folder}' is finished and cannot be resumed. Choose an unfinished run.")
+        drop_temporary(folder)
         try:
             with first_interrupt() as interrupted, _failing(RunFolder(folder, kind, interrupted, record)) as run:
                 yield run
@@ -314,7 +323,7 @@ def _settle(out: Path) -> None:
 def _is_beginning(folder: Path) -> bool:
     if not folder.is_dir() or (folder / RUN_FILE).exists():
         return False
-    return (folder / _BEGUN).exists() or not any(folder.iterdir())
+    return (folder / _BEGUN).exists() or has_only_temporary(folder)
 
 
 def _is_dead(folder: Path) -> bool:

@@ -135,7 +135,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return settings with ``change`` applied to ``graph``, ``scorer`` and any word vector file in ``features``."""
+    """Return settings with a function applied to all paths: ``graph``, ``scorer`` and a file in ``features``."""
     result = dict(settings)
     for key in ("graph", "scorer", "features"):
         value = result.get(key)

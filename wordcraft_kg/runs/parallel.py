@@ -31,7 +31,7 @@ class Job(Protocol):
 
     @property
     def done(self) -> Any:
-        """The record of a valid result; a saved result with a different record is discarded."""
+        """The expected progress record of a finished job; a checkpoint with a different record is trained again."""
 
     def train(self, after: Callable[[int], None]) -> None:
         """Train and save the result; call ``after`` with the number of finished steps or epochs."""
@@ -81,7 +81,9 @@ def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, 
 
 
 def train_in_processes(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -> None:
-    """Run jobs in ``workers`` parallel processes; threads would share the global generators that PyKEEN seeds.
+    """Run jobs in ``workers`` parallel processes, and call ``note`` with job number and finished steps.
+
+    Threads would share the global random generators that PyKEEN seeds.
 
     After an error or Ctrl-C all processes are terminated at once, because an epoch may take minutes.
     """

@@ -119,7 +119,7 @@ def start_run(
 
 
 def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = None) -> RunRecord:
-    """Write and return the run record with the status ``running``, the new resumption and changed input hashes."""
+    """Write and return the record of a resumed run, with time, command and changed input hashes."""
     again = Resumption(started=_now(), argv=_arguments(), versions=_versions(), git=_git_state())
     changes = {"inputs": {**run.inputs, **(inputs or {})}, "resumed": (*run.resumed, again)}
     return _write(folder, replace(run, status="running", ended=None, **changes))

@@ -29,7 +29,7 @@ class Training(ABC, Generic[C, P, T]):
     :func:`train` calls the methods in definition order; for a resumed run, without :meth:`prepare` and :meth:`begin`.
 
     Attributes:
-        kind: constants shared by all runs.
+        kind: command names, progress unit and record types of the trainer's runs.
         config_type: settings class.
         decided: names of settings that the training chooses if None.
         config: settings, including the chosen values.
@@ -53,7 +53,7 @@ class Training(ABC, Generic[C, P, T]):
 
     @abstractmethod
     def begin(self, run: RunFolder[P], report: Progress | None) -> Mapping[str, Any]:
-        """Write the first files of a new run; return keyword arguments for :meth:`RunFolder.begin`."""
+        """Write the files that a run keeps from the start; return arguments of :meth:`RunFolder.begin`."""
 
     def restored(self, run: RunFolder[P]) -> Checkpoint[P] | None:
         """Return the last checkpoint of a resumed run; None if the trainer saves finished parts instead of epochs."""

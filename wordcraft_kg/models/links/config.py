@@ -147,7 +147,7 @@ class ComplExConfig(TrainingConfig):
         return self.n3 is None
 
     def fixed(self) -> Self:
-        """Return the settings with fixed values for open settings."""
+        """Return the settings with a default N3 weight if the weight is still None, so without a search."""
         return replace(self, n3=N3_PARTIAL) if self.is_open else self
 
     def for_size(self, num_entities: int) -> Self:  # noqa: D102 - inherited

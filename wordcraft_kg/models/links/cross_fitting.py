@@ -125,7 +125,10 @@ def train_folds(
 
 
 def write_link_folds(folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings) -> FoldsRecord:
-    """Write the files for all fold models; return the record with the cross-fitting metrics."""
+    """Write the scorers of all folds to a model folder; return the cross-fitting metrics.
+
+    ``whole`` is the scorer trained on all folds, for comparison.
+    """
     kept = _kept(folder)
 
     def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:

@@ -37,7 +37,7 @@ class Choice(Record, frozen=True, kw_only=True):
 
     Attributes:
         n3: chosen N3 weight.
-        popularity: chosen popularity weight.
+        popularity: chosen weight of the training counts of entities in the scores.
         mrr: MRR on the held-out triples with these weights.
         frequency_mrr: MRR on the same triples with the frequency rule, which ranks entities by training counts.
         candidates: all candidates.
@@ -57,7 +57,7 @@ class Choice(Record, frozen=True, kw_only=True):
 
     @property
     def beats_counting(self) -> bool:
-        """Whether any candidate has a higher MRR than the frequency rule."""
+        """Whether any candidate has a higher MRR than a ranking of entities by training counts."""
         return max(candidate.mrr for candidate in self.candidates) > self.frequency_mrr
 
     def __str__(self) -> str:
@@ -130,7 +130,7 @@ class LinkProgress(Record, frozen=True, kw_only=True):
 
 
 def links_history(files: RunFiles) -> History:
-    """Return a link predictor's training history: settings, metrics and trace."""
+    """Return a link predictor's training history, from the files of a run: settings and metrics, also per epoch."""
     config, metrics = LinksConfig.read(files.folder), files.record("metrics.json", LinkMetrics)
     facts = {
         "trained by": " ".join(files.run.argv),

@@ -50,9 +50,9 @@ def choose(
     *,
     recipes: Ids | None = None,
 ) -> Choice | None:
-    """Choose weights that the settings leave open: N3 and popularity on a small book, else only popularity.
+    """Choose the N3 weight and the weight of training counts in the scores (popularity), by MRR on held-out recipes.
 
-    On a large book, weights are chosen only for a sampled softmax.
+    On a large book, N3 is fixed, and only popularity is chosen, if the settings use a sampled softmax.
 
     Args:
         opened: graph and split; only the train recipes are used.

@@ -29,7 +29,7 @@ def write_results(
     progress: LinkProgress,
     choice: Choice | None = None,
 ) -> tuple[Scorer, LinkMetrics]:
-    """Write a trained model's scorer, metrics and trace (metrics per epoch); return scorer and metrics."""
+    """Write a trained model's scorer, metrics (also per epoch) and chosen weights; return scorer and metrics."""
     model.eval()
     graph, triples = train_sample.graph, train_sample.triples
     kind, tensors = scorer_tensors(settings, model, triples)

@@ -73,7 +73,7 @@ def chart_style() -> str:
 
 
 def make_environment(*packages: str) -> jinja2.Environment:
-    """Return the Jinja environment of all pages, with autoescape and strict names; earlier packages take precedence."""
+    """Return a Jinja environment for the templates of Python packages (the first match counts), autoescaped, strict."""
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages]),
         autoescape=True,

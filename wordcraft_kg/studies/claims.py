@@ -77,9 +77,9 @@ class ClaimVerdict(Record, frozen=True):
 
     Attributes:
         sides: the two variants that the claim compares; the second may be a value (``is_value``).
-        verdict: verdict by this module's rule, with the reason in ``why``.
+        verdict: follows from the 95 % interval of the difference by the table of this module; ``why`` has the reason.
         note: the known reason for a deviation from the claim.
-        measured: measured values for a combination of grid settings; claims that expect ``varies`` have several.
+        measured: measured values, one per grid point; several if the claim says that the sign of the difference varies.
     """
 
     text: str
@@ -184,7 +184,6 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
 
 
 def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | NDArray[np.float64]:
-    """Return a run's success on each task, or its figure; ``other`` is the compared run."""
     if measure == "success":
         return run.rates
     if measure == "same_twice":

@@ -213,7 +213,6 @@ def _sort(task: Task) -> str:
 
 
 def _usual(task: Task) -> float:
-    """Return a task's seconds on an ordinary machine."""
     if task.kind == "runs":
         return _START + task.settings["settings"].get("steps", ImpalaConfig.steps) / _STEPS_PER_SECOND[_sort(task)]
     return _SECONDS_OF_SCORER.get(_sort(task), 1.0)

@@ -26,8 +26,6 @@ _PATIENCE = 60.0
 
 @dataclass
 class _Place:
-    """A process and the current task."""
-
     process: BaseProcess
     connection: Connection
     task: Task | None = None
@@ -90,7 +88,6 @@ class LocalWorkers:
         place.connection.send(task)
 
     def _replaced(self, number: int, place: _Place) -> list[Outcome]:
-        """Restart a dead process's task, or give up after the last attempt."""
         place.process.join()
         assert place.task is not None
         self._places[number] = None

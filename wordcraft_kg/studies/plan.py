@@ -197,7 +197,6 @@ class _Planner:
         return self._add(Task("runs", described, title, needs, config.trainer.threads, config.trainer.device))
 
     def _content(self, features: Value | None) -> dict[str, str]:
-        """Return the hash of a vector file as a part of the address."""
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
         if not spec.is_path:
             return {}
@@ -214,7 +213,7 @@ class _Planner:
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
-    """Return an agent's configuration from settings and input addresses; ConfigError for a value out of range."""
+    """Return an agent's configuration from settings and the folders of its graph and scorer; ConfigError if invalid."""
     parts = {
         name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
         for name, kind in _PART_OF_AGENT.items()

@@ -111,7 +111,6 @@ class RayWorkers:
 def _perform_on_node(
     task: Task, root: Path, perform: Callable[[Task, Path], Outcome], command: list[str], marker: Path, expected: str
 ) -> Outcome:
-    """Perform a task if this node has the folder and the version."""
     sys.argv = command
     if not marker.exists() or version("wordcraft-kg") != expected:
         raise ConfigError(

@@ -99,7 +99,7 @@ def view_references(
 
 
 def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPlay:
-    """Return the condition of open-ended play from base entities; None takes the graph's base.
+    """Return the settings of open-ended play that start from base entities; None takes the base of the graph.
 
     Raises:
         ConfigError: for an unknown entity, or a base that makes nothing.
@@ -108,7 +108,7 @@ def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPla
 
 
 def scripted_rows(opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]) -> tuple[ReferenceRow, ...]:
-    """Evaluate the scripted players of ``evaluate-agent`` or ``discover``; return a table row for each player."""
+    """Evaluate scripted players on tasks with these distractor counts, or in open-ended play; return a row for each."""
     return tuple(_task_rows(opened, play, columns) if isinstance(play, TaskPlay) else _open_rows(opened, play))
 
 

@@ -63,13 +63,13 @@ class ResultReader:
 def external_rows(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int], paths: Sequence[Path]
 ) -> tuple[ReferenceRow, ...]:
-    """Return the rows for external results.
+    """Return the rows of a reference table for results of the user: runs, people, text agents.
 
     Args:
         opened: the table's graph and split.
         play: the table's tasks, or open-ended play.
         columns: distractor counts; ignored for open-ended play.
-        paths: folders and files.
+        paths: folders and files with the results.
 
     Raises:
         ConfigError: for an unknown path, or results on other tasks.
@@ -106,7 +106,7 @@ def begins_with(path: Path, form: str) -> bool:
 
 
 def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
-    """Raise GraphMismatchError if a result's graph or split (hash ``has``) is not the table's (hash ``wanted``)."""
+    """Raise GraphMismatchError if the results in ``path`` are of another graph or split (``name``; hashes differ)."""
     if has != wanted:
         raise GraphMismatchError(
             f"--external-results: '{path}' was played on {name} {has[:12]}, but the table shows {wanted[:12]}. Use the "
@@ -115,7 +115,7 @@ def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
 
 
 def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
-    """Raise ConfigError if a result's tasks ``its`` differ from the table's tasks ``play``, with the right options."""
+    """Raise ConfigError if the tasks ``its`` of the results ``name`` differ from the tasks ``play`` of the table."""
     if its != play:
         attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(
@@ -127,14 +127,14 @@ def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
 def agent_rows(
     groups: Groups, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], origin: Origin
 ) -> tuple[ReferenceRow, ...]:
-    """Evaluate agents greedily, as ``compare`` does, and return a row for each agent.
+    """Evaluate agents greedily, as ``compare`` does, and return a table row (success, interval, settings) for each.
 
     Args:
         groups: runs by agent, on this graph and split.
         opened: the graph and split.
         play: the tasks.
         columns: distractor counts; a policy may skip some counts.
-        origin: row origin.
+        origin: "ours" for rows of the package, "external" for the user's.
 
     Raises:
         ConfigError: for an agent with other tasks, or without any of these distractor counts.

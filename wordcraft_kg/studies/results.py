@@ -103,7 +103,7 @@ F = TypeVar("F", bound="Figures")
 
 
 class Figures(Record, frozen=True, kw_only=True):
-    """Results recorded for any task: duration in seconds (0 for a graph) and package versions."""
+    """Results of a graph, a scorer or a run: training time (0 for a graph) and package versions."""
 
     seconds: float
     versions: dict[str, str]

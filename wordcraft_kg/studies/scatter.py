@@ -24,7 +24,7 @@ class Correlation(Record, array_like=True):
 
 
 class ScatterPoint(Record):
-    """A variant's success and its scorer's MRR under fixed grid settings, see :class:`VariantFigures`."""
+    """Success of an agent (a variant of the study) and MRR of its scorer, as in :class:`VariantFigures`."""
 
     label: str
     variant: str
@@ -39,12 +39,12 @@ class ScorerScatter(Record):
     """Agents' success against their scorers' MRR, with all further settings equal.
 
     Attributes:
-        values: the grid settings except scorer settings.
+        values: the settings that all points share, such as distractors.
         in_sample: whether train tasks have scores from a scorer trained on the same recipes.
-        points: a point for each variant and scorer setting, by ascending MRR.
+        points: a point for each agent and scorer setting, by ascending MRR.
         pearson: correlation between MRR and success; None for fewer than three points.
-        steps_spearman: rank correlation between MRR and :attr:`ScatterPoint.reached`; never counts as the latest step.
-        without: success of the reference variant, if this variant has no scorer.
+        steps_spearman: rank correlation of MRR and the steps to the reference's success; "not reached" is latest.
+        without: success of the reference agent, if it has no scorer.
     """
 
     values: Values
@@ -57,7 +57,10 @@ class ScorerScatter(Record):
 
 
 def scatters_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[ScorerScatter]:
-    """Yield points (MRR, success), grouped by in-sample scores and by all grid settings except scorer settings."""
+    """Yield a plot for each combination of settings other than the scorer's, with in-sample scores apart.
+
+    ``points`` has the figures of ``results`` at each grid point, ``reference`` is a variant.
+    """
     groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
     for point in points:
         for entry in point.variants:

@@ -129,7 +129,7 @@ def forget_failure(root: Path, address: str) -> None:
 
 
 def failure_of(root: Path, address: str) -> str | None:
-    """Return a task's recorded error, or None."""
+    """Return the error of the failed training in the folder ``address``, or None."""
     path = _failure_file(root, address)
     if not path.exists():
         return None

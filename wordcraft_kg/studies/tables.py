@@ -32,7 +32,7 @@ _Column = tuple[str, Callable[[VariantFigures], str]]
 
 
 def tables_of(view: StudyView) -> list[Table]:
-    """Return a table for each combination of grid settings, without columns that are empty everywhere."""
+    """Return the tables of a study report, one per grid point with a row per agent; empty columns are left out."""
     columns = [(heading, text) for heading, text in _COLUMNS if any(text(at) for p in view.points for at in p.variants)]
     headings = tuple(heading for heading, _ in columns)
     return [
@@ -52,7 +52,7 @@ def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> s
 
 
 def bounds(interval: Interval | None, form: str = ".3f") -> str:
-    """Format interval bounds; empty for None."""
+    """Format interval bounds by a format specification such as ".3f"; empty for None."""
     return f"[{signed(interval[0], form)}, {signed(interval[1], form)}]" if interval else ""
 
 
@@ -102,7 +102,7 @@ _COLUMNS: tuple[_Column, ...] = (
 
 
 def notes(view: StudyView) -> list[str]:
-    """Return sentences on how to read the tables."""
+    """Return sentences that explain the columns of :func:`tables_of`."""
     sentences = [
         "Success: share of episodes on test tasks in which the greedy agent makes the goal, with 95 % bootstrap "
         "intervals: over seeds and tasks, that is, for other such tasks too, and over seeds alone, for these tasks."
@@ -175,7 +175,7 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
 
 
 def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
-    """Yield the lines of a study's text output: title, a line per grid point and variant, and claims."""
+    """Yield a study's results as lines of text: ``metric`` of each agent at each grid point, and verdicts on claims."""
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
         yield f"{point.title} ({_where(point)})"

@@ -38,7 +38,7 @@ class Task:
         return f"{self.kind}/{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def folder(self, root: Path) -> Path:
-        """Return the task's folder in a results folder."""
+        """Return the folder for the output of this training in the results folder ``root``."""
         return root / self.address
 
 

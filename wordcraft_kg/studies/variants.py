@@ -159,7 +159,6 @@ def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
 
 
 def _comparison(results: StudyResults, members: list[RunResult], base: list[RunResult]) -> Comparison | None:
-    """Compare runs with equal tables and seeds; None without such pairs and for the reference."""
     by_seed = {run.seed: run for run in base}
     pairs = [(run, by_seed[run.seed]) for run in members if run.seed in by_seed]
     if members is base or not pairs or _played(results, members[0]) != _played(results, base[0]):
@@ -205,7 +204,6 @@ def _curve(members: Sequence[RunResult]) -> tuple[StudyCurvePoint, ...]:
 def _reached(
     members: list[RunResult], base: list[RunResult]
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
-    """Return the steps until the mean reaches the reference's end, with the interval."""
     if not base:
         return None, None
     steps, table = _curves(members)

@@ -119,7 +119,6 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
 
 
 def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
-    """Refuse to average runs on different tasks, or the same seed twice."""
     first = members[0]
     for run in members[1:]:
         one, other = results.graphs[first.graph], results.graphs[run.graph]

@@ -121,7 +121,7 @@ class Plot:
         self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
 
     def bands(self, points: Sequence[CurvePoint], number: int) -> None:
-        """Fill the area between the bounds at consecutive points; an isolated point has a whisker."""
+        """Fill the area between the bounds of consecutive points in colour ``number``; a lone point has a whisker."""
         runs: list[list[tuple[float, float, float]]] = [[]]
         for x, _, low, high in points:
             if low is not None and high is not None:
@@ -138,7 +138,7 @@ class Plot:
             self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
 
     def hover_points(self, name: str, points: Sequence[CurvePoint], number: int, percent: bool) -> None:
-        """Add tooltips to a curve's points; a curve with a single point is drawn as a dot."""
+        """Add tooltips to a curve's points; a curve with a single point is a dot in colour ``number``."""
         style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot {style_of(number)}", 3.6)
         every = math.ceil(len(points) / _HOVER_POINTS)
         # Every n-th point counted from the end, because the last point matters most.

@@ -1,4 +1,4 @@
-"""Helpers of study tests: stored answers, threads, unchanged folders and refused commands."""
+"""Helpers of study tests: stored answers, other graphs, threads, unchanged folders and refused commands."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -7,8 +7,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
 from wordcraft_kg.apps.people.protocol import Answer, HumanProtocol, PosedTask
-from wordcraft_kg.apps.people.study import read_study
+from wordcraft_kg.apps.people.study import Study, read_study
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 
 
 def lines_of(folder: Path) -> list[SimpleNamespace]:
@@ -24,6 +26,21 @@ def answered(protocol: HumanProtocol, task: PosedTask, is_right: bool, seconds: 
     one, other = (task.table.index(label) for label in task.plans[0][:2])
     wrong = next(slot for slot in range(len(task.table)) if slot not in (one, other))
     return protocol.answer(task, (one, other) if is_right else (wrong, wrong), seconds)
+
+
+def go_on(answers: AnswersDatabase, study: Study, person: Participant, count: int = 6) -> None:
+    """Answer so many tasks more, every other one rightly."""
+    begun = len(answers.answers_of(person))
+    for place, task in list(enumerate(study.tasks(person.cell)))[begun : begun + count]:
+        answers.show(person, task.part, task.number, 100.0)
+        assert answers.add(person, answered(study.protocol(person.cell), task, place % 2 == 0, 3.5))
+
+
+def other_world(kitchen: RecipeGraph, what: str) -> OpenedGraph:
+    """Return the kitchen with another split, or with one more recipe."""
+    more = [("bread", "sand", "kiln")] if what == "graph" else []
+    graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), *more]) if more else kitchen
+    return OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "here")
 
 
 def at_once(work: Callable[[], object], threads: int) -> None:

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.apps.people.stored import answered
+from tests.apps.people.stored import answered, other_world
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.apps.people.comparison import agent_successes, greedy_slots
@@ -19,7 +19,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import RecipeGraph
 
 
 def session(protocol: HumanProtocol, right: str, seconds: float = 1.0) -> Session:
@@ -94,11 +94,8 @@ def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(pro
 
 @pytest.mark.parametrize("what", ["graph", "split"])
 def test_another_graph_or_split_is_not_summed_up(protocol: HumanProtocol, kitchen: RecipeGraph, what: str):
-    more = [("bread", "sand", "kiln")] if what == "graph" else []
-    graph = RecipeGraph.from_recipes([*kitchen.recipe_labels(), *more]) if more else kitchen
-    opened = OpenedGraph(graph, make_split(graph, SplitConfig(seed=1)), "here")
     with pytest.raises(GraphMismatchError, match=f"{what}_hash"):
-        summed(session(protocol, "1"), session(HumanProtocol(opened, tasks=3), "1"))
+        summed(session(protocol, "1"), session(HumanProtocol(other_world(kitchen, what), tasks=3), "1"))
 
 
 def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol: HumanProtocol):
@@ -175,8 +172,7 @@ def test_an_agent_is_compared_at_the_table_of_each_answer(agent: OpenedAgent):
 
 
 def test_an_agent_of_another_graph_or_split_is_refused(agent: OpenedAgent, kitchen: RecipeGraph):
-    other = OpenedGraph(kitchen, make_split(kitchen, SplitConfig(seed=1)), "here")
-    for graph in (other, "everyday"):
+    for graph in (other_world(kitchen, "split"), "everyday"):
         with pytest.raises(GraphMismatchError):
             agent_successes(agent, [session(HumanProtocol(graph, 5, tasks=3), "1")])
 

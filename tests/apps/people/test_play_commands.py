@@ -4,10 +4,8 @@ import io
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -83,9 +81,8 @@ def test_a_deeper_task_brings_what_is_made_to_the_table(typed: Run):
 
 def test_a_goal_that_was_not_made_is_followed_by_a_plan(typed: Run):
     shown = typed(["1", "1"], *ONCE, "2").out
-    assert re.search(
-        r"You did not make .*\.\n.*olution.*\ngoals made: 0 of 1   to repeat these tasks: --seed 2\n$", shown
-    )
+    end = r"You did not make .*\.\n.*olution.*\ngoals made: 0 of 1   to repeat these tasks: --seed 2\n$"
+    assert re.search(end, shown)
 
 
 def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed: Run):
@@ -104,12 +101,6 @@ def test_bad_input_is_asked_again_and_changes_nothing(typed: Run, bad: str):
     assert "You made the goal" in shown
     assert shown.count("Select two items" if bad == "?" else "expected 1 to 10") == 3 + (bad == "?")
     assert "attempts left: 0" not in shown
-
-
-def test_thousands_of_bad_lines_are_answered_one_by_one(typed: Run):
-    outcome = typed(["zzz"] * 3_000, *PLAY)
-    assert outcome.code == 0
-    assert outcome.out.count("'zzz': expected 1 to ") == 3_000
 
 
 @pytest.mark.parametrize("lines", [[], ["q"], ["Q"], ["1", "q"], ["1"], [" q "]])
@@ -155,9 +146,7 @@ def test_input_that_is_not_text_is_bad_input():
         ("--protocol paper --out x.jsonl --seed -1", "seed -1"),
     ],
 )
-def test_options_that_cannot_be_are_one_line(
-    typed: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: str, message: str
-):
+def test_options_that_cannot_be_are_one_line(typed: Run, tmp_path: Path, monkeypatch, options: str, message: str):
     monkeypatch.chdir(tmp_path)
     assert message in refused(typed([], *PLAY, *options.split()))
     assert list(tmp_path.iterdir()) == []
@@ -196,9 +185,7 @@ def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed: 
         (["1"] * 5, (*PROTOCOL, "--out"), 3, "2 answers are saved in"),
     ],
 )
-def test_ctrl_c_ends_the_line_and_shows_the_tally(
-    run: Run, path: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str], command, kept: int | None, message: str
-):
+def test_ctrl_c_ends_the_line_and_shows_the_tally(run: Run, path: Path, monkeypatch, lines, command, kept, message):
     def typing() -> Iterator[str]:
         yield from (f"{line}\n" for line in lines)
         raise KeyboardInterrupt
@@ -316,9 +303,7 @@ def test_the_lines_are_the_tasks_and_what_was_picked(typed: Run, path: Path):
     assert (values["answered"], values["finished"], values["out"]) == (80, True, str(path))
 
 
-def test_each_answer_is_on_the_disk_before_the_next_task_is_shown(
-    run: Run, path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_each_answer_is_on_the_disk_before_the_next_task_is_shown(run: Run, path: Path, monkeypatch):
     synced: list[int] = []
     fsync = os.fsync
     monkeypatch.setattr(os, "fsync", lambda file: (fsync(file), synced.append(os.fstat(file).st_size)))
@@ -358,14 +343,9 @@ def test_a_session_keeps_the_seed_that_it_began_with(typed: Run, tmp_path: Path,
     typed(["1", "1"], *PROTOCOL, "--out", path, "--seed", "5")
     assert typed(["1", "1"], *PROTOCOL, "--out", path).code == 0
     assert (without_seconds(path)[0]["seed"], len(without_seconds(path))) == (5, 3)
+    assert "seed" in refused(typed(["1", "1"], *PROTOCOL, "--out", path, "--seed", "1"))
     typed(["1", "1"], *PROTOCOL, "--out", tmp_path / "other.jsonl")
     assert without_seconds(tmp_path / "other.jsonl")[0]["seed"] == 0
-
-
-def test_another_seed_or_something_else_is_refused(typed: Run, tmp_path: Path, path: Path):
-    typed(["1", "1"], *PROTOCOL, "--out", path)
-    assert "seed" in refused(typed(["1", "1"], *PROTOCOL, "--out", path, "--seed", "1"))
-    assert "is not a file" in refused(typed(["1", "1"], *PROTOCOL, "--out", tmp_path), "ArtefactError")
 
 
 def test_a_finished_file_says_so_and_stays(typed: Run, path: Path):
@@ -384,42 +364,6 @@ def test_a_graph_without_test_tasks_is_refused_before_anything_is_written(typed:
     command = ("play", book, "--protocol", "paper", "--distractors", "0", "--out", tmp_path / "human.jsonl")
     assert "test part" in refused(typed(["1", "1"], *command), "TaskError")
     assert list(tmp_path.iterdir()) == [book]
-
-
-def test_a_killed_session_goes_on_as_if_it_had_not_been(
-    typed: Run, tmp_path: Path, path: Path, caplog: pytest.LogCaptureFixture
-):
-    command = [sys.executable, "-m", "wordcraft_kg", *PROTOCOL, "--out", str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, cwd=ROOT) as process:
-        assert process.stdin is not None
-        process.stdin.write(b"1\n" * 91)  # 45 answers, and one selected item
-        process.stdin.flush()
-        deadline = time.monotonic() + 60
-        while not path.exists() or path.read_bytes().count(b"\n") < 46:
-            assert time.monotonic() < deadline
-            assert process.poll() is None
-            time.sleep(0.02)
-        process.kill()
-    assert process.returncode == -signal.SIGKILL
-    with path.open("ab") as file:
-        file.write(b'{"part": "test", "num')  # what a kill in the middle of a write leaves
-    assert "Resuming after 45 answers" in typed(["1"] * 160, *PROTOCOL, "--out", path).out
-    assert "torn" in caplog.text
-    typed(["1"] * 160, *PROTOCOL, "--out", tmp_path / "whole.jsonl")
-    assert without_seconds(path) == without_seconds(tmp_path / "whole.jsonl")
-
-
-def test_human_summary_shows_rates_with_intervals(typed: Run, run: Run, tmp_path: Path):
-    files = (tmp_path / "0.jsonl", tmp_path / "1.jsonl")
-    for seed, file in enumerate(files):
-        typed(ALL, *PROTOCOL, "--seed", seed, "--out", file)
-    values = json.loads(run("people", "summary", *files, "--json").out)
-    right = sum(row["success"] for file in files for row in without_seconds(file)[1:] if row["part"] == "test")
-    test = values["conditions"][0]["parts"]["test"]
-    assert (test["answered"], test["successes"]) == (80, right)
-    text = run("people", "summary", *files).out
-    assert "kitchen; sessions: 2, finished: 2" in text
-    assert f"{right} of 80 correct, rate {test['rate']:.3f} [{test['interval'][0]:.3f}, " in text
 
 
 def test_human_summary_of_no_answers_says_so(typed: Run, run: Run, path: Path):

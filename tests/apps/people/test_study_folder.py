@@ -2,9 +2,8 @@
 
 import json
 import math
+import shutil
 import sqlite3
-import subprocess
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -16,27 +15,17 @@ import msgspec
 import pytest
 from refusals import refuses
 
-from tests.apps.people.stored import at_once, contents, lines_of, unchanged
-from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant, read_answers
+from tests.apps.people.stored import at_once, contents, go_on, lines_of, other_world, unchanged
+from wordcraft_kg.apps.people.answers_database import ANSWERS_FILE, AnswersDatabase, Cell, Participant, read_answers
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
-from wordcraft_kg.apps.people.session_file import append_answer, open_session, read_session
-from wordcraft_kg.apps.people.study import (
-    ANSWERS_FILE,
-    STUDY_FILE,
-    Cell,
-    Study,
-    check_study_folder,
-    kept_answers,
-    read_study,
-    read_study_record,
-)
+from wordcraft_kg.apps.people.study import Study, check_study_folder, kept_answers, read_study, read_study_record
 from wordcraft_kg.apps.people.web_app import ALPHABET, code_hash, new_code, read_code
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import RecipeGraph
 
 SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
-FILES = [ANSWERS_FILE, STUDY_FILE]
+FILES = [ANSWERS_FILE, "study.json"]
 
 
 @pytest.fixture(scope="module")
@@ -66,17 +55,7 @@ def begin(answers: AnswersDatabase, study: Study) -> Participant:
     return answers.begin(code_hash(new_code()), study.cells)
 
 
-def go_on(answers: AnswersDatabase, study: Study, person: Participant, count: int = 6) -> None:
-    """Answer so many tasks more; every second one rightly."""
-    begun = len(answers.answers_of(person))
-    for place, task in list(enumerate(study.tasks(person.cell)))[begun : begun + count]:
-        answers.show(person, task.part, task.number, 100.0)
-        one, other = (task.table.index(label) for label in task.plans[0][:2])
-        slots = (one, other) if place % 2 else (0, 0)
-        assert answers.add(person, study.protocol(person.cell).answer(task, slots, 2.5))
-
-
-def answered(folder: Path, study: Study, count: int = 6) -> None:
+def take_part(folder: Path, study: Study, count: int = 6) -> None:
     """Begin a session and answer so many tasks."""
     with closing(opened(folder)) as answers:
         go_on(answers, study, begin(answers, study), count)
@@ -152,9 +131,7 @@ def test_people_are_assigned_to_the_cell_that_fewest_have_begun(study: Study, an
     assert [person.cell for person in people] == [Cell(0, 1), Cell(0, 8), Cell(1, 1), Cell(1, 8)] * 2
 
 
-def test_of_cells_that_as_many_have_begun_the_one_fewest_have_finished_comes_first(
-    study: Study, answers: AnswersDatabase
-):
+def test_of_equally_begun_cells_the_least_finished_comes_first(study: Study, answers: AnswersDatabase):
     people = [begin(answers, study) for _ in range(4)]
     for person, count in zip(people, (6, 6, 5), strict=False):
         go_on(answers, study, person, count)
@@ -211,9 +188,7 @@ def test_no_time_of_day_stays_with_an_answer(study: Study, folder: Path, answers
     assert names == (*("session", "part", "number", "goal", "slots", "actions", "made", "success", "seconds", "loads"),)
 
 
-def test_what_is_read_is_what_was_given_while_it_is_served_and_afterwards(
-    study: Study, folder: Path, answers: AnswersDatabase
-):
+def test_answers_are_read_while_they_are_served_and_afterwards(study: Study, folder: Path, answers: AnswersDatabase):
     people = [begin(answers, study) for _ in range(3)]
     go_on(answers, study, people[1], 4)
     go_on(answers, study, people[0])
@@ -233,49 +208,25 @@ def test_what_is_read_is_what_was_given_while_it_is_served_and_afterwards(
         assert [line.part for line in lines_of(folder)] == ["train"] * 3 + ["test"] * 3 + ["train"] * 3 + ["test"]
 
 
-def test_a_session_of_a_study_is_one_that_play_could_have_written(
-    study: Study, folder: Path, answers: AnswersDatabase, tmp_path: Path
-):
-    person = begin(answers, study)
-    go_on(answers, study, person)
-    (session,) = read_study(folder).sessions()
-    written = open_session(tmp_path / "human.jsonl", study.protocol(person.cell))
-    for answer in session.answers:
-        written = append_answer(tmp_path / "human.jsonl", written, answer)
-    assert read_session(tmp_path / "human.jsonl") == session
+@pytest.fixture
+def killed(study: Study, folder: Path, answers: AnswersDatabase, tmp_path: Path) -> Path:
+    """The folder that a kill leaves after four answers and a task that was shown."""
+    person = answers.begin("0" * 64, study.cells)
+    go_on(answers, study, person, 4)
+    answers.show(person, "test", 2, 200.0)
+    return Path(shutil.copytree(folder, tmp_path / "killed"))
 
 
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from wordcraft_kg.apps.people.answers_database import *
-from wordcraft_kg.apps.people.study import *
-from wordcraft_kg.apps.people.config import StudyConfig
-folder = Path(sys.argv[1])
-study = Study("kitchen", StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5))
-answers = AnswersDatabase(folder / ANSWERS_FILE, read_study_record(folder)[1], 6)
-person = answers.begin("0" * 64, study.cells)
-for task in study.tasks(person.cell)[:4]:
-    answers.show(person, task.part, task.number, 100.0)
-    answers.add(person, study.protocol(person.cell).answer(task, (0, 1), 1.0))
-answers.show(person, "test", 2, 200.0)
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_what_was_stored_is_there_after_a_kill(study: Study, folder: Path):
-    done = subprocess.run([sys.executable, "-c", KILLED, str(folder)], capture_output=True, text=True, check=False)
-    assert done.returncode == -9, done.stderr
-    assert (folder / f"{ANSWERS_FILE}-wal").exists()
-    assert [len(session.answers) for session in read_study(folder).sessions()] == [4]
-    with closing(opened(folder)) as answers:
+def test_what_was_stored_is_there_after_a_kill(study: Study, killed: Path):
+    assert (killed / f"{ANSWERS_FILE}-wal").exists()
+    assert [len(session.answers) for session in read_study(killed).sessions()] == [4]
+    with closing(opened(killed)) as answers:
         person = answers.find("0" * 64)
         assert person is not None
-        assert len(answers.answers_of(person)) == 4
         assert answers.shown(person, "test", 2) == 200.0
         go_on(answers, study, person)
-    assert sorted(contents(folder)) == FILES
-    assert read_study(folder).sessions()[0].is_finished
+    assert sorted(contents(killed)) == FILES
+    assert read_study(killed).sessions()[0].is_finished
 
 
 @pytest.mark.parametrize(
@@ -288,9 +239,7 @@ def test_what_was_stored_is_there_after_a_kill(study: Study, folder: Path):
         ({"consent": "Do you?"}, "another text"),
     ],
 )
-def test_a_study_with_other_settings_is_refused_with_what_differs(
-    kitchen: RecipeGraph, folder: Path, changes: dict[str, Any], message: str
-):
+def test_a_study_with_other_settings_is_refused(kitchen: RecipeGraph, folder: Path, changes: Any, message: str):
     with unchanged(folder), pytest.raises(ConfigError, match=message):
         check_study_folder(folder, Study(kitchen, replace(SMALL, **changes)).record)
 
@@ -301,7 +250,7 @@ def test_a_study_with_other_page_texts_is_refused(study: Study, folder: Path):
 
 
 def test_a_study_of_another_graph_or_split_is_refused(kitchen: RecipeGraph, folder: Path):
-    for other in ("everyday", OpenedGraph(kitchen, make_split(kitchen, SplitConfig(seed=1)), "here")):
+    for other in ("everyday", other_world(kitchen, "split")):
         with pytest.raises(GraphMismatchError):
             check_study_folder(folder, Study(other, SMALL).record)
 
@@ -344,7 +293,7 @@ def refuses_all(folder: Path, *uses: Any, match: str, kind: type[Exception] = Ar
 
 @pytest.mark.parametrize("change", RECORDS)
 def test_a_damaged_record_is_refused(study: Study, folder: Path, change: str):
-    path = folder / STUDY_FILE
+    path = folder / "study.json"
     path.write_text(json.dumps(RECORDS[change](json.loads(path.read_text()))))
     refuses_all(
         folder, read_study, lambda path: check_study_folder(path, study.record), match=r"study\.json is damaged"
@@ -366,14 +315,14 @@ def spoil(data: bytes) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("damage", spoil(b""))
 def test_a_damaged_database_is_refused_and_stays(study: Study, folder: Path, damage: str):
-    answered(folder, study)
+    take_part(folder, study)
     path = folder / ANSWERS_FILE
     path.write_bytes(spoil(path.read_bytes())[damage])
     refuses_all(folder, read_study, opened, match=r"sqlite is (damaged|not an answers database)")
 
 
 def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: RecipeGraph, folder: Path):
-    path, record = folder / ANSWERS_FILE, folder / STUDY_FILE
+    path, record = folder / ANSWERS_FILE, folder / "study.json"
     own = path.read_bytes()
     path.unlink()
     with closing(sqlite3.connect(path)) as connection:
@@ -400,7 +349,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("change", CHANGES)
 def test_answers_that_cannot_be_are_refused(study: Study, folder: Path, change: str):
-    answered(folder, study)
+    take_part(folder, study)
     with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
         connection.executescript(CHANGES[change])
     with pytest.raises(ArtefactError, match="is damaged"):
@@ -426,7 +375,7 @@ def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder:
 def test_a_database_that_was_not_finished_is_made_again(study: Study, folder: Path):
     (folder / ANSWERS_FILE).unlink()
     (folder / f".{ANSWERS_FILE}.new").write_bytes(b"half")
-    answered(folder, study, 1)
+    take_part(folder, study, 1)
     assert sorted(contents(folder)) == FILES
 
 

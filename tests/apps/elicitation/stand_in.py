@@ -7,6 +7,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -27,33 +28,22 @@ def answers_from(table: dict[str, list[tuple[str, str]]]) -> Answerer:
     return lambda goals: "\n".join(f"{goal}: {a} + {b}" for goal in goals for a, b in table.get(goal, ()))
 
 
+@dataclass
 class StandIn:
-    """A server on the loopback.
+    """A server on the loopback; `failures` are the next responses instead of an answer, "" for an answer."""
 
-    Attributes:
-        answer: makes the text of an answer.
-        failures: responses to the next requests instead of an answer: a status, ``half``, ``invalid``, ``schema``,
-            ``slow`` or ``closed``; "" for an answer.
-        retry_after: the header of a 429.
-        message: body of an error.
-        delay: seconds until an answer.
-        bodies: bodies of all requests.
-        headers: their headers, by name in lower case.
-        times: their times.
-    """
-
-    def __init__(self, answer: Answerer):
-        self.answer = answer
-        self.failures: list[int | str] = []
-        self.retry_after: str | None = None
-        self.message: object = {"error": {"message": "failure on request", "code": "requested"}}
-        self.delay = 0.0
-        self.bodies: list[dict[str, Any]] = []
-        self.headers: list[dict[str, str]] = []
-        self.times: list[float] = []
-        self.most_at_once = self._at_once = 0
-        self._lock = threading.Lock()
-        self.address = ""
+    answer: Answerer
+    failures: list[int | str] = field(default_factory=list)  # a status or half, invalid, schema, slow, closed
+    retry_after: str | None = None  # the header of a 429
+    message: object = field(default_factory=lambda: {"error": {"message": "failure on request", "code": "requested"}})
+    delay: float = 0.0  # seconds until an answer
+    bodies: list[dict[str, Any]] = field(default_factory=list)
+    headers: list[dict[str, str]] = field(default_factory=list)  # by name in lower case
+    times: list[float] = field(default_factory=list)
+    most_at_once: int = 0
+    address: str = ""
+    _at_once: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def handle(self, handler: BaseHTTPRequestHandler) -> None:
         body = json.loads(handler.rfile.read(int(handler.headers["Content-Length"])))
@@ -73,10 +63,8 @@ class StandIn:
 
     def _respond(self, handler: BaseHTTPRequestHandler, body: dict[str, Any], failure: int | str) -> None:
         goals = body["messages"][-1]["content"].split("\n")[1:]
-        message = {"role": "assistant", "content": self.answer(goals)}
-        choice = {"index": 0, "finish_reason": "stop", "message": message}
-        chat = {"id": "1", "object": "chat.completion", "created": 0, "model": f"{body['model']}-as-answered"}
-        whole = json.dumps({**chat, "choices": [choice]}).encode()
+        choice = {"finish_reason": "stop", "message": {"role": "assistant", "content": self.answer(goals)}}
+        whole = json.dumps({"model": f"{body['model']}-as-answered", "choices": [choice]}).encode()
         half = whole[: len(whole) // 2]
         if failure == "closed":
             handler.connection.shutdown(socket.SHUT_RDWR)

@@ -84,20 +84,16 @@ def test_the_same_command_again_sends_nothing_and_writes_the_same(view_of, stand
     assert (len(stand_in.bodies), len(list(Path("elsewhere").iterdir()))) == (16, 8)
 
 
-def test_an_output_that_exists_is_refused_before_anything_is_sent(view_of, ask, stand_in):
-    Path("models/elicited").mkdir(parents=True)
-    Path("models/elicited/mine.txt").write_text("x")
-    outcome = ask("--yes", "--force")
+@pytest.mark.parametrize(
+    ("file", "option"), [("models/elicited/mine.txt", ["--force"]), ("answers", ["--answers", "answers"])]
+)
+def test_an_output_that_exists_is_refused_before_anything_is_sent(view_of, ask, stand_in, file, option):
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    Path(file).write_text("x")
+    outcome = ask("--yes", *option)
     assert (outcome.code, outcome.kind) == (1, "OutputExistsError")
     assert not stand_in.bodies
     assert view_of().estimate.to_send == 8  # an estimate writes nothing
-
-
-def test_a_file_in_place_of_the_folder_of_answers_is_refused_before_anything_is_sent(ask, stand_in):
-    Path("answers").write_text("x")
-    outcome = ask("--yes", "--answers", "answers")
-    assert (outcome.code, outcome.kind) == (1, "OutputExistsError")
-    assert not stand_in.bodies
 
 
 def test_the_folder_records_prompts_elicited_recipes_and_unreadable_lines(view_of, stand_in, opened):

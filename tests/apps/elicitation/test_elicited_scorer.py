@@ -71,11 +71,8 @@ def test_w_of_elicited_recipes_is_the_best_partner_on_the_table_as_a_loop_finds_
         others = rng.permutation([entity for entity in range(size) if entity not in pair])[:3].tolist()
         table = [*others, pair[0], pair[-1] if number % 3 else size, size]
         for held in (size, pair[0], int(others[0])):
-
-            def weight(a: int, b: int, goal: int = goal) -> float:
-                return 0.0 if size in (a, b) else weights.get((frozenset((a, b)), goal), 0.0)
-
-            expected = [max(weight(x, y) for y in table) if held == size else weight(x, held) for x in table]
+            partners = table if held == size else [held]
+            expected = [max(weights.get((frozenset((x, y)), goal), 0.0) for y in partners) for x in table]
             scores = w(torch.tensor([goal]), torch.tensor([held]), torch.tensor([table]))
             assert scores[0].tolist() == pytest.approx(expected, abs=1e-7)
 

@@ -9,17 +9,18 @@ from wordcraft_kg.apps.elicitation.config import ElicitationConfig, RequestConfi
 from wordcraft_kg.apps.elicitation.prompts import make_prompts
 from wordcraft_kg.apps.elicitation.reading import read_elicited
 
-ENTITIES = ("Sun", "berry", "brick", "c++", "earth", "fire", "glass", "ice cream", "mud", "mud pie", "stone", "water")
+ENTITIES = ("Sun", "berry", "brick", "c++", "day", "day–night", "earth", "fire", "glass", "ice cream", "mud", "mud pie")
+ENTITIES += ("night", "star", "star: wars", "stone", "water")
 
 
-def read(*texts: str, entities: tuple[str, ...] = ENTITIES, goals: int = 100) -> tuple[dict[str, float], list[str]]:
+def read(*texts: str, goals: int = 100) -> tuple[dict[str, float], list[str]]:
     """Return the weights of the elicited recipes in answers, and the reasons of unreadable lines."""
     config = ElicitationConfig("kitchen", "http://localhost/v1", "oracle", RequestConfig(goals_per_prompt=goals))
     answers = [Answer(text=text) for text in texts]
-    elicited, unread = read_elicited(make_prompts(config, entities), answers, entities)
+    elicited, unread = read_elicited(make_prompts(config, ENTITIES), answers, ENTITIES)
     weights = {}
     for one in elicited:
-        a, b, goal = (entities[entity] for entity in one.recipe)
+        a, b, goal = (ENTITIES[entity] for entity in one.recipe)
         weights[f"{a} + {b} = {goal}"] = one.weight
     assert len(weights) == len(elicited)
     return weights, [one.why for one in unread]
@@ -63,21 +64,23 @@ def test_lines_without_a_recipe_have_a_reason():
     weights, unread = read("\n".join([*lines, "mud: water + earth"]))
     assert weights == {"earth + water = mud": 1}
     assert unread == ["no pair", "no pair", "unknown item", "goal as ingredient", "duplicate"]
-    weights, unread = read("mud: water + earth", "glass: fire + stone\nmud: earth + fire", goals=8)
+    weights, unread = read("mud: water + earth", "glass: fire + stone\nmud: earth + fire", goals=9)
     assert (weights, unread) == ({"earth + fire = mud": 1}, ["not requested", "not requested"])
 
 
-def test_labels_with_signs_are_read_exactly():
-    weights, unread = read("c++: fire + water\nmud: c++ + earth\nmud pie: mud + fire")
-    assert (weights.keys(), unread) == ({"fire + water = c++", "c++ + earth = mud", "fire + mud = mud pie"}, [])
-
-
-def test_a_label_that_begins_as_another_one_is_read_to_its_end():
-    entities = ("day", "day–night", "night", "star", "star: wars", "water")
-    lines = ("star: wars: day + water", "day–night: star + water", "star: night + water")
-    weights, unread = read("\n".join(lines), entities=entities)
-    expected = {"day + water = star: wars", "star + water = day–night", "night + water = star"}
-    assert (weights.keys(), unread) == (expected, [])
+@pytest.mark.parametrize(
+    ("line", "recipe"),
+    [
+        ("c++: fire + water", "fire + water = c++"),
+        ("mud: c++ + earth", "c++ + earth = mud"),
+        ("mud pie: mud + fire", "fire + mud = mud pie"),
+        ("star: wars: day + water", "day + water = star: wars"),
+        ("star: night + water", "night + water = star"),
+        ("day–night: star + water", "star + water = day–night"),
+    ],
+)
+def test_labels_with_signs_and_labels_within_labels_are_read_exactly(line, recipe):
+    assert read(line) == ({recipe: 1}, [])
 
 
 @pytest.mark.parametrize("again", [": ", "+ ", "a = b + ", "mud: water + "])

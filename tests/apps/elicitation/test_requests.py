@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -132,13 +133,9 @@ def test_misplaced_and_damaged_answers_are_requested_again_with_a_warning(stand_
 
 
 def test_an_answer_belongs_to_its_model_its_address_and_its_sampling(stand_in, config):
-    texts = texts_of(config(goals_per_prompt=100))
-    elsewhere, settings = stand_in.address.replace("127.0.0.1", "localhost"), RequestConfig(goals_per_prompt=100)
-    others = (
-        ElicitationConfig("kitchen", stand_in.address, "another", settings),
-        config(goals_per_prompt=100, seed=1),
-        ElicitationConfig("kitchen", elsewhere, "oracle", settings),
-    )
+    first = config(goals_per_prompt=100)
+    texts, elsewhere = texts_of(first), stand_in.address.replace("127.0.0.1", "localhost")
+    others = (replace(first, model="another"), config(goals_per_prompt=100, seed=1), replace(first, endpoint=elsewhere))
     for number, other in enumerate(others, 2):
         assert texts_of(other) == texts
         assert len(stand_in.bodies) == number == len(list(Path("answers").iterdir()))
@@ -183,9 +180,6 @@ def test_a_second_ctrl_c_waits_for_nothing(stand_in, ask):
     assert outcome.code == 130
     assert "interrupted; 0 of 8 answers are stored" in outcome.err
     assert ended - stand_in.times[0] < 2.5
-
-
-# --- keys ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("failures", [[], [401], [400], [429, 500, 418], ["schema"]])

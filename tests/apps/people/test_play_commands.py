@@ -336,7 +336,7 @@ def test_an_unfinished_session_says_how_to_go_on_and_not_how_many_test_tasks_wer
     assert values == {"out": str(path), "answered": 75, "tasks": 80, "finished": False}
     shown = typed([], *PROTOCOL, "--out", path).out
     assert "Resuming after 75 answers" in shown
-    assert shown.splitlines()[-1].startswith("answered 75 of 80; run the same command to continue")
+    assert shown.splitlines()[-1].startswith("answered 75 of 80; repeat the command to resume")
 
 
 def test_a_session_keeps_the_seed_that_it_began_with(typed: Run, tmp_path: Path, path: Path):

@@ -96,7 +96,7 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
         process.send_signal(signal.SIGINT)
         said, log = process.communicate(timeout=20)
         assert (process.returncode, said) == (0, "")
-        assert log == f"stopped; 1 person (1 finished) and 4 answers stored in {out}; run the same command to resume\n"
+        assert log == f"stopped; 1 person (1 finished) and 4 answers stored in {out}; repeat the command to resume\n"
     assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
 
 

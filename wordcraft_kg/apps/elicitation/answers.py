@@ -38,13 +38,13 @@ class _KeptAnswer(Record, frozen=True, kw_only=True):
 
 
 class Answers:
-    """A folder with stored answers; :meth:`open` creates the folder."""
+    """A folder with the stored answers of language models, one file per request; :meth:`open` creates the folder."""
 
     def __init__(self, folder: Path):
         self.folder = folder
 
     def open(self) -> None:
-        """Create the folder.
+        """Create the folder of answers.
 
         Raises:
             OutputExistsError: if the path is a file.

@@ -19,7 +19,7 @@ _MOST_QUOTED = 300
 
 
 class Endpoint:
-    """An asynchronous client for an endpoint: calls to :meth:`ask` may overlap; ``async with`` closes the client."""
+    """An asynchronous client of a language model's web address; calls to :meth:`ask` may overlap."""
 
     def __init__(self, config: ElicitationConfig):
         """Read the API key from the environment and create a client; no request is sent.
@@ -119,7 +119,6 @@ class Endpoint:
 
 
 def _read_key(config: ElicitationConfig) -> str:
-    """Return the key; empty without a key, or for http without a named variable."""
     name = config.settings.key_variable
     if name is None and not config.endpoint.startswith("https:"):
         return ""

@@ -37,7 +37,7 @@ class ElicitedRecipe:
 
     @property
     def weight(self) -> float:
-        """Weight, ``(1 + 1 / rank) / 2``: the presence of a pair is at least as informative as the rank."""
+        """Weight, ``(1 + 1 / rank) / 2``: being named is at least as informative as the position."""
         return (1 + 1 / self.rank) / 2
 
 
@@ -55,7 +55,7 @@ def read_elicited(
     """Parse the answers to prompts; return the elicited recipes and the unparsed lines.
 
     A line may have a bullet, a number, quotes or emphasis, the form ``first + second = item``, or several pairs;
-    pairs may follow a heading. Only parsed pairs count for the ranks.
+    pairs may follow a heading. The rank of a recipe counts only the parsed pairs for its result.
 
     Args:
         prompts: the prompts, which list the requested goals.
@@ -112,7 +112,7 @@ def _pairs(
 
 
 def _divided(line: str, known: LabelIndex) -> tuple[int | None, str]:
-    """Return a line's goal and the remaining text; of nested labels, the one before a pair counts."""
+    # Of nested labels, the one before a pair counts.
     about: list[tuple[int, str]] = []
     for match in _GOAL.finditer(line):
         goal = known.find(line[: match.start()])

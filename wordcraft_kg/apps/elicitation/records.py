@@ -76,7 +76,7 @@ class RequestEstimate(Record):
 
 
 class ElicitationView(Record):
-    """Output of ``elicit --json``: the estimate; folder and metrics once all prompts are answered."""
+    """Output of ``elicit --json``: numbers of prompts and tokens; folder and metrics once all prompts are answered."""
 
     estimate: RequestEstimate
     out: str | None = None

@@ -36,7 +36,7 @@ def plan_requests(config: ElicitationConfig, entities: Sequence[str], answers: A
 
 
 def estimate_requests(plan: RequestPlan, graph: str, config: ElicitationConfig, answers: Path) -> RequestEstimate:
-    """Return the number of prompts and tokens in a plan; ``graph`` and ``answers`` are copied to the estimate."""
+    """Return the number of prompts and tokens in a plan; the graph's name and the folder of answers are for display."""
     return RequestEstimate(
         graph=graph,
         endpoint=config.endpoint,

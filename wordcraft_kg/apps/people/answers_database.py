@@ -1,7 +1,6 @@
 """The answers database of a study: each answer is on disk before the next page.
 
 SQLite in write-ahead mode with full synchronisation: commits survive a killed process and a power failure.
-The primary keys prevent two answers from a repeated form.
 """
 
 import json
@@ -44,7 +43,7 @@ BUSY = 10
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """The assignment of a person: a form, numbered from 0, and a condition."""
+    """The assignment of a person: a form (sampled task list), numbered from 0, and the number of distractors."""
 
     form: int
     distractors: int
@@ -194,7 +193,7 @@ class AnswersDatabase:
         return Stored(sum(row[2] for row in counts), sum(row[3] for row in counts), answers)
 
     def close(self) -> None:
-        """Close the database and remove the log."""
+        """Close the database file; SQLite then removes the write-ahead log."""
         with self._lock:
             self._connection.close()
 
@@ -222,7 +221,6 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
 
 @contextmanager
 def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
-    """Open and check a database for reading; errors as in :func:`read_answers`."""
     check_file(path)
     # Without a log there is no writer, so no lock is needed.
     mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"

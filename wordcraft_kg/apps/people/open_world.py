@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wordcraft_kg.apps.people.session_file import append_record, check_equal, drop_torn_line
-from wordcraft_kg.apps.people.terminal import Terminal, cells
+from wordcraft_kg.apps.people.terminal import Terminal, numbered_columns
 from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Hash, Record, as_lines, as_values, parse_lines, parse_record
@@ -36,7 +36,7 @@ class _GameMove(Record):
 def play_open_world(
     terminal: Terminal, graph: str, base: Sequence[str] | None, attempts: int | None, out: Path | None, output: Output
 ) -> None:
-    """Play until the attempts are used up, and show the tally; Ctrl-C raises KeyboardInterrupt with the tally."""
+    """Play open-ended mode in a terminal, save each move in the file ``out``, and print the result to ``output``."""
     attempts = whole("attempts", ATTEMPTS if attempts is None else attempts, 1)
     env = OpenEndedEnv(graph, base=base, max_attempts=attempts)
     game = _Game(terminal, env, out)
@@ -50,7 +50,6 @@ def play_open_world(
 
 
 def _open_game(path: Path, header: _GameHeader) -> list[_GameMove]:
-    """Create or read a game file; a torn last line is dropped."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, as_lines([header]))
@@ -77,7 +76,7 @@ class _Game:
         return self.env.graph.labels(self.env.discovery.known)
 
     def combine(self, one: str, other: str) -> tuple[tuple[str, ...], bool]:
-        """Make an attempt; return the new entities, and whether the pair is a repetition."""
+        """Return the new entities, and whether the pair is a repetition."""
         _, _, self.is_over, _, info = self.env.step([*map(self.env.graph.id_of, (one, other))])
         self.attempted += 1
         self.fruitless += not info["new_entities"]
@@ -99,13 +98,13 @@ class _Game:
     def play(self) -> None:
         if self.is_over:
             return
-        answers = {"?": lambda: [HELP], "l": lambda: cells(self.known)}
-        self.terminal.say(HELP, "", *cells(self.known))
+        commands = {"?": lambda: [HELP], "l": lambda: numbered_columns(self.known)}
+        self.terminal.say(HELP, "", *numbered_columns(self.known))
         while not self.is_over:
             known = self.known
             left = self.env.max_attempts - self.attempted
             prompt = f"known items: {len(known)}   attempts left: {left}   first item: {{}} > "
-            one, other = (known[place] for place in self.terminal.select_two(prompt, known, answers))
+            one, other = (known[place] for place in self.terminal.select_two(prompt, known, commands))
             new, repeated = self.combine(one, other)
             if self.out is not None:
                 append_record(self.out, _GameMove((one, other)))
@@ -136,5 +135,5 @@ class _Game:
             f"attempts without a new item: {self.fruitless}, repeated pairs: {self.repeated}",
         ]
         if self.out is not None and not self.is_over:
-            lines.append(f"run the same command to continue {self.out}")
+            lines.append(f"repeat the command to resume {self.out}")
         return lines

@@ -72,14 +72,14 @@ class Answer(Record):
 
     @property
     def is_sound(self) -> bool:
-        """Whether the fields agree."""
+        """Whether the actions are on the table, and ``success`` and ``seconds`` are possible."""
         is_right = self.success == (self.goal in self.made)
         return set(self.actions) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
 
 
 @dataclass(frozen=True)
 class PosedTask:
-    """A task, see :class:`Answer`; plans are recipes for the goal, ``index`` is the task number for agents."""
+    """A task as a participant sees it; ``plans`` are recipes for the goal, ``index`` is the task number for agents."""
 
     part: str
     number: int
@@ -119,7 +119,7 @@ class HumanProtocol:
         self.header = Header(HUMAN_FORMAT, graph.name, graph.hash, self.world.split.hash, settings, seed)
 
     def with_seed(self, seed: int) -> "HumanProtocol":
-        """Return the protocol with another seed; both share environments and must not run concurrently."""
+        """Return a copy that samples tasks with another seed; the copies share environments: use one at a time."""
         other = copy.copy(self)
         other.seed, other.header = seed, msgspec.structs.replace(self.header, seed=seed)
         return other

@@ -14,12 +14,12 @@ from wordcraft_kg.base.records import Record, as_lines, as_values, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE
 
 TableKey = tuple[int, int, str, int]
-"""The origin of a table: distractor count, seed, part, task number."""
+"""Distractor count, seed, part, task number."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """Answers in order, and the length of a torn last line in bytes."""
+    """One participant's answers in task order, and the length of a torn last line in the file, in bytes."""
 
     header: Header
     answers: tuple[Answer, ...]
@@ -27,7 +27,7 @@ class Session:
 
     @property
     def tasks(self) -> int:
-        """Tasks per part."""
+        """Number of tasks per part."""
         return int(self.header.settings["tasks_per_part"])
 
     @property
@@ -41,7 +41,7 @@ class Session:
         return len(self.answers) == len(schedule(self.tasks))
 
     def table_of(self, answer: Answer) -> TableKey:
-        """Return the key for an answer's table."""
+        """Return distractor count, seed, part and task number, which determine an answer's table."""
         return self.distractors, self.header.seed, answer.part, answer.number
 
 
@@ -88,7 +88,7 @@ def drop_torn_line(path: Path, torn: int) -> None:
 
 
 def read_session(path: Path) -> Session:
-    """Read a session file.
+    """Read one participant's answers, written by ``play --protocol paper``.
 
     Raises:
         ArtefactError: for other or damaged files, with the line number; a torn last line is allowed.
@@ -123,19 +123,19 @@ def check_number(settings: dict[str, int | str], name: str, least: int, most: in
 
 
 def check_alike(path: Path, header: Header, other: str, reference: Header) -> None:
-    """Check that a header equals the reference, except for the graph name.
-
-    Raises:
-        GraphMismatchError: if graph or split differ.
-        ConfigError: if a setting differs.
-    """
+    """Check that a header equals the reference, with the errors of :func:`check_equal`."""
     have, want = (as_values(entry) | entry.settings for entry in (header, reference))
     del have["settings"], want["settings"]
     check_equal(f"'{path}' has", have, f"{other} has", want)
 
 
 def check_equal(subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]) -> None:
-    """Check that the properties of a file equal the wanted properties, except for the graph name."""
+    """Check that the settings ``have`` equal ``want``, except for the graph name; ``subject`` and ``other`` name both.
+
+    Raises:
+        GraphMismatchError: if a hash differs.
+        ConfigError: if another setting differs.
+    """
     for name in {**want, **have}:
         if name != "graph" and have.get(name) != want.get(name):
             is_hash = name.endswith("_hash")

@@ -52,7 +52,7 @@ class StudyRecord(Record):
     created: str
 
     def header(self, cell: Cell) -> Header:
-        """Return a session header for a form and condition."""
+        """Return the header for a session file with a cell's tasks (a cell is a form with a number of distractors)."""
         settings = self.settings | {"num_distractors": cell.distractors}
         return Header(HUMAN_FORMAT, self.graph, self.graph_hash, self.split_hash, settings, self.seed + cell.form)
 
@@ -70,7 +70,11 @@ def texts_hash() -> str:
 
 
 class Study:
-    """The tasks of a study, posed on first use; ``cells`` are in assignment order."""
+    """A study's tasks for each cell: a form (sampled task list) with a number of distractors.
+
+    Attributes:
+        cells: all cells; people are assigned to the first cells first.
+    """
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
         """Prepare the tasks; a part without tasks is a TaskError."""
@@ -98,7 +102,7 @@ class Study:
         self._lock = threading.Lock()
 
     def tasks(self, cell: Cell) -> tuple[PosedTask, ...]:
-        """Return the tasks for a form and condition, in order; safe in several threads."""
+        """Return a cell's tasks, in order; thread-safe."""
         with self._lock:
             if cell not in self._posed:
                 protocol = self.protocol(cell)
@@ -106,7 +110,7 @@ class Study:
             return self._posed[cell]
 
     def protocol(self, cell: Cell) -> HumanProtocol:
-        """Return the protocol for a form and condition; forms share environments."""
+        """Return the protocol that samples a cell's tasks; all protocols share environments: use one at a time."""
         return self._of_condition[cell.distractors].with_seed(self.record.seed + cell.form)
 
 

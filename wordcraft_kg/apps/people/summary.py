@@ -15,7 +15,7 @@ from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 
 
 class AgentRate(Record):
-    """The results of an agent at the tables of people, with one result per answer.
+    """The results of an agent on the tables that people answered; a table counts once per answer.
 
     The 95 % interval is a bootstrap over tables; Wilson's for equal results; None for a single table.
     """
@@ -156,13 +156,9 @@ def _agent_rate(made: Sequence[bool], keys: Sequence[TableKey]) -> AgentRate:
 
 
 def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:
-    """Return the interval of a mean over people or tables, None for a single cluster.
-
-    For equal results, all resamples are equal and the bootstrap interval is a point, unlike Wilson's.
-    """
     amount = len(np.unique(clusters))
     if amount < 2:
         return None
     if right.min() == right.max():
-        return wilson_interval(int(right[0]) * amount, amount)
+        return wilson_interval(int(right[0]) * amount, amount)  # the bootstrap interval would be a point
     return interval(bootstrap(right, clusters))

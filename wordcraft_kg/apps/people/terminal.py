@@ -12,8 +12,8 @@ from wordcraft_kg.base.labels import read_label
 
 WIDTH = 80  # columns
 UNDO = ("u", "undo")
-Answers = Mapping[str, Callable[[], Iterable[str]]]
-"""Lines to show, by typed command."""
+Commands = Mapping[str, Callable[[], Iterable[str]]]
+"""Functions that return the lines to show, by typed command, such as ``?``."""
 
 
 class Quit(Exception):
@@ -37,7 +37,7 @@ class Terminal:
 
     @contextmanager
     def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
-        """End a game on :class:`Quit`; Ctrl-C adds the tally to the interruption."""
+        """Run a game in a ``with`` block until :class:`Quit`; after Ctrl-C, the message has the result so far."""
         try:
             yield
         except Quit:
@@ -56,35 +56,35 @@ class Terminal:
             raise Quit
         return line.strip()
 
-    def select(self, prompt: str, table: Sequence[str], answers: Answers) -> int | None:
+    def select(self, prompt: str, table: Sequence[str], commands: Commands) -> int | None:
         """Prompt until the input is valid; return the selected index in ``table``, or None to undo a selection."""
         while True:
             typed = self.ask(prompt)
             if typed.casefold() in UNDO:
                 return None
-            if typed.casefold() in answers:
-                self.say(*answers[typed.casefold()]())
+            if typed.casefold() in commands:
+                self.say(*commands[typed.casefold()]())
                 continue
             try:
                 return read_label(typed, table)
             except ActionError as error:
                 self.say(str(error))
 
-    def select_two(self, prompt: str, table: Sequence[str], answers: Answers) -> tuple[int, int]:
-        """Return two selected indices in ``table``; ``{}`` in the prompt shows the first selection."""
+    def select_two(self, prompt: str, table: Sequence[str], commands: Commands) -> tuple[int, int]:
+        """Return two selected indices in ``table``, as :meth:`select`; ``{}`` in the prompt is the first selection."""
         while True:
-            one = self.select(prompt.format("none"), table, answers)
+            one = self.select(prompt.format("none"), table, commands)
             if one is None:
                 self.say("There is no selection to undo.")
                 continue
-            other = self.select(prompt.format(table[one]), table, answers)
+            other = self.select(prompt.format(table[one]), table, commands)
             if other is not None:
                 return one, other
             self.say(f"Undone: {table[one]}.")
 
 
-def cells(labels: Sequence[str]) -> Iterator[str]:
-    """Yield lines with labels in numbered columns."""
+def numbered_columns(labels: Sequence[str]) -> Iterator[str]:
+    """Yield lines of text with the labels in columns, each label after its number."""
     numbered = [f"{place:>3} {label}" for place, label in enumerate(labels, start=1)]
     width = max(map(len, numbered)) + 2
     per_line = max(1, WIDTH // width)

@@ -71,14 +71,14 @@ def new_code() -> str:
 
 
 def read_code(typed: str) -> str | None:
-    """Return a code, typed with any capitals, blanks and dashes; None if the text is not a code."""
+    """Return a session's code, typed with any capitals, blanks and dashes; None if the text is not a code."""
     letters = re.sub(r"[\s\-–—._]", "", typed[:100]).lower()
     is_code = len(letters) == LENGTH and set(letters) <= set(ALPHABET)
     return _grouped(letters) if is_code else None
 
 
 def code_hash(code: str) -> str:
-    """Return the hash to store in place of a code."""
+    """Return the hash that is stored in place of a session's code."""
     return hashlib.sha256(code.encode()).hexdigest()
 
 
@@ -97,11 +97,10 @@ class _Server:
         return self._page("first", code=new_code(), problem="", typed="")
 
     def text(self, name: str) -> Callable[[Request], Response]:
-        """Return an endpoint for a page without values."""
         return lambda _: self._page(name)
 
     async def begin(self, request: Request) -> Response:
-        """Begin a session after consent; the form contains the code, so a repeated form begins one session."""
+        # The form contains the code, so a repeated form begins one session.
         form = await _form(request)
         if form.get("consent") == "no":
             return _to("/declined")
@@ -120,8 +119,6 @@ class _Server:
         return self._page("first", 404 if code else 400, code=new_code(), problem=problem, typed=typed)
 
     def of_person(self, reply: Reply) -> Endpoint:
-        """Return an endpoint for the person with the code in the path."""
-
         async def endpoint(request: Request) -> Response:
             form = await _form(request) if request.method == "POST" else {}
 

@@ -35,7 +35,7 @@ def elicit(
     force: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Elicit recipes from a language model, and save a scorer for agents' u, v and w.
+    """Elicit recipes from a language model, and save a scorer for agents.
 
     Prompts contain entity labels and no recipe. Without --yes, the command only estimates the numbers of prompts and
     tokens. Answers are stored, so no prompt is sent twice.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.people.terminal import Answers, Terminal, cells
+from wordcraft_kg.apps.people.terminal import Commands, Terminal, numbered_columns
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.console import Flag, Output, split_labels
@@ -38,7 +38,7 @@ INTRODUCTION = """This session follows the protocol of the paper: 40 practice ta
 then 40 test tasks without feedback. Every goal can be made in one attempt, from
 two items on the table or from one item combined with itself."""
 NAMES = {"train": "practice", "test": "test"}
-ANSWERS: Answers = {"?": lambda: [HELP]}
+COMMANDS: Commands = {"?": lambda: [HELP]}
 
 
 def play(
@@ -99,9 +99,9 @@ def play(
 
 
 def _select(terminal: Terminal, table: Sequence[str], left: int) -> tuple[tuple[int, int], float]:
-    terminal.say(*cells(table))
+    terminal.say(*numbered_columns(table))
     began = time.monotonic()
-    slots = terminal.select_two(f"first item: {{}}   attempts left: {left} > ", table, ANSWERS)
+    slots = terminal.select_two(f"first item: {{}}   attempts left: {left} > ", table, COMMANDS)
     return slots, time.monotonic() - began
 
 
@@ -183,7 +183,7 @@ def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int |
     if session.answers:
         terminal.say(f"Resuming after {len(session.answers)} answers.")
     with terminal.until_quit(
-        lambda: f"{len(session.answers)} answers are saved in {out}; run the same command to continue"
+        lambda: f"{len(session.answers)} answers are saved in {out}; repeat the command to resume"
     ):
         for part, number in protocol.turns[len(session.answers) :]:
             task = protocol.task(part, number)
@@ -204,7 +204,7 @@ def _protocol_result(session: "Session", out: Path) -> tuple[dict[str, Any], lis
     answered, finished, tasks = len(session.answers), session.is_finished, len(HUMAN_PARTS) * session.tasks
     values = {"out": str(out), "answered": answered, "tasks": tasks, "finished": finished}
     if not finished:  # test results appear only at the end
-        return values, [f"answered {answered} of {tasks}; run the same command to continue {out}"]
+        return values, [f"answered {answered} of {tasks}; repeat the command to resume {out}"]
     correct = {part: sum(answer.success for answer in session.answers if answer.part == part) for part in HUMAN_PARTS}
     shown = ", ".join(f"{part} {count} of {session.tasks}" for part, count in correct.items())
     return values | {"successes": correct}, [f"correct: {shown}   next: wordcraft-kg people summary {out}"]

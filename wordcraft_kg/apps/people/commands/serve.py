@@ -37,7 +37,7 @@ def people_serve(
     no_browser: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Serve the human protocol of the paper in the browser; Ctrl-C stops the server, the same command resumes.
+    """Serve the human protocol of the paper in the browser; Ctrl-C stops the server; repeat the command to resume.
 
     Several people can participate at once. Each answer is on disk before the next page. The study stores only the
     selected items, times and page loads.
@@ -81,11 +81,10 @@ def people_serve(
             stored = answers.stored()
     finally:
         listening.close()
-    print(f"stopped; {_counts(stored)} stored in {out}; run the same command to resume", file=sys.stderr)
+    print(f"stopped; {_counts(stored)} stored in {out}; repeat the command to resume", file=sys.stderr)
 
 
 def _consent(path: Path | None) -> str:
-    """Return the consent text, with one blank line between paragraphs."""
     if path is None:
         return CONSENT
     if not path.is_file() or path.stat().st_size > 8 * LONGEST_CONSENT:

@@ -14,6 +14,7 @@ from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.apps.explorer.server import make_app
+from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 from wordcraft_kg.graphs.splits import Split
@@ -140,3 +141,10 @@ def explored_by(predictor: LinkPredictor) -> Explored:
     known = _EXPLORED.setdefault(id(predictor), (predictor, Explored(predictor.model.opened)))
     known[1].models[predictor.name] = predictor
     return known[1]
+
+
+def view_by(predictor: LinkPredictor, state: State) -> Any:
+    """Return the view of a state for a model, with sound values."""
+    view = view_of(explored_by(predictor), state)
+    assert checked_values(view)
+    return view

@@ -1,31 +1,56 @@
-"""Lists of entities and the search for one; an entity's recipes, cost, predictions and similar entities."""
+"""The overview, lists of entities and the search; an entity's recipes, cost, predictions and similar entities."""
 
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from refusals import refuses
 
-from tests.apps.explorer.shown import explored_by, explored_graph, view_of
+from tests.apps.explorer.shown import Rows, explored_by, explored_graph, look, view_by, view_of
+from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
 from wordcraft_kg.apps.explorer.pages import entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
-from wordcraft_kg.apps.explorer.pages.entity import Entity, EntityProfile, Recipes, near_by_words
+from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes, near_by_words
+from wordcraft_kg.apps.explorer.pages.home import Home
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
-from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import Planner, RecipeGraph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.splits import PARTS
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.scorers.features import glove_features
 
 PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 
 
-def profile(predictor: LinkPredictor, label: str, *, learned: bool = False) -> EntityProfile:
-    found = view_of(explored_by(predictor), Entity(label, learned=learned))
-    checked_values(found)
-    return found
+@pytest.mark.parametrize(
+    ("rows", "furthest", "most_used"),
+    [
+        ([("a", "b", "c"), ("c", "b", "d"), ("x", "y", "z")], ("d", "c", "z"), ("b", "a", "c", "x", "y")),
+        ([("a", "b", "c"), ("b", "c", "a"), ("c", "a", "b")], (), ("a", "b", "c")),
+        ([], (), ()),
+    ],
+)
+def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows: Rows, furthest, most_used):
+    overview = view_of(explored_graph(rows), Home())
+    assert (overview.furthest, overview.most_used) == (furthest, most_used)
+
+
+@pytest.mark.parametrize(
+    ("settings", "train_sample"),
+    [
+        ({}, ""),
+        ({"train_fraction": 0.5, "label_noise": 0.25}, "50 % of the train recipes, 25 % of them with a wrong result"),
+    ],
+)
+def test_a_model_that_was_taught_a_dose_says_of_what(settings: dict[str, float], train_sample: str, tmp_path: Path):
+    config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, folds=0, **settings))  # type: ignore[arg-type]
+    explored = Explored.open("kitchen", [train_links(config, tmp_path / "model").folder])
+    assert [line.train_sample for line in view_of(explored, Home()).models] == [train_sample]
+    assert f">{train_sample or 'train recipes'}<" in look(explored, Home()).page
 
 
 @pytest.mark.parametrize("total", [0, 1, 19, 20, 21, 40, 41])
@@ -94,7 +119,7 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(
     part_of = {tuple(row): PARTS[part] for row, part in zip(graph.recipe_labels(), split.parts.tolist(), strict=True)}
     parts = set()
     for label in ("water", "bread", "flour"):
-        found = profile(neighbours, label)
+        found = view_by(neighbours, Entity(label))
         makes, uses = (
             {(row.ingredient_a, row.ingredient_b, row.result): row.part for row in kind.recipes}
             for kind in (found.made_by, found.used_in)
@@ -117,34 +142,25 @@ def test_layer_and_crafts_are_those_of_the_planner(kitchen: RecipeGraph):
 
 
 def test_what_cannot_be_made_has_neither_layer_nor_crafts(of_recipes: Callable[..., LinkPredictor]):
-    found = profile(of_recipes([("a", "b", "c"), ("x", "y", "x"), ("x", "c", "y")], kind="none"), "y")
+    rows = [("a", "b", "c"), ("x", "y", "x"), ("x", "c", "y")]
+    found = view_by(of_recipes(rows, kind="none"), Entity("y"))
     assert (found.layer, found.crafts, found.base) == (None, None, False)
     assert found.made_by.total == 1
 
 
 def test_a_model_answers_for_partners_ingredients_and_products(neighbours: LinkPredictor):
-    found, with_learned = profile(neighbours, "bread"), profile(neighbours, "bread", learned=True)
-    assert [(slot.head, slot.relation, slot.tail) for slot in found.slots] == [
-        ("bread", "combinesWith", None),
-        (None, "componentOf", "bread"),
-        ("bread", "componentOf", None),
-    ]
-    assert "learned" not in {row.status for slot in found.slots for row in slot.best}
-    assert "learned" in {row.status for slot in with_learned.slots for row in slot.best}
-    assert found.model == neighbours.name
-
-
-def test_without_a_model_the_recipes_and_words_are_left(kitchen: RecipeGraph):
-    found = view_of(explored_graph(kitchen), Entity("bread"))
-    assert (found.model, found.slots, found.nearest) == ("", (), ())
-    assert found.made_by.total
-    assert found.by_words
+    for learned in (False, True):
+        found = view_by(neighbours, Entity("bread", learned=learned))
+        queries = [(slot.head, slot.relation, slot.tail) for slot in found.slots]
+        assert queries[:2] == [("bread", "combinesWith", None), (None, "componentOf", "bread")]
+        assert queries[2:] == [("bread", "componentOf", None)]
+        assert ("learned" in {row.status for slot in found.slots for row in slot.best}) == learned
+        assert found.model == neighbours.name
 
 
 def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours: LinkPredictor):
-    found = profile(neighbours, "bread").nearest
-    assert len(found) == 8
-    assert "bread" not in {row.entity for row in found}
+    found = view_by(neighbours, Entity("bread")).nearest
+    assert len({row.entity for row in found} - {"bread"}) == len(found) == 8
     cosines = [row.cosine for row in found]
     assert cosines == sorted(cosines, reverse=True)
     assert cosines[0] > 0.3

@@ -6,72 +6,66 @@ from urllib.parse import unquote
 
 import pytest
 
-from tests.apps.explorer.shown import HOSTILE, Form, Shown, explored_by, look, view_of
+from tests.apps.explorer.shown import HOSTILE, Form, Shown, explored_by, look, state_of, view_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import State
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.compare import Compare
-from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes
-from wordcraft_kg.apps.explorer.pages.episode import Episode
-from wordcraft_kg.apps.explorer.pages.link import Link
-from wordcraft_kg.apps.explorer.pages.map import Map
-from wordcraft_kg.apps.explorer.pages.pair import Pair
-from wordcraft_kg.apps.explorer.pages.path import Path
-from wordcraft_kg.apps.explorer.pages.predictions import Predictions
-from wordcraft_kg.apps.explorer.pages.runs import Run, Runs
-from wordcraft_kg.apps.explorer.pages.tasks import Tasks
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.base.records import checked_values
 
-OF_MODELS: tuple[State, ...] = (
-    Entity("bread"),
-    Entity("water", model="kitchen-recipes", learned=True),
-    Recipes("water"),
-    Recipes("bread", use="makes", part="train"),
-    Predictions(),
-    Predictions(known="all", relation="componentOf", side="head", sort="worst", page=2),
-    Predictions(model="kitchen-recipes", known="learned", entity="water", sort="label"),
-    Link(),
-    Link("flour", "combinesWith", "water", "kitchen-recipes"),
-    Link("flour", "componentOf", "bread"),
-    Compare(),
-    Compare(one="kitchen-recipes", other="kitchen-complex", known="all", better="one", entity="water"),
-    Pair(),
-    Pair("flour", "water", "kitchen-recipes"),
+OF_MODELS = (
+    "/entity/bread",
+    "/entity/water?model=kitchen-recipes&learned=true",
+    "/recipes/water",
+    "/recipes/bread?use=makes&part=train",
+    "/predictions",
+    "/predictions?known=all&relation=componentOf&side=head&sort=worst&page=2",
+    "/predictions?model=kitchen-recipes&known=learned&entity=water&sort=label",
+    "/link",
+    "/link?head=flour&tail=water&model=kitchen-recipes",
+    "/link?head=flour&relation=componentOf&tail=bread",
+    "/compare",
+    "/compare?one=kitchen-recipes&other=kitchen-complex&known=all&better=one&entity=water",
+    "/pair",
+    "/pair?a=flour&b=water&model=kitchen-recipes",
 )
-OF_AGENTS: tuple[State, ...] = (
-    Tasks(),
-    Tasks(part="train", page=2, run="plain"),
-    Tasks(part="all", depth=2),
-    Tasks(depth=3, goal="bread"),
-    Tasks(success="never"),
-    Episode(),
-    Episode(part="train", task=7, distractor_seed=3, other=("plain",)),
-    Episode(depth=2, task=3, distractors=2, other=("plain", "mlp")),
-    Episode(goal="bread", table=("flour", "water", "fire"), selection="water", other=("plain",)),
-    Episode(run="mlp", task=2),
-    Runs(),
-    Run("guided"),
-    Run("plain"),
+OF_AGENTS = (
+    "/tasks",
+    "/tasks?part=train&page=2&run=plain",
+    "/tasks?part=all&depth=2",
+    "/tasks?depth=3&goal=bread",
+    "/tasks?success=never",
+    "/episode",
+    "/episode?part=train&task=7&distractor_seed=3&other=plain",
+    "/episode?depth=2&task=3&distractors=2&other=plain&other=mlp",
+    "/episode?goal=bread&table=flour&table=water&table=fire&selection=water&other=plain",
+    "/episode?run=mlp&task=2",
+    "/runs",
+    "/run/guided",
+    "/run/plain",
 )
-OF_GRAPHS: tuple[State, ...] = (Map(entity="bread"), Path(entity="bread"))
+OF_GRAPHS = ("/map?entity=bread", "/path/bread")
 LARGEST = 300 * 1024
 
 
 @pytest.fixture
-def shown(request: pytest.FixtureRequest, state: State) -> Explored:
-    """The kitchen with models or with agents, as the state needs it."""
-    return request.getfixturevalue("agents" if state in OF_AGENTS else "explored")
+def shown(request: pytest.FixtureRequest, address: str) -> Explored:
+    """The kitchen with models or with agents, as the page needs it."""
+    return request.getfixturevalue("agents" if address in OF_AGENTS else "explored")
+
+
+def state_at(address: str) -> State:
+    return state_of(address)[1]
 
 
 def filters_of(page: Shown) -> list[Form]:
     return [form for form in page.forms if form.attributes.get("class") == "filters"]
 
 
-@pytest.mark.parametrize("state", [*OF_MODELS, *OF_AGENTS, *OF_GRAPHS], ids=repr)
-def test_a_page_is_plain_accessible_and_small(shown: Explored, state: State):
-    page = look(shown, state)
+@pytest.mark.parametrize("address", [*OF_MODELS, *OF_AGENTS, *OF_GRAPHS])
+def test_a_page_is_plain_accessible_and_small(shown: Explored, address: str):
+    page = look(shown, state_at(address))
     assert len(page.page.encode()) < LARGEST
     headings = [int(tag[1]) for tag, _ in page.tags if tag in ("h1", "h2", "h3")]
     assert (headings[0], headings.count(1)) == (1, 1)
@@ -87,21 +81,22 @@ def test_a_page_is_plain_accessible_and_small(shown: Explored, state: State):
             assert attributes["id"] in labelled
 
 
-@pytest.mark.parametrize("state", [*OF_MODELS, *OF_AGENTS], ids=repr)
-def test_the_view_of_a_page_is_sound_and_its_links_lead_to_pages(shown: Explored, state: State):
-    assert checked_values(view_of(shown, state))
-    page = look(shown, state)
+@pytest.mark.parametrize("address", [*OF_MODELS, *OF_AGENTS])
+def test_the_view_of_a_page_is_sound_and_its_links_lead_to_pages(shown: Explored, address: str):
+    assert checked_values(view_of(shown, state_at(address)))
+    page = look(shown, state_at(address))
     own = [link for link in page.links if link.startswith("/") and not link.startswith("/files")]
     assert len(own) > 5
-    for address, (where, target) in zip(own, page.own, strict=True):
-        assert PAGES[where].address(target) == address
+    for link, (where, target) in zip(own, page.own, strict=True):
+        assert PAGES[where].address(target) == link
     targets = [target for where, target in page.own if where in ("tasks", "episode", "runs", "run")]
     for target in dict.fromkeys(targets[:12] + targets[-6:]):
         view_of(shown, target)
 
 
-@pytest.mark.parametrize("state", OF_MODELS, ids=repr)
-def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored: Explored, state: State):
+@pytest.mark.parametrize("address", OF_MODELS)
+def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored: Explored, address: str):
+    state = state_at(address)
     (form,) = filters_of(look(explored, state))
     where, _, subject = (form.attributes["action"] or "").removeprefix("/").partition("/")
     assert "?" not in where + subject, "a form replaces the query of its action"
@@ -113,73 +108,74 @@ def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored: Explored, 
 
 
 def test_a_static_page_has_no_form(explored: Explored):
-    assert not [state for state in OF_MODELS if filters_of(look(explored, state, is_static=True))]
+    assert not [one for one in OF_MODELS if filters_of(look(explored, state_at(one), is_static=True))]
+
+
+LINK = {"tail": HOSTILE[0]}
 
 
 @pytest.mark.parametrize("label", HOSTILE)
 @pytest.mark.parametrize(
-    "states",
+    "pages",
     [
-        lambda label: (Entity(label, learned=True), Recipes(label)),
-        lambda label: (Predictions(entity=label, known="all"), Pair(label, HOSTILE[0])),
-        lambda label: (Link(label, "combinesWith", HOSTILE[0]), Link(label, "componentOf", HOSTILE[0])),
-        lambda label: (Map(entity=label), Path(entity=label)),
+        (("entity", "entity", {"learned": True}), ("recipes", "entity", {})),
+        (("predictions", "entity", {"known": "all"}), ("pair", "a", {"b": HOSTILE[0]})),
+        (("link", "head", LINK), ("link", "head", {**LINK, "relation": "componentOf"})),
+        (("map", "entity", {}), ("path", "entity", {})),
     ],
     ids=["entity", "predictions", "link", "map"],
 )
-def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor: LinkPredictor, label: str, states):
+def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor: LinkPredictor, label: str, pages):
     explored = explored_by(hostile_predictor)
-    for state in states(label):
+    for name, of_label, choices in pages:
+        state = PAGES[name].state(**{of_label: label}, **choices)
         page, view = look(explored, state), view_of(explored, state)
-        assert label in {getattr(view, name, label) for name in ("entity", "head", "a")}
-        assert " ".join(label.split()) in page.text or isinstance(state, Predictions)
+        assert getattr(view, of_label, label) == label or name == "map"
+        assert " ".join(label.split()) in page.text or name == "predictions"
         tags = [tag for tag, _ in page.tags]
-        assert tags.count("script") == (3 if isinstance(state, Map) else 1)  # two files, and the data of the links
+        assert tags.count("script") == (3 if name == "map" else 1)  # two files, and the data of the links
         assert "img" not in tags
         entities = {target.entity for where, target in page.own if where in ("entity", "map", "path")} - {""}
         assert entities <= set(explored.opened.graph.entities)
-        assert not isinstance(state, Map) or entities == set(explored.opened.graph.entities)
-        for form in filters_of(page):
-            if isinstance(state, Entity | Recipes):
-                _, _, subject = (form.attributes["action"] or "").removeprefix("/").partition("/")
-                assert (unquote(subject) or dict(form.fields)["entity"]) == label
+        assert name != "map" or entities == set(explored.opened.graph.entities)
+        for form in filters_of(page) if name in ("entity", "recipes") else ():
+            _, _, subject = (form.attributes["action"] or "").removeprefix("/").partition("/")
+            assert (unquote(subject) or dict(form.fields)["entity"]) == label
+
+
+NO_BREAD = "Did you mean 'bread'"
 
 
 @pytest.mark.parametrize(
-    ("state", "message"),
+    ("address", "message"),
     [
-        (Entity("braed"), "Did you mean 'bread'"),
-        (Recipes("braed"), "Did you mean 'bread'"),
-        (Map(entity="braed"), "Did you mean 'bread'"),
-        (Path(entity="braed"), "Did you mean 'bread'"),
-        (Recipes(), "has no entity"),
-        (Recipes("bread", page=9), "`page` 9"),
-        (Predictions(entity="braed"), "Did you mean 'bread'"),
-        (Predictions(page=0), "`page` 0"),
-        (Predictions(page=99), "`page` 99"),
-        (Predictions(model="nothing"), "no model 'nothing'"),
-        (Link("bread"), "is missing"),
-        (Link("bread", "combinesWith", "braed"), "Did you mean 'bread'"),
-        (Compare(other="nothing"), "no model 'nothing'"),
-        (Pair(b="bread"), "is missing"),
-        (Pair("braed", "bread"), "Did you mean 'bread'"),
-        (Pair("bread", "braed"), "Did you mean 'bread'"),
-        (Tasks(goal="braed"), "Did you mean 'bread'"),
-        (Tasks(page=99), "`page` 99"),
-        (Episode(table=("flouur", "water")), r"no entity 'flouur' in kitchen\. Did you mean 'flour'"),
-        (Episode(run="giuded"), "no run 'giuded'"),
-        (Episode(other=("nobody",)), "no run 'nobody'"),
-        (Episode(table=("flour", "water"), selection="fire"), "selection"),
-        (Episode(table=("flour", "flour")), "table"),
-        (Episode(task=99_999), "`task`"),
-        (Episode(distractors=10_000), "num_distractors"),
-        (Episode(part="valid"), "no task"),
+        *((f"/{name}/braed", NO_BREAD) for name in ("entity", "recipes", "path")),
+        *((f"/{name}?{field}=braed", NO_BREAD) for name, field in (("map", "entity"), ("tasks", "goal"))),
+        *((f"/{name}?page=99", "`page` 99") for name in ("predictions", "tasks")),
+        ("/predictions?entity=braed", NO_BREAD),
+        ("/predictions?page=0", "`page` 0"),
+        ("/predictions?model=nothing", "no model 'nothing'"),
+        ("/recipes", "has no entity"),
+        ("/recipes/bread?page=9", "`page` 9"),
+        ("/link?head=bread", "is missing"),
+        ("/link?head=bread&tail=braed", NO_BREAD),
+        ("/compare?other=nothing", "no model 'nothing'"),
+        ("/pair?b=bread", "is missing"),
+        ("/pair?a=braed&b=bread", NO_BREAD),
+        ("/pair?a=bread&b=braed", NO_BREAD),
+        ("/episode?table=flouur&table=water", r"no entity 'flouur' in kitchen\. Did you mean 'flour'"),
+        ("/episode?run=giuded", "no run 'giuded'"),
+        ("/episode?other=nobody", "no run 'nobody'"),
+        ("/episode?table=flour&table=water&selection=fire", "selection"),
+        ("/episode?table=flour&table=flour", "table"),
+        ("/episode?task=99999", "`task`"),
+        ("/episode?distractors=10000", "num_distractors"),
+        ("/episode?part=valid", "no task"),
     ],
-    ids=repr,
 )
-def test_what_cannot_be_shown_is_an_error_that_says_why(explored: Explored, state: State, message: str):
+def test_what_cannot_be_shown_is_an_error_that_says_why(explored: Explored, address: str, message: str):
     with pytest.raises(WordCraftKGError, match=message) as error:
-        view_of(explored, state)
+        view_of(explored, state_at(address))
     is_unknown = str(error.value).startswith(("no entity", "no model", "no run"))
     assert isinstance(error.value, UnknownEntityError) == is_unknown
-    assert is_unknown or isinstance(error.value, ConfigError) or state == Episode(part="valid")
+    assert is_unknown or isinstance(error.value, ConfigError) or address == "/episode?part=valid"

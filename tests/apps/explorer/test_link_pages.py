@@ -1,4 +1,4 @@
-"""The pages of entities, links, pairs, ranks and two models: texts, in-sample marks and evidence."""
+"""The pages of links, pairs, ranks and two models: scores, in-sample marks, evidence, and texts."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_of
+from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
 from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
@@ -17,28 +17,121 @@ from wordcraft_kg.apps.explorer.pages.pair import Pair
 from wordcraft_kg.apps.explorer.pages.predictions import Predictions
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.evaluation.links import view_links
-from wordcraft_kg.evaluation.ranked_links import rank_links
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.ranking import rank_triples
 
 MANY = [(f"part {i % 7}", f"other {i % 5}", f"thing {i}") for i in range(35)]
+OfRecipes = Callable[..., LinkPredictor]
 
 
-def test_the_headline_of_predictions_is_that_of_the_report(explored: Explored):
-    for name, one in explored.models.items():
-        report = view_links(rank_links(one.model.scorer, one.model.opened))
-        view = view_of(explored, Predictions(model=name, part="test"))
-        assert view.metrics.mrr == pytest.approx(report.metrics["all"].mrr)
-        assert f"{view.metrics.mrr:.3f}" in look(explored, Predictions(model=name)).text
+def held_out(predictor: LinkPredictor) -> tuple[list[int], Link]:
+    """Return the first held-out triple as ids and as a page."""
+    head, relation, tail = predictor.split.held_out("test")[0].tolist()
+    labels = predictor.graph.entities
+    return [head, relation, tail], Link(labels[head], RELATIONS[relation], labels[tail])
 
 
-def test_ranks_of_what_was_learned_are_marked_as_memory(explored: Explored):
-    assert "ranks are in-sample" not in look(explored, Predictions()).text
-    some = look(explored, Predictions(known="all"))
-    assert "of these queries are for training triples: these ranks are in-sample" in some.text
-    assert "All of these queries" in look(explored, Predictions(known="learned")).text
+def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel: LinkPredictor):
+    graph, scorer = kernel.graph, kernel.model.scorer
+    triples = graph.triples[::37]
+    ranks = rank_triples(scorer, triples, graph.triples)
+    statuses = set()
+    for row, (head, relation, tail) in enumerate(triples.tolist()):
+        view = view_by(kernel, Link(graph.entities[head], RELATIONS[relation], graph.entities[tail]))
+        assert view.score == pytest.approx(float(scorer.score(head, relation, tail)))
+        assert view.as_tail.rank == ranks["rank"].iloc[row]
+        assert view.as_head.rank == ranks["rank"].iloc[row + len(triples)]
+        assert view.as_head.candidates == ranks["candidates"].iloc[row + len(triples)]
+        is_learned = view.known == "train"
+        assert (view.status == "learned") == view.reason.is_in_sample == is_learned
+        chance = None if is_learned else pytest.approx(float(scorer.probability(head, relation, tail)))
+        assert view.probability == chance
+        assert {row.part for row in view.recipes} >= {view.known}
+        statuses.add((view.status, view.known))
+    assert statuses == {("learned", "train"), ("held out", "valid"), ("held out", "test")}
 
 
-def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes: Callable[..., LinkPredictor]):
+def test_a_learned_link_names_a_train_recipe_and_a_held_out_one_its_evidence(kernel: LinkPredictor):
+    a, b, _ = kernel.graph.labels(kernel.split.recipes("train")[0])
+    reason = view_by(kernel, Link(a, "combinesWith", b)).reason
+    assert reason.learned_from[0] in [tuple(row)[:3] for row in kernel.graph.recipe_labels()]
+    assert view_by(kernel, held_out(kernel)[1]).reason.witnesses
+
+
+def test_a_link_that_is_not_in_the_book_says_so(kernel: LinkPredictor):
+    itself = view_by(kernel, Link("bread", "componentOf", "bread"))
+    assert (itself.status, itself.known, itself.recipes) == ("itself", "new", ())
+    assert itself.probability is not None
+    other = view_by(kernel, Link("bread", "componentOf", "water"))
+    assert (other.status, other.recipes) == ("not in the book", ())
+    assert {row.entity for row in other.tails.best}.isdisjoint({"water"}) or other.as_tail.rank <= 10
+    for slot, ends in ((other.tails, ("bread", None)), (other.heads, (None, "water"))):
+        assert (slot.head, slot.tail, len(slot.best)) == (*ends, 10)
+
+
+def test_a_model_of_the_full_graph_is_marked(all_seeing: LinkPredictor):
+    view = view_by(all_seeing, held_out(all_seeing)[1])
+    assert (view.has_seen_the_test_recipes, view.status, view.known) == (True, "learned", "test")
+    assert view.reason.is_in_sample
+
+
+def test_a_pair_makes_what_the_book_says_with_the_part(neighbours: LinkPredictor):
+    graph, explored = neighbours.graph, explored_graph(neighbours.graph, split=neighbours.split)
+    for a, b, _ in graph.recipe_labels()[::13]:
+        for one, other in ((a, b), (b, a)):
+            view = view_of(explored, Pair(one, other))
+            assert tuple(row.result for row in view.makes) == graph.labels(graph.results(a, b))
+            assert (view.link, view.results, view.model) == (None, None, "")
+
+
+def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers: LinkPredictor):
+    a, b, result = rankers.graph.labels(rankers.split.recipes("test")[0])
+    view, scorer = view_by(rankers, Pair(a, b)), rankers.model.scorer
+    assert isinstance(scorer, CrossFitted)
+    shares = scorer.result_probabilities(a, b)
+    assert [row.probability for row in view.results] == pytest.approx(sorted(shares.tolist(), reverse=True)[:10])
+    assert any(row.because for row in view.results)
+    assert not any(row.in_sample for row in view.results if row.known != "train")
+    assert [row.part for row in view.makes if row.result == result] == ["test"]
+
+
+def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers: LinkPredictor):
+    a, b, result = rankers.graph.labels(rankers.split.recipes("train")[0])
+    view = view_by(rankers, Pair(a, b))
+    assert {row.result for row in view.results if row.in_sample} >= {result}
+    assert (view.link.status, view.link.probability) == ("learned", None)
+
+
+def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel: LinkPredictor, explored: Explored):
+    _, link = held_out(kernel)
+    view = view_by(kernel, Pair(link.head, link.tail))
+    assert (view.results, view.link.status, view.link.probability is None) == (None, "held out", False)
+    assert view.link.score == pytest.approx(float(kernel.model.scorer.score(link.head, COMBINES_WITH, link.tail)))
+    assert view.link.rank == view_by(kernel, link).as_tail
+    texts = [look(explored, Pair("flour", "water", f"kitchen-{name}")).text for name in ("complex", "recipes")]
+    assert [text.count("scores only links") for text in texts] == [1, 0]
+    assert "Results, if the pair combines" in texts[1]
+
+
+def test_an_entity_may_be_paired_with_itself(kernel: LinkPredictor):
+    assert view_by(kernel, Pair("bread", "bread")).link.status in ("itself", "held out", "learned")
+
+
+def test_the_headline_of_predictions_is_on_the_page(explored: Explored):
+    for name in explored.models:
+        metrics = view_of(explored, Predictions(model=name, part="test")).metrics
+        assert f"{metrics.mrr:.3f}" in look(explored, Predictions(model=name)).text
+
+
+@pytest.mark.parametrize(("known", "how_many"), [("unseen", ""), ("all", " of these"), ("learned", "All of these")])
+def test_ranks_of_what_was_learned_are_marked_as_memory(explored: Explored, known: str, how_many: str):
+    text = look(explored, Predictions(known=known)).text  # type: ignore[arg-type]
+    shown = f"{how_many} queries are for training triples: these ranks are in-sample"
+    assert (shown in text) == ("ranks are in-sample" in text) == bool(how_many)
+
+
+def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes: OfRecipes):
     explored = explored_by(of_recipes(MANY, kg="full", kind="by-recipe-plain"))
     page = look(explored, Predictions())
     assert "no triple in the book is unseen" in page.text
@@ -51,36 +144,31 @@ def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes: 
     assert result in pair.text
 
 
-def test_a_book_without_a_split_has_pages_too(of_recipes: Callable[..., LinkPredictor]):
-    explored = explored_by(of_recipes([("a", "b", "c"), ("b", "c", "d"), ("a", "d", "e")], kg="full", kind="none"))
+def test_a_book_without_a_split_has_pages_too(of_recipes: OfRecipes):
+    predictor = of_recipes([("a", "b", "c"), ("b", "a", "d"), ("b", "c", "d"), ("a", "d", "e")], kind="none")
+    explored = explored_by(predictor)
     assert "This model was trained on all recipes" in look(explored, Predictions()).text
-    for state in (Entity("a"), Link(), Pair(), Recipes("a")):
-        assert look(explored, state).text
+    assert all(look(explored, state).text for state in (Link(), Pair(), Recipes("a")))
     assert "are in the training data" in look(explored, Entity("a")).text
+    pair = view_by(predictor, Pair("b", "a"))
+    assert [(row.result, row.part) for row in pair.makes] == [("c", "train"), ("d", "train")]
+    assert pair.has_seen_the_test_recipes
 
 
-def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(
-    explored: Explored, of_recipes: Callable[..., LinkPredictor]
-):
+def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(explored: Explored, of_recipes: OfRecipes):
     assert "%" in look(explored, Entity("bread")).text
     assert view_of(explored, Entity("bread")).has_probabilities
-    plain = explored_by(of_recipes(MANY, kind="by-recipe-plain"))
-    assert not view_of(plain, Entity("part 1")).has_probabilities
-    test = plain.opened.split.held_out("test")[0]
-    head, tail = plain.opened.graph.labels(test[[0, 2]])
-    assert view_of(plain, Link(head, "combinesWith", tail)).probability is None
-
-
-def test_a_scorer_of_links_says_that_it_cannot_say_what_a_pair_makes(explored: Explored):
-    links = look(explored, Pair("flour", "water", "kitchen-complex"))
-    assert "kitchen-complex scores only links" in links.text
-    recipes = look(explored, Pair("flour", "water", "kitchen-recipes"))
-    assert "scores only links" not in recipes.text
-    assert "Results, if the pair combines" in recipes.text
+    plain = of_recipes(MANY, kind="by-recipe-plain")
+    assert not view_by(plain, Entity("part 1")).has_probabilities
+    assert view_by(plain, held_out(plain)[1]).probability is None
 
 
 def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder: Path):
     explored = Explored.open(kitchen_folder)
+    view = view_of(explored, Entity("bread"))
+    assert (view.model, view.slots, view.nearest) == ("", (), ())
+    assert view.made_by.total
+    assert view.by_words
     assert "Nearest by word vectors" in look(explored, Entity("bread")).text
     assert "In the book" in look(explored, Pair("flour", "water")).text
     for state in (Predictions(), Link(), Compare()):
@@ -97,12 +185,12 @@ def test_a_model_compared_with_itself_does_not_differ(explored: Explored):
     assert view_of(explored, Compare(other="kitchen-complex")).ranks.one == "kitchen-recipes"
 
 
-def test_too_few_unseen_triples_leave_no_headline(of_recipes: Callable[..., LinkPredictor]):
-    rows = [(f"part {i % 3}", f"other {i % 4}", f"thing {i}") for i in range(9)]
-    predictor = of_recipes(rows, kind="by-recipe-plain")
+def test_too_few_unseen_triples_leave_no_headline(of_recipes: OfRecipes):
+    predictor = of_recipes(
+        [(f"part {i % 3}", f"other {i % 4}", f"thing {i}") for i in range(9)], kind="by-recipe-plain"
+    )
     explored = Explored(predictor.model.opened, {"model": predictor, "again": predictor})
-    view = view_of(explored, Compare())
-    assert view.headline is None
+    assert view_of(explored, Compare()).headline is None
     assert "No headline: only" in look(explored, Compare()).text
 
 
@@ -120,10 +208,8 @@ def test_ranks_are_made_once_however_many_ask(
     kitchen_folder: Path, links_folder: Path, monkeypatch: pytest.MonkeyPatch
 ):
     explored = Explored.open(kitchen_folder, [links_folder])
-    made = []
-    rank_graph = predictions.rank_graph
+    made, views, rank_graph = [], [], predictions.rank_graph
     monkeypatch.setattr(predictions, "rank_graph", lambda predictor: made.append(1) or rank_graph(predictor))
-    views = []
     at_once(lambda: views.append(view_of(explored, Predictions())), 6)
     assert (len(made), len(views)) == (1, 6)
     assert all(view == views[0] for view in views)
@@ -141,9 +227,8 @@ def test_what_speaks_for_a_prediction_is_named_beside_it(explored: Explored):
     state = Entity("bread", model="kitchen-recipes")
     text, named = look(explored, state).text, 0
     for slot, row in [(one, row) for one in view_of(explored, state).slots for row in one.best]:
-        assert row.reason is not None
+        head, tail = slot.head or row.entity, slot.tail or row.entity
         for witness in row.reason.witnesses:
-            head, tail = slot.head or row.entity, slot.tail or row.entity
             like = (head, witness.head) if witness.tail == tail else (tail, witness.tail)
             recipe = witness.recipes[0]
             shown = f"{like[0]} is like {like[1]}: {recipe.ingredient_a} + {recipe.ingredient_b} → {recipe.result}"
@@ -153,12 +238,10 @@ def test_what_speaks_for_a_prediction_is_named_beside_it(explored: Explored):
 
 
 def test_a_link_shows_how_far_each_train_recipe_speaks_for_it(explored: Explored):
-    split = explored.opened.split
-    head, _, tail = split.held_out("test")[0].tolist()
-    a, b = split.graph.labels(np.array([head, tail]))
+    a, b = explored.opened.graph.labels(np.array(explored.opened.split.held_out("test")[0])[[0, 2]])
     state = Link(a, "combinesWith", b, "kitchen-recipes")
-    view, text = view_of(explored, state), look(explored, state).text
-    assert view.reason.witnesses
-    for witness in view.reason.witnesses:
+    witnesses, text = view_of(explored, state).reason.witnesses, look(explored, state).text
+    assert witnesses
+    for witness in witnesses:
         assert f"{witness.head} combinesWith {witness.tail}" in text
         assert f"{witness.weight:.3f} {100 * witness.share:.0f} %" in text

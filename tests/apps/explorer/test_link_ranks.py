@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from itertools import product
 
-import numpy as np
 import pytest
 
 from wordcraft_kg.apps.explorer.pages import predictions
@@ -48,12 +47,19 @@ def everything(ranked: RankedTriples) -> list:
     return pages(ranked, RankFilter(known="all"), order="label")
 
 
+def key_of(query: RankedQuery | ComparedQuery) -> tuple[str, str, str, str]:
+    return query.head, query.relation, query.tail, query.side
+
+
+def gain(query: ComparedQuery) -> float:
+    return 1 / query.rank_one - 1 / query.rank_other
+
+
 def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours: LinkPredictor, ranked: RankedTriples):
     report = view_links(rank_links(neighbours.model.scorer, neighbours.model.opened))
     found = view_link_ranks(ranked, UNSEEN)
     assert found.metrics.mrr == pytest.approx(report.metrics["all"].mrr)
-    assert found.metrics.queries == report.queries
-    assert found.learned == 0
+    assert (found.metrics.queries, found.learned) == (report.queries, 0)
     for relation in RELATIONS:
         of_relation = view_link_ranks(ranked, RankFilter(relation=relation, part="test"))
         assert of_relation.metrics.mrr == pytest.approx(report.metrics[relation].mrr)
@@ -71,27 +77,24 @@ def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours: LinkPred
     assert view_link_ranks(rank_graph(neighbours), UNSEEN).sample.is_whole
 
 
-def test_of_many_entities_fewer_triples_are_ranked(neighbours: LinkPredictor, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(predictions, "SCORES", 50 * neighbours.graph.num_entities)
-    sample = rank_graph(neighbours).sample
-    assert (sample.unseen, sample.others) == (50, 50)
-    monkeypatch.setattr(predictions, "SCORES", 0)
-    assert rank_graph(neighbours).sample.unseen == MIN_TRIPLES
+@pytest.mark.parametrize(("each", "ranked"), [(50, 50), (0, MIN_TRIPLES)])
+def test_of_many_entities_fewer_triples_are_ranked(neighbours: LinkPredictor, monkeypatch, each: int, ranked: int):
+    monkeypatch.setattr(predictions, "SCORES", each * neighbours.graph.num_entities)
+    assert rank_graph(neighbours).sample.unseen == ranked
 
 
 def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours: LinkPredictor, everything: list):
-    graph = neighbours.graph
-    labelled = {
-        (graph.entities[row.head], RELATIONS[row.relation], graph.entities[row.tail], row.side): row
-        for row in rank_triples(neighbours.model.scorer, graph.triples, graph.triples).itertuples()
+    graph, labels = neighbours.graph, neighbours.graph.entities
+    ranks = rank_triples(neighbours.model.scorer, graph.triples, graph.triples)
+    ranks["learned"] = is_in(ranks[["head", "relation", "tail"]].to_numpy(), neighbours.split.partial, len(labels))
+    expected = {
+        (labels[row.head], RELATIONS[row.relation], labels[row.tail], row.side): row for row in ranks.itertuples()
     }
-    assert len(everything) == 2 * len(graph.triples) == len(labelled)
+    assert len(everything) == 2 * len(graph.triples) == len(expected)
     for query in everything:
-        row = labelled[key_of(query)]
+        row = expected[key_of(query)]
         assert (query.rank, query.score, query.candidates) == (row.rank, row.score, row.candidates)
-        assert query.top == graph.entities[row.top]
-        triple = np.array([[row.head, row.relation, row.tail]])
-        assert query.learned == bool(is_in(triple, neighbours.split.partial, graph.num_entities)[0])
+        assert (query.top, query.learned) == (labels[row.top], row.learned)
 
 
 FILTERS = [
@@ -120,10 +123,6 @@ def test_a_filter_chooses_what_it_says(ranked: RankedTriples, everything: list, 
     assert all(fits(query) for query in view.queries)
     if expected:
         assert view.metrics.mrr == pytest.approx(sum(1 / query.rank for query in expected) / len(expected))
-
-
-def key_of(query: RankedQuery | ComparedQuery) -> tuple[str, str, str, str]:
-    return query.head, query.relation, query.tail, query.side
 
 
 @pytest.mark.parametrize(
@@ -170,17 +169,12 @@ def test_two_models_are_compared_query_by_query(ranked: RankedTriples, by_kernel
         first, second = one[key_of(query)], other[key_of(query)]
         assert (query.rank_one, query.top_one) == (first.rank, first.top)
         assert (query.rank_other, query.top_other) == (second.rank, second.top)
-    gains = [abs(gain(query)) for query in compared]
-    assert gains == pytest.approx(sorted(gains, reverse=True))
-    assert gains[0] > 0.5
-    assert found.metrics_one.mrr == pytest.approx(sum(1 / query.rank_one for query in compared) / len(compared))
-    assert found.metrics_other.mrr == pytest.approx(sum(1 / query.rank_other for query in compared) / len(compared))
-    assert found.better_one == sum(gain(query) > 0 for query in compared) > 0
-    assert found.better_other == sum(gain(query) < 0 for query in compared) > 0
-
-
-def gain(query: ComparedQuery) -> float:
-    return 1 / query.rank_one - 1 / query.rank_other
+    gains = [gain(query) for query in compared]
+    assert list(map(abs, gains)) == pytest.approx(sorted(map(abs, gains), reverse=True))
+    assert abs(gains[0]) > 0.5
+    assert found.metrics_one.mrr - found.metrics_other.mrr == pytest.approx(sum(gains) / len(gains))
+    assert found.better_one == sum(gain > 0 for gain in gains) > 0
+    assert found.better_other == sum(gain < 0 for gain in gains) > 0
 
 
 def test_the_headline_of_a_comparison_is_that_of_compare_links(
@@ -191,13 +185,13 @@ def test_the_headline_of_a_comparison_is_that_of_compare_links(
     assert [found.metrics_one.mrr, found.metrics_other.mrr] == pytest.approx([model.mrr for model in view.models])
 
 
-def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked: RankedTriples, by_kernel: RankedTriples):
-    for better, sign in (("one", 1), ("other", -1)):
-        found = view_compared_ranks(ranked, by_kernel, UNSEEN, better)
-        assert found.queries
-        assert all(sign * gain(query) > 0 for query in found.queries)
-        assert found.paging.total == (found.better_one if sign > 0 else found.better_other)
-        assert found.metrics_one.queries == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics_one.queries
+@pytest.mark.parametrize(("better", "sign"), [("one", 1), ("other", -1)])
+def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked, by_kernel, better: str, sign: int):
+    found = view_compared_ranks(ranked, by_kernel, UNSEEN, better)  # type: ignore[arg-type]
+    assert found.queries
+    assert all(sign * gain(query) > 0 for query in found.queries)
+    assert found.paging.total == (found.better_one if sign > 0 else found.better_other)
+    assert found.metrics_one.queries == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics_one.queries
 
 
 def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(
@@ -209,9 +203,7 @@ def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(
     assert view_compared_ranks(ranked, rank_graph(all_seeing), UNSEEN).queries == ()
 
 
-def test_models_of_other_splits_or_graphs_are_not_compared(
-    rankers: LinkPredictor, hostile_predictor: LinkPredictor, ranked: RankedTriples
-):
-    for other in (rankers, hostile_predictor):
-        with pytest.raises(GraphMismatchError):
-            view_compared_ranks(ranked, rank_graph(other), RankFilter(known="all"))
+@pytest.mark.parametrize("other", ["rankers", "hostile_predictor"])
+def test_models_of_other_splits_or_graphs_are_not_compared(request, other: str, ranked: RankedTriples):
+    with pytest.raises(GraphMismatchError):
+        view_compared_ranks(ranked, rank_graph(request.getfixturevalue(other)), RankFilter(known="all"))

@@ -1,4 +1,4 @@
-"""The subject of a site: a graph, models and runs, with values that are computed once for all pages."""
+"""The content of all pages, and values that are computed once."""
 
 import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class Explored:
-    """A graph with models and runs by name; runs may be unfinished."""
+    """The content of all pages: a graph, its link prediction models and runs of agents by name."""
 
     def __init__(
         self,
@@ -37,12 +37,7 @@ class Explored:
 
     @classmethod
     def open(cls, graph: str | Path, models: Iterable[str | Path] = (), runs: Iterable[str | Path] = ()) -> "Explored":
-        """Open a graph, models and runs.
-
-        Args:
-            graph: graph folder, recipe book or known book's name.
-            models: folders of link predictors.
-            runs: run folders of agents, or folders of several seeds.
+        """Open a graph, folders of models, and folders of runs or of several seeds.
 
         Raises:
             ArtefactError: if a folder is damaged or of another kind, or a model is unfinished.
@@ -57,10 +52,10 @@ class Explored:
         return cls(opened, opened_models, folders)
 
     def predictor(self, name: str = "") -> LinkPredictor:
-        """Return a model with evidence, by default the first.
+        """Return a model, by default the first, with similarities of all entities computed.
 
         Raises:
-            ConfigError: without a model, or with too many entities for evidence.
+            ConfigError: without a model, or with too many entities to compare them all.
             UnknownEntityError: if no model has this name.
         """
         predictor = self._by_name("model", self.models, name)
@@ -68,7 +63,7 @@ class Explored:
         return predictor
 
     def run(self, name: str = "") -> tuple[str, Path]:
-        """Return the name and folder of a run, by default the first; errors as for models."""
+        """Return the name and folder of an agent's run, by default the first; errors as in :meth:`predictor`."""
         return self._by_name("run", {name: (name, folder) for name, folder in self.runs.items()}, name)
 
     def _by_name(self, kind: str, known: Mapping[str, T], name: str) -> T:

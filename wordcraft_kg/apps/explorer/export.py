@@ -1,4 +1,4 @@
-"""Static sites: the pages that need no server, with relative links, to publish or to open from a disk."""
+"""Static sites, to publish or to open from a disk."""
 
 import json
 import os
@@ -94,7 +94,7 @@ class _Files:
                     taken.add(name)
 
     def address(self, page: Page[Any], state: State, *, seen_from: str) -> str:
-        """Return the relative address of a page, seen from a file; empty if the site does not have the page."""
+        """Return a page's address relative to a file; empty for missing pages."""
         target = self.names.get((page.name, state))
         return "" if target is None else _relative(target, seen_from)
 

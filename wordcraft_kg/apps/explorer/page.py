@@ -1,4 +1,4 @@
-"""A page: a name, a state that forms the address, and the view; and long lists, page by page."""
+"""Pages, their addresses, and long lists."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -15,32 +15,12 @@ from wordcraft_kg.base.settings import nearest
 
 
 class State(Record):
-    """The choices on a page: str, int, bool, Literal or tuples with str, all with defaults."""
+    """Base of page settings: fields of type str, int, bool, Literal or tuple[str, ...], all with defaults."""
 
 
 S = TypeVar("S", bound=State)
 Addresses = Callable[["Page[Any]", State], str]
 """Returns the address of a page, or an empty text where there is none."""
-
-
-def has_entities(explored: Explored) -> bool:
-    """Return whether the graph has entities."""
-    return explored.opened.graph.num_entities > 0
-
-
-def has_models(explored: Explored) -> bool:
-    """Return whether there is a model."""
-    return bool(explored.models)
-
-
-def has_runs(explored: Explored) -> bool:
-    """Return whether there is a run."""
-    return bool(explored.runs)
-
-
-def nowhere(_: Explored) -> tuple[()]:
-    """Return no states, for pages that need a server."""
-    return ()
 
 
 @dataclass(frozen=True)
@@ -49,14 +29,14 @@ class Page(Generic[S]):
 
     Attributes:
         name: first segment of the address, and name of the template.
-        state: choices of the page.
-        view: returns the view of a state. An UnknownEntityError becomes a page "not found", other input errors a page
-            with the message.
+        state: class of settings.
+        view: returns the shown values. An UnknownEntityError becomes a page "not found", other input errors a page with
+            the message.
         title: name in the menu; empty for pages outside the menu.
-        subject: field of the state that is the second segment of the address, as in ``/entity/paper``.
+        subject: setting that is the second segment of the address, as in ``/entity/paper``.
         draw: returns the pictures of a view, as server-side SVG, by their names in the template.
-        exported: returns the states of a static site; by default the state without any choices.
-        is_there: returns whether the page has content.
+        exported: returns the settings of each file in a static site; by default a single file with default settings.
+        is_there: returns a true value if the page has content.
         is_live: returns whether the view may change, so that the page must not be cached.
         package: package with the template, in the folder ``templates``.
     """
@@ -68,12 +48,12 @@ class Page(Generic[S]):
     subject: str = ""
     draw: Callable[[Any, S, Addresses], Mapping[str, Any]] | None = None
     exported: Callable[[Explored], Iterable[S]] | None = None
-    is_there: Callable[[Explored], bool] = lambda _: True
+    is_there: Callable[[Explored], object] = lambda _: True
     is_live: Callable[[Explored, S], bool] = lambda *_: False
     package: str = "wordcraft_kg.apps.explorer"
 
     def states(self, explored: Explored) -> Iterable[S]:
-        """Return the states in a static site."""
+        """Return the settings of each file that this page has in a static site."""
         if not self.is_there(explored):
             return []
         if self.exported is not None:
@@ -81,7 +61,7 @@ class Page(Generic[S]):
         return [] if self.subject else [self.state()]
 
     def address(self, state: S) -> str:
-        """Return path and query for a state, without choices at their defaults."""
+        """Return the path and query for page settings, without defaults."""
         path = f"/{self.name}"
         query: list[tuple[str, str]] = []
         for field in _fields(self.state):
@@ -93,7 +73,7 @@ class Page(Generic[S]):
         return f"{path}?{urlencode(query)}" if query else path
 
     def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
-        """Return the state for a decoded second path segment and a query, where empty values mean the default.
+        """Return page settings from a decoded second path segment and a query, where empty values mean the default.
 
         Raises:
             ConfigError: for an unknown name, a value with another type, or two values.
@@ -114,10 +94,7 @@ class Page(Generic[S]):
 
 
 def _fits_path(value: str) -> bool:
-    """Return whether a label can be a segment of a path.
-
-    Browsers resolve dots, some servers slashes, and proxies may decode percent signs twice.
-    """
+    # Browsers resolve dots, some servers slashes, and proxies may decode percent signs twice.
     return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
 
 

@@ -20,13 +20,13 @@ AskedDepth = Literal[0, 1, 2, 3, 4, 5]
 
 
 def followed(explored: Explored, name: str = "") -> tuple[str, FollowedRun]:
-    """Return a run with its name, by default the first; errors as in :meth:`Explored.run`."""
+    """Return the name of an agent's run and a reader of its growing files; see :meth:`Explored.run`."""
     name, folder = explored.run(name)
     return name, explored.once(("followed run", name), lambda: FollowedRun(folder, explored.opened))
 
 
 def is_done(run: FollowedRun) -> bool:
-    """Return whether a run is final."""
+    """Return whether a training is complete and evaluated."""
     try:
         return run.records().run.status == "done"
     except ArtefactError:
@@ -44,7 +44,7 @@ def tasks_of(run: FollowedRun | None) -> TaskConfig:
 def settings_of(
     explored: Explored, tasks: TaskConfig, part: AskedPart = "", depth: AskedDepth = 0, distractors: int | None = None
 ) -> WordCraftConfig:
-    """Return world settings from an agent's tasks, with changes."""
+    """Return the environment settings of an agent's training tasks, with another part, depth or distractors."""
     if depth and depth != tasks.depth:
         enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
         tasks = replace(tasks, depth=depth, max_attempts=tasks.max_attempts if enough else None)
@@ -52,17 +52,17 @@ def settings_of(
 
 
 def plain_world(explored: Explored, config: WordCraftConfig) -> World:
-    """Return a world with the tasks of some settings and without distractors, made once; no task is a TaskError."""
+    """Return the tasks for environment settings, without distractors; no task is a TaskError."""
     kept = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
     plain = WordCraftConfig(num_distractors=0, **{name: getattr(config, name) for name in kept})
     return explored.once(("world", plain), lambda: World(explored.opened, plain))
 
 
 def world_of(explored: Explored, config: WordCraftConfig) -> World:
-    """Return the cached world for some settings; worlds share equal tasks."""
+    """Return the tasks and rules for environment settings, made once."""
     return explored.once(("world", config), lambda: World(plain_world(explored, config), config))
 
 
 def usual_part(explored: Explored) -> TaskPart:
-    """Return the default task part."""
+    """Return the task part shown by default: test, or train if the graph has no test recipes."""
     return "test" if (explored.opened.split.parts == TEST).any() else "train"

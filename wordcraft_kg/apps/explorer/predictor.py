@@ -1,4 +1,4 @@
-"""Model queries for the pages: training status, filtered ranks and explanations."""
+"""Queries to a model: scores, ranks and reasons."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ train sample), ``not in the book``, or ``itself`` (not in the book, head and tai
 
 
 class PlacedRecipe(Record):
-    """A recipe and its part."""
+    """A recipe and its part of the split, such as test."""
 
     ingredient_a: str
     ingredient_b: str
@@ -44,7 +44,7 @@ class PlacedRecipe(Record):
 
 
 class ScoredLink(Record):
-    """The score of a link, and the part with recipes for the link; learned links have no probability."""
+    """The score of a link; ``known`` is its first recipe's part; training links have no probability."""
 
     score: float
     status: Status
@@ -62,9 +62,10 @@ class PredictedEntity(ScoredLink):
 
 
 class PredictedSlot(Record):
-    """The best entities in an open slot (label None), and the best ranked entities with true, unlearned links.
+    """The answers to a query, a triple with an unknown head or tail (None).
 
-    ``true_unlearned`` and ``true_learned`` count all true links outside and inside the training data.
+    ``best`` has the highest scores; ``truth`` lists the book's answers outside the training data by rank.
+    ``true_unlearned`` and ``true_learned`` count the book's answers outside and inside the training data.
     """
 
     head: str | None
@@ -78,7 +79,7 @@ class PredictedSlot(Record):
 
 
 class FilteredRank(Record):
-    """The realistic rank in a slot, and the number of competing links."""
+    """A link's rank among ``candidates``: all answers to a query except other true ones; ties get the mean rank."""
 
     rank: float
     candidates: Count
@@ -92,7 +93,10 @@ class RankedLink(ScoredLink):
 
 @dataclass(frozen=True)
 class Slot:
-    """The scores of all entities in an open slot, shape (E,); parts have numbers, :data:`NEW` for no recipe."""
+    """All E entities as answers to a query, a triple with an open head or tail (``side``); arrays have shape (E,).
+
+    ``part`` is the index in :data:`KNOWN` of the triple's first recipe; ``learned`` marks training triples.
+    """
 
     entity: int
     relation: int
@@ -102,7 +106,7 @@ class Slot:
     learned: NDArray[np.bool_]
 
     def triples(self, entities: Ids) -> Ids:
-        """Return the links for entities in the slot, shape (n, 3)."""
+        """Return the triples with these entities as answers, shape (n, 3)."""
         given, relation = np.full(len(entities), self.entity), np.full(len(entities), self.relation)
         return np.column_stack([entities, relation, given] if self.side == "head" else [given, relation, entities])
 
@@ -123,7 +127,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class LinkPredictor:
-    """A named model for the pages."""
+    """A link prediction model that answers queries with ranks and reasons."""
 
     name: str
     folder: Path
@@ -131,7 +135,7 @@ class LinkPredictor:
 
     @cached_property
     def scoring(self) -> ScoringModel:
-        """The scorer with known recipes."""
+        """The model as evaluation uses it: scores, probabilities and known triples."""
         return ScoringModel(self.model.scorer, self.split, self.model.kg)
 
     @cached_property
@@ -164,7 +168,7 @@ class LinkPredictor:
         return is_in(triples, self.model.triples, self.graph.num_entities)
 
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
-        """Return scores for all entities in an open slot, with parts and training status."""
+        """Score all entities as head or tail (``side``) of a triple with the other entity and relation given."""
         size = self.graph.num_entities
         # Two dimensions, as in rankings: factors and embeddings use one matrix product.
         everything, given = torch.arange(size)[None], torch.tensor([[entity]])
@@ -189,11 +193,11 @@ class LinkPredictor:
         """List the best entities in an open slot, and the best ranked true entities.
 
         Args:
-            slot: the slot.
+            slot: the query.
             with_learned: include links of the training data.
-            top: maximum number of listed entities.
+            top: maximum number of best entities.
             witnesses: maximum number of supporting links per entity; 0 gives no reasons.
-            truth: maximum number of listed true entities.
+            truth: maximum number of true entities.
         """
         order = np.argsort(-slot.scores, kind="stable")
         listed = order if with_learned else order[~slot.learned[order]]
@@ -261,7 +265,7 @@ def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
 
 
 def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:
-    """Return the training status; ``is_itself``: head and tail are equal."""
+    """Return a link's status from its part, whether it is a training link, and whether its ends are equal."""
     if learned:
         return "learned"
     if known == "new":

@@ -1,4 +1,4 @@
-"""Rendering pages from templates; equal for the server and static sites."""
+"""Rendering pages from templates."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -16,7 +16,7 @@ from wordcraft_kg.reports.pages import Outline, make_environment
 
 
 class Site:
-    """The rendering of a site's pages; without a server (``is_static``) there are no forms.
+    """Renders pages, without forms if ``is_static``.
 
     ``address`` returns a page's address, empty for missing pages; ``file`` returns a file's address.
     """

@@ -1,4 +1,4 @@
-"""The site as a web application: pages, errors, search, and static files."""
+"""The site as a web application."""
 
 import asyncio
 import json
@@ -40,7 +40,7 @@ _QUIET = 1.0
 
 
 def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()) -> ASGIApp:
-    """Return the application for a subject, for a host and further host names."""
+    """Return the web application of a site, which answers requests for a host and further host names."""
     server = _Server(explored)
     routes = [
         Route("/", server.home),

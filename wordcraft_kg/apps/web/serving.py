@@ -98,7 +98,7 @@ def serve(
 
 
 def address_of(listening: socket.socket) -> str:
-    """Return the address to open in a browser."""
+    """Return the web address of a listening socket, to open in a browser."""
     host, port = listening.getsockname()[:2]
     shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"

@@ -1,14 +1,18 @@
-"""What holds for each page, in a real browser."""
+"""Properties of every page, labels that look like markup, and the search box by keyboard, in a real browser."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.apps.explorer.browser.conftest import served
 from tests.apps.explorer.shown import HOSTILE
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
+from wordcraft_kg.apps.explorer.predictor import LinkPredictor
+from wordcraft_kg.apps.explorer.server import make_app
 
 OpenPage = Callable[..., Any]
 Visits = Callable[[Any], Iterator[str]]
@@ -169,3 +173,108 @@ def test_a_page_that_is_not_there_says_so_and_offers_the_nearest(open_page: Open
     assert answer.status == 404
     assert "bread" in page.locator("main").inner_text()
     open_page.complaints.clear()  # type: ignore[attr-defined]
+
+
+LONG, MARKUP = max(HOSTILE, key=len), HOSTILE[1]
+
+
+@pytest.fixture(scope="module")
+def predicted_site(hostile_predictor: LinkPredictor) -> Iterator[str]:
+    """The site of a graph of hostile labels with two models."""
+    models = {name: replace(hostile_predictor, name=name) for name in ("one", "other")}
+    with served(make_app(Explored(hostile_predictor.model.opened, models))) as address:
+        yield address
+
+
+@pytest.mark.parametrize(
+    ("name", "choices"),
+    [
+        *(("entity", {"entity": LONG}), ("entity", {"entity": MARKUP, "learned": True}), ("recipes", {"entity": LONG})),
+        *(("link", {"head": LONG, "tail": MARKUP}), ("pair", {"a": LONG, "b": MARKUP})),
+        *(("predictions", {"known": "all"}), ("compare", {"known": "all"})),
+    ],
+    ids=range(7),
+)
+def test_long_labels_and_markup_break_no_page_of_predictions(open_page, predicted_site: str, name: str, choices):
+    page, shown = open_page(viewport=PHONE), PAGES[name]
+    page.goto(predicted_site + shown.address(shown.state(**choices)))
+    assert page.evaluate(TOO_WIDE) == []
+    assert page.locator("main img, main script").count() == 0
+    for label in (choices.get("entity"), choices.get("head"), choices.get("a")):
+        assert label is None or label in page.locator("h1").inner_text()
+
+
+def test_a_form_that_is_sent_keeps_a_hostile_entity(open_page: OpenPage, predicted_site: str):
+    page, entity = open_page(), PAGES["entity"]
+    for label in ("a/b", MARKUP):
+        page.goto(predicted_site + entity.address(entity.state(entity=label)))
+        page.get_by_label("Training links").select_option("true")
+        page.wait_for_url("**learned=true**")
+        assert page.locator("h1").inner_text() == label
+        assert page.get_by_label("Training links").input_value() == "true"
+
+
+def choices(page: Any) -> list[str]:
+    page.locator("#found li").first.wait_for()
+    return page.locator("#found li").all_inner_texts()
+
+
+def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page: OpenPage, site: str):
+    page = open_page()
+    page.goto(site)
+    page.keyboard.press("/")
+    assert page.evaluate("document.activeElement.id") == "q"
+    page.keyboard.type("bre")
+    found = choices(page)
+    assert found[0] == "bread"
+    assert page.locator("#q").get_attribute("aria-expanded") == "true"
+    page.keyboard.press("ArrowDown")
+    assert page.locator("#found [aria-selected=true]").inner_text() == found[0]
+    assert page.locator("#q").get_attribute("aria-activedescendant") == "found-0"
+    page.keyboard.press("ArrowUp")
+    assert page.locator("#found [aria-selected=true]").inner_text() == found[-1]
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/entity/bread")
+    assert page.locator("h1").inner_text() == "bread"
+
+
+def test_escape_closes_the_list_and_enter_then_lists_all_that_fit(open_page: OpenPage, site: str):
+    page = open_page()
+    page.goto(f"{site}/map")
+    page.keyboard.press("/")
+    page.keyboard.type("bre")
+    choices(page)
+    page.keyboard.press("Escape")
+    assert page.locator("#found").is_hidden()
+    page.locator("#q").fill("bre")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/entities?q=bre")
+    assert "bread" in page.locator("main").inner_text()
+
+
+def test_a_slash_in_a_text_is_a_slash(open_page: OpenPage, site: str):
+    page = open_page()
+    page.goto(f"{site}/map")
+    page.locator("#entity").fill("")
+    page.locator("#entity").press("/")
+    assert page.locator("#entity").input_value() == "/"
+
+
+def test_the_way_back_leads_through_the_states_before(open_page: OpenPage, site: str):
+    page = open_page()
+    page.goto(f"{site}/map")
+    page.locator("#details a").first.click()
+    chosen = page.locator("h1").inner_text()
+    assert chosen.startswith("Map: ")
+    page.locator("#colour").select_option("layer")
+    page.wait_for_url("**colour=layer**")
+    assert page.locator("h1").inner_text() == chosen
+    page.go_back()
+    assert "colour" not in page.url
+    assert page.locator("#colour").input_value() == "group"
+    assert page.locator("h1").inner_text() == chosen
+    page.go_back()
+    assert page.locator("h1").inner_text() == "Map"
+    page.go_forward()
+    assert page.locator("h1").inner_text() == chosen

@@ -69,16 +69,27 @@ def after(place: int) -> str:
     return "**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end")
 
 
+def pick(page: Any, first: int, second: int, check: Callable[[], object] = lambda: None) -> None:
+    """Answer with two things on the table, and check the page between them."""
+    thing(page, first).click()
+    page.wait_for_url(f"**first={first + 1}")
+    check()
+    thing(page, second).click()
+
+
+def go_on(page: Any) -> None:
+    """Leave the feedback for the next task."""
+    page.locator("a.next").click()
+    page.wait_for_url("**/task")
+
+
 def test_a_session_by_mouse(page: Any, study: Served):
     for place in range(4):
-        thing(page, place).click()
-        page.wait_for_url("**first=*")
-        assert "first item" in thing(page, place).inner_text()
-        thing(page, 5).click()
+        pick(page, place, 5, lambda: page.locator(".table button", has_text="first item").wait_for())
         page.wait_for_url(after(place))
         if place < 2:
-            page.get_by_role("link", name="Start the test" if place else "Next task").click()
-            page.wait_for_url("**/task")
+            assert page.locator("a.next").inner_text().startswith("Start the test" if place else "Next task")
+            go_on(page)
     assert page.get_by_role("heading", level=1).inner_text() == "Thank you for participating"
     assert all(line.actions == (line.table[place], line.table[5]) for place, line in enumerate(study.lines()))
 
@@ -150,23 +161,14 @@ def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key
 
 
 def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pick(page: Any):
-    page.evaluate(
-        "for (const key of ['1', '2', '3']) document.body.dispatchEvent(new KeyboardEvent('keydown', "
-        "{ key, bubbles: true }))"
-    )
+    press = "document.body.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }))"
+    page.evaluate(f"for (const key of ['1', '2', '3']) {press}")
     page.wait_for_url("**first=1")
-
-
-def pick(page: Any) -> None:
-    """Answer with the first two things."""
-    thing(page, 0).click()
-    page.wait_for_url("**first=1")
-    thing(page, 1).click()
 
 
 def test_the_back_button_and_reloads_change_no_answer(page: Any, study: Served):
     task = page.url
-    pick(page)
+    pick(page, 0, 1)
     page.wait_for_url("**/feedback/1")
     (kept,) = study.lines()
     page.reload()
@@ -176,7 +178,7 @@ def test_the_back_button_and_reloads_change_no_answer(page: Any, study: Served):
     page.goto(task)
     assert study.lines() == [kept]
     page.reload()
-    pick(page)
+    pick(page, 0, 1)
     page.wait_for_url("**/feedback/2")
     assert [line.number for line in study.lines()] == [1, 2]
     assert study.lines()[1].loads >= 2
@@ -217,15 +219,11 @@ def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page: OpenPage
     page.get_by_role("link", name="Start").click()
     for place in range(4):
         check()
-        thing(page, place).click()
-        page.wait_for_url("**first=*")
-        check()
-        thing(page, 5).click()
+        pick(page, place, 5, check)
         page.wait_for_url(after(place))
         if place < 2:
             check()
-            page.locator("a.next").click()
-            page.wait_for_url("**/task")
+            go_on(page)
     check()
 
 
@@ -236,9 +234,7 @@ def test_several_people_at_once_in_browsers_of_their_own(chromium: Any, study: S
         begin(page, study)
     for _ in range(2):
         for number, page in enumerate(pages):
-            thing(page, number).click()
-            page.wait_for_url("**first=*")
-            thing(page, 4).click()
+            pick(page, number, 4)
             page.wait_for_url("**/feedback/*")
             page.goto(f"{page.url.partition('/feedback')[0]}/task")
     for context in contexts:

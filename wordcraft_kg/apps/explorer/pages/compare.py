@@ -1,4 +1,4 @@
-"""Two models on the same queries: the better model, and the largest differences."""
+"""Two models compared."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -29,7 +29,10 @@ Better = Literal["either", "one", "other"]
 
 
 class Compare(Queries):
-    """Queries to two models, by default the first two; optionally only queries with a better model."""
+    """Page settings: a filter for queries, and two models, by default the first two.
+
+    ``better`` lists only queries where this model ranks the true answer better.
+    """
 
     one: str = ""
     other: str = ""
@@ -53,10 +56,9 @@ class ComparedQuery(Record):
 
 
 class ComparedRanks(Record):
-    """The ranks by two models; metrics and counts cover all chosen queries, listed or not.
+    """Two models' ranks, by descending difference of reciprocal ranks.
 
-    ``learned`` counts queries for training triples of a model. The queries with the largest difference of reciprocal
-    ranks come first.
+    Metrics and counts cover all queries of the filter; ``learned`` counts training triples of either model.
     """
 
     one: str
@@ -74,7 +76,7 @@ class ComparedRanks(Record):
 
 
 class ModelsCompared(Record):
-    """Two models: the result from ``compare`` or the reason for a missing result, and the ranks."""
+    """Two models' ranks, and their comparison or the reason why there is none."""
 
     headline: link_comparison.LinkComparison | None
     without_headline: str
@@ -84,7 +86,11 @@ class ModelsCompared(Record):
 def view_compared_ranks(
     one: RankedTriples, other: RankedTriples, chosen: RankFilter, better: Better = "either", page: int = 1
 ) -> ComparedRanks:
-    """List queries by the difference between two models' ranks; different triples are a GraphMismatchError."""
+    """Compare two models' ranks on the queries of a filter, with the largest differences first; see :class:`Compare`.
+
+    Raises:
+        GraphMismatchError: if the models rank different triples.
+    """
     keys = ["head", "relation", "tail", "side"]
     if one.split.hash != other.split.hash or not one.ranks[keys].equals(other.ranks[keys]):
         raise GraphMismatchError(

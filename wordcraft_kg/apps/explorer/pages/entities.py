@@ -1,4 +1,4 @@
-"""All entities, page by page, with a search and orders."""
+"""The list of entities."""
 
 import unicodedata
 from collections.abc import Iterator, Sequence
@@ -19,7 +19,7 @@ ENTITIES_A_PAGE = 200
 
 
 class Entities(State):
-    """Entities with a text in their labels, in ascending order of label or layer, or from the most recipes or uses."""
+    """Page settings: a text in labels (``q``), and an order: ascending label or layer, descending recipes or uses."""
 
     q: str = ""
     sort: EntityOrder = "label"
@@ -27,7 +27,7 @@ class Entities(State):
 
 
 class ListedEntity(Record):
-    """An entity; the layer is None if the base does not lead to it."""
+    """An entity with its crafting layer (None if it cannot be made from the base) and its numbers of recipes."""
 
     entity: str
     layer: Count | None
@@ -36,7 +36,7 @@ class ListedEntity(Record):
 
 
 class EntityList(Record):
-    """Some entities; see :class:`Entities`."""
+    """A page of the entities whose labels contain a text."""
 
     wanted: str
     order: EntityOrder

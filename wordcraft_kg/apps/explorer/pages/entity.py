@@ -1,4 +1,4 @@
-"""An entity: recipes, predictions with evidence, similar entities; and the list with all recipes."""
+"""Pages of an entity and of its recipes."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -32,7 +32,7 @@ Use = Literal["makes", "uses"]
 
 
 class Entity(State):
-    """An entity, by default the most used, and a model; ``learned`` includes training links."""
+    """Page settings: an entity, by default the most used; a model; ``learned`` lists training links, too."""
 
     entity: str = ""
     model: str = ""
@@ -40,7 +40,7 @@ class Entity(State):
 
 
 class Recipes(State):
-    """Recipes that make or use an entity, by part."""
+    """Page settings: an entity, its use (recipes that make or use it), and a part of the split."""
 
     entity: str = ""
     use: Use = "uses"
@@ -49,7 +49,7 @@ class Recipes(State):
 
 
 class EntityRecipes(Record):
-    """Recipes that make or use an entity, and recipe counts by part, for parts with any."""
+    """Recipes that make or use an entity, and their number by part."""
 
     entity: str
     use: Use
@@ -74,9 +74,8 @@ class EntityProfile(Record):
     """An entity, with predictions for partners, ingredients and products.
 
     Attributes:
-        layer: first round that makes the entity; None if out of reach.
-        crafts: steps in the cheapest derivation; None if out of reach.
-        model: name of the model; empty without a model.
+        layer: first round that makes the entity; None if out of reach, as for ``crafts``.
+        crafts: steps in the cheapest derivation.
         nearest: similar entities according to the model.
         by_words: similar entities by word vectors; None without a vector.
     """

@@ -1,12 +1,13 @@
-"""An episode: the table, the scores behind each action, and actions at an edited table."""
+"""The page of an episode."""
 
 from collections.abc import Iterator
+from operator import attrgetter
 
 from wordcraft_kg.agents.explanation import ExplainedTable
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State, has_runs
+from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
 from wordcraft_kg.apps.explorer.pages.tasks import list_tasks
 from wordcraft_kg.apps.explorer.played import AskedDepth, AskedPart, followed, is_done, settings_of, tasks_of, world_of
@@ -25,10 +26,10 @@ MOST_ROWS = 160
 
 
 class Episode(State):
-    """Agents at the table of a task, optionally with edited goal, table or selection, by labels.
+    """Page settings: a task, the agents that act, and changes by the visitor to goal, table or selection, by labels.
 
     Attributes:
-        run: the agent; by default the first.
+        run: the agent's run; by default the first.
         other: agents for comparison.
         depth: depth of the task; 0 for the training depth of the agent.
         task: number of the task in its depth and part.
@@ -49,17 +50,17 @@ class Episode(State):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels on the edited table."""
+        """Entities that the visitor put on the table; empty for the task's own table."""
         return tuple(label for label in self.table if label)
 
     @property
     def is_edited(self) -> bool:
-        """Whether goal, table or selection are edited."""
+        """Whether the visitor changed goal, table or selection."""
         return bool(self.goal or self.labels or self.selection)
 
 
 class AgentAtTable(Record):
-    """The actions of an agent, the checkpoint, and the scorer folds; or the problem that prevents actions."""
+    """An agent's actions at the shown table, or the problem that prevents them; ``folds`` of its scorer."""
 
     run: str
     checkpoint: str
@@ -69,12 +70,12 @@ class AgentAtTable(Record):
 
 
 class EpisodeView(Record):
-    """Agents at a table; all are compared with the first.
+    """A task, the entities on its table, and the actions of one or more agents there.
 
     Attributes:
         tasks: task count for the depth and part.
-        terminations: termination reasons in the evaluation of the first agent, by distractor seed; empty without
-            matching episodes.
+        terminations: termination reasons in the first agent's evaluation, by distractor seed; empty if it did not
+            play this task.
         selection: the initially selected entity.
     """
 
@@ -95,14 +96,17 @@ class EpisodeView(Record):
 
     @property
     def first(self) -> ExplainedTable:
-        """The actions of the first agent."""
+        """The actions of the main agent; the others are compared with it."""
         actions = self.agents[0].explained
         assert actions is not None, "a problem of the first agent is an error"
         return actions
 
 
 class ShownEpisode(Record):
-    """An episode with page choices: agents, distractor seeds, training distractors, shown slots."""
+    """An episode with the options of the page.
+
+    ``trained_with`` counts distractors in training; ``most_slots`` limits the listed slots of an action.
+    """
 
     runs: tuple[str, ...]
     distractor_seeds: Count
@@ -189,4 +193,4 @@ def _exported(explored: Explored) -> Iterator[Episode]:
         yield from (Episode(run=tasks.run, task=row.number) for row in rows)
 
 
-PAGE = Page("episode", Episode, _view, "Episodes", exported=_exported, is_there=has_runs, is_live=_is_live)
+PAGE = Page("episode", Episode, _view, "Episodes", exported=_exported, is_there=attrgetter("runs"), is_live=_is_live)

@@ -1,4 +1,4 @@
-"""The first page: a graph, models, and runs."""
+"""The first page."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ EXAMPLES = 12
 
 
 class Home(State):
-    """The first page has no choices."""
+    """Page settings: none."""
 
 
 class ModelLine(Record):

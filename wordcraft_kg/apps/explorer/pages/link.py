@@ -1,7 +1,9 @@
-"""A link: score, ranks, recipes, and evidence."""
+"""The page of a link."""
+
+from operator import attrgetter
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State, has_models, nowhere
+from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.predictor import (
     FilteredRank,
     PlacedRecipe,
@@ -20,7 +22,7 @@ RECIPES = 10
 
 
 class Link(State):
-    """A link by a model, by default the first; an example without head and tail."""
+    """Page settings: a triple and a model, by default the first; without head and tail, an example from the book."""
 
     head: str = ""
     relation: Relation = "combinesWith"
@@ -29,7 +31,7 @@ class Link(State):
 
 
 class LinkProfile(ScoredLink):
-    """A link by a model, with ranks, recipes, and the best candidates for both ends."""
+    """A model's prediction for a triple, with the book's recipes and the best other tails and heads."""
 
     head: str
     relation: Relation
@@ -74,4 +76,4 @@ def _view(explored: Explored, state: Link) -> LinkProfile:
     )
 
 
-PAGE = Page("link", Link, _view, exported=nowhere, is_there=has_models)
+PAGE = Page("link", Link, _view, exported=lambda _: (), is_there=attrgetter("models"))

@@ -1,8 +1,9 @@
-"""The map: a layout by shared recipes, with the links of a chosen entity."""
+"""The map."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, Literal
 
 import msgspec
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, State, has_entities
+from wordcraft_kg.apps.explorer.page import Addresses, Page, State
 from wordcraft_kg.apps.explorer.pages import entity
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record
@@ -44,14 +45,17 @@ SHADES = 4
 
 
 class Map(State):
-    """The map, optionally with an entity's links, and the meaning of colours."""
+    """Page settings: an entity whose links are shown, and whether dot colours mean groups or crafting layers."""
 
     entity: str = ""
     colour: Literal["group", "layer"] = "group"
 
 
 class Spot(Record):
-    """The place for an entity; guests have group -1, and entities out of reach have layer -1."""
+    """An entity's dot on the map; the layer is -1 if it cannot be made.
+
+    Guests, entities with too few uses for the map that are added for a chosen entity, have group -1.
+    """
 
     entity: str
     x: Count
@@ -79,7 +83,7 @@ class Partners(Record):
 
 
 class Links(Record):
-    """A spot's partners, products and ingredients."""
+    """The partners, products and ingredients of the chosen entity (its number in the list of dots)."""
 
     entity: Count
     combines: Partners
@@ -88,12 +92,12 @@ class Links(Record):
 
 
 class MapView(Record):
-    """A map: the most used entities in descending order, then guests; groups in descending order of size.
+    """The map's dots, groups and lines.
 
     Attributes:
-        combines: sorted pairs of spots that combine, without guests and loops; empty above :data:`ALL_LINKS`.
-        components: sorted pairs of ingredient and product; likewise.
-        chosen: links of the chosen entity; None without a choice.
+        spots: dots of the most used entities in descending order, then of guests.
+        combines: pairs of dots whose entities combine; empty for more than :data:`ALL_LINKS` lines.
+        components: pairs of ingredient and product; likewise.
     """
 
     graph: str
@@ -169,8 +173,7 @@ def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
 def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     """Lay out entities with ForceAtlas2, and fill the map evenly; shape (number, 2), whole numbers.
 
-    Links of frequent entities have smaller weights, since frequent entities would pull all others together. Links
-    within a group have larger weights, to separate groups.
+    Links of frequent entities weigh less, since they would pull all others together; links within a group weigh more.
 
     Source: Jacomy et al. 2014, "ForceAtlas2, a continuous graph layout algorithm".
     """
@@ -194,7 +197,7 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
 
 
 def view_map(places: EntityMap, entity: str = "") -> MapView:
-    """Return a map, optionally with an entity's links."""
+    """Return the shown values of a map with places, optionally with an entity's links."""
     if not entity:
         return places.view
     graph, chosen = places.graph, places.graph.id_of(entity)
@@ -226,7 +229,6 @@ def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
 
 
 def _guest(places: EntityMap, entity: int) -> Spot:
-    """Return a spot for an unplaced entity: near the mean of the neighbours."""
     graph = places.graph
     neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
     near = [places.number_of[one] for one in neighbours if one in places.number_of]
@@ -302,4 +304,6 @@ def _exported(_: Explored) -> list[Map]:
     return [Map(), Map(colour="layer")]
 
 
-PAGE = Page("map", Map, _view, title="Map", draw=_draw, exported=_exported, is_there=has_entities)
+PAGE = Page(
+    "map", Map, _view, title="Map", draw=_draw, exported=_exported, is_there=attrgetter("opened.graph.num_entities")
+)

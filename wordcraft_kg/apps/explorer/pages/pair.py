@@ -1,7 +1,9 @@
-"""A pair of entities: results in the book, and a model's predictions."""
+"""The page of a pair of ingredients."""
+
+from operator import attrgetter
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State, nowhere
+from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, RankedLink, placed_recipes, recipes_giving
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Record
@@ -13,7 +15,7 @@ RESULTS = 10
 
 
 class Pair(State):
-    """Two ingredients, which may be equal, and a model, by default the first; an example without ingredients."""
+    """Page settings: two ingredients and a model, by default the first; without ingredients, a pair from the book."""
 
     a: str = ""
     b: str = ""
@@ -56,8 +58,4 @@ def _view(explored: Explored, state: Pair) -> PairProfile:
     return PairProfile(a, b, makes, predictor.name, predictor.has_seen_the_test_recipes, link, results)
 
 
-def _has_recipes(explored: Explored) -> bool:
-    return explored.opened.graph.num_recipes > 0
-
-
-PAGE = Page("pair", Pair, _view, title="Pairs", exported=nowhere, is_there=_has_recipes)
+PAGE = Page("pair", Pair, _view, title="Pairs", exported=lambda _: (), is_there=attrgetter("opened.graph.num_recipes"))

@@ -1,14 +1,15 @@
-"""The path to a goal: the cheapest derivation, layer by layer, or the missing entities."""
+"""The page of the path to a goal."""
 
 import math
 from collections.abc import Iterator, Mapping
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, Paging, State, has_entities, paging
+from wordcraft_kg.apps.explorer.page import Addresses, Page, Paging, State, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
@@ -26,7 +27,7 @@ LISTED = 20
 
 
 class Path(State):
-    """The path to an entity, by default in the last layer; and a page in the list of crafts."""
+    """Page settings: the goal, by default an entity of the last layer, and the page of the list of crafts."""
 
     entity: str = ""
     page: int = 1
@@ -54,8 +55,8 @@ class PathView(Record):
     Attributes:
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
         cost: crafts without reuse, in words, since the number may have thousands of digits.
-        parts: number of crafts by part of the recipe, for parts with any.
-        drawn: the last steps, at most :data:`DRAWN`, in the order of execution.
+        parts: number of crafts by part of the recipe.
+        drawn: the last steps.
         blocked: some of the ``recipes`` for an impossible goal.
         sources: some missing entities without a recipe; empty if recipes form a cycle.
     """
@@ -133,7 +134,7 @@ def _part_of(split: Split, recipe: Recipe) -> Part:
 
 
 def _last(steps: tuple[PathStep, ...]) -> tuple[PathStep, ...]:
-    """Return the steps in the last layers, so that the drawing has no gaps."""
+    # Whole layers from the end, so that the drawing has no gaps.
     kept = sorted(steps, key=lambda step: (-step.layer, -step.number))[:DRAWN]
     return tuple(sorted(kept, key=lambda step: step.number))
 
@@ -184,4 +185,4 @@ def _exported(explored: Explored) -> Iterator[Path]:
     yield from (Path(entity=label) for label in ("", *explored.opened.graph.entities))
 
 
-PAGE = Page("path", Path, _view, "Path to a goal", "entity", _draw, _exported, has_entities)
+PAGE = Page("path", Path, _view, "Path to a goal", "entity", _draw, _exported, attrgetter("opened.graph.num_entities"))

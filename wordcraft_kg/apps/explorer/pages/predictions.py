@@ -1,7 +1,8 @@
-"""Model ranks for all triples, with filters and orders."""
+"""The page of a model's ranks."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, has_models, paging
+from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
@@ -28,9 +29,9 @@ Knowledge = Literal["unseen", "learned", "all"]
 
 
 class RankFilter(State):
-    """Ranking queries, by open side, part and training status of the triple, and entity; empty texts filter nothing.
+    """A filter for queries: true triples with an open ``side``, by relation, part of the split, and entity.
 
-    ``known`` selects training triples, other triples, or all; with two models, the status must be equal.
+    ``known`` selects training triples, other triples, or all; with two models, their status must be equal.
     """
 
     relation: Relation | Literal[""] = ""
@@ -41,18 +42,18 @@ class RankFilter(State):
 
 
 class Queries(RankFilter):
-    """A page with filtered queries."""
+    """Page settings: a filter for queries, and the page of their list."""
 
     page: int = 1
 
     @property
     def chosen(self) -> RankFilter:
-        """The filter without the page."""
+        """The filter alone."""
         return RankFilter(self.relation, self.side, self.part, self.known, self.entity)
 
 
 class Predictions(Queries):
-    """A model's ranks, by default the first model's, in an order."""
+    """Page settings: a filter for queries, a model, by default the first, and an order."""
 
     model: str = ""
     sort: RankOrder = "best"
@@ -106,10 +107,10 @@ class LinkRanks(Record):
 
 @dataclass(frozen=True)
 class RankedTriples:
-    """The ranks of the triples of a graph by a model.
+    """A model's ranks for the true triples of a graph.
 
-    The table has a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`, and the further
-    columns ``part`` (number) and ``learned``.
+    The table has a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`; the further
+    columns are ``part``, an index in ``PARTS``, and ``learned``, whether the triple is training data.
     """
 
     name: str
@@ -124,7 +125,7 @@ class RankedTriples:
         return self.split.graph
 
     def mask(self, chosen: RankFilter) -> NDArray[np.bool_]:
-        """Return the queries of a filter, shape (Q,), bool; an unknown entity is an UnknownEntityError."""
+        """Return which rows of the table fit a filter, shape (Q,), bool; an unknown entity is an UnknownEntityError."""
         ranks, mask = self.ranks, np.ones(len(self.ranks), dtype=bool)
         if chosen.relation:
             mask &= ranks["relation"] == RELATIONS.index(chosen.relation)
@@ -186,7 +187,7 @@ def _order(ranks: pd.DataFrame, order: RankOrder) -> Ids:
 
 
 def ranked_queries(graph: RecipeGraph, rows: pd.DataFrame) -> Iterator[RankedQuery]:
-    """Yield rank rows with labels."""
+    """Yield rows of a table of ranks as records, with labels for entity ids."""
     labels, numbers = graph.entities, ("learned", "rank", "candidates", "score")
     for row in rows.to_dict("records"):
         yield RankedQuery(
@@ -217,4 +218,4 @@ def _exported(explored: Explored) -> Iterator[Predictions]:
             yield from (Predictions(model=name, relation=relation, sort=sort) for relation in RELATIONS)
 
 
-PAGE = Page("predictions", Predictions, _view, title="Predictions", exported=_exported, is_there=has_models)
+PAGE = Page("predictions", Predictions, _view, title="Predictions", exported=_exported, is_there=attrgetter("models"))

@@ -1,6 +1,7 @@
-"""Agent runs in a table, and one run with curves; finished or not."""
+"""Pages of runs."""
 
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from wordcraft_kg.agents.curves import EVALUATED
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State, has_runs
+from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.played import followed, is_done
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share
@@ -32,24 +33,24 @@ from wordcraft_kg.runs.record import RUN_FILE, Status
 
 
 class Runs(State):
-    """All runs, without choices."""
+    """Page settings: none."""
 
 
 class Run(State):
-    """A run; by default the first."""
+    """Page settings: the name of a run, by default the first."""
 
     run: str = ""
 
 
 class PartSuccess(Record):
-    """Success rate: from the evaluation with a 95 % interval over tasks, or from the last curve point."""
+    """Success rate on a task part: from the evaluation with a 95 % interval, or the last one during training."""
 
     mean: Share
     ci: tuple[float, float] | None
 
 
 class RunRow(Record):
-    """A run of an agent, with the last mixing weights for first and second action, by source.
+    """An agent's run, with the last weights that mix policy and scorer, for first and second action.
 
     Attributes:
         status: None before the start and for unreadable runs.
@@ -77,7 +78,7 @@ class RunRow(Record):
 
 
 class RunList(Record):
-    """All runs, parts with results, and names for the mixing weights."""
+    """The rows and columns of the table of runs: task parts with results, and mixed sources."""
 
     runs: tuple[RunRow, ...]
     parts: tuple[TaskPart, ...]
@@ -90,13 +91,13 @@ class RunList(Record):
 
 
 class RunView(Record):
-    """A run with changed settings, figures and curves.
+    """An agent's run with figures, curves, and settings other than the defaults.
 
     Attributes:
         checkpoint: the last weights; empty if there are none yet.
-        waits_for: condition for actions or further metrics; empty for complete runs.
-        seconds: duration so far; None before the first line.
-        steps_per_second: speed between the last two lines, or of the whole training; None if unknown.
+        waits_for: sentence about files that training has yet to write; empty for complete runs.
+        seconds: duration so far; None before the first metrics.
+        steps_per_second: the last speed, or that of the whole training; None if unknown.
         outcomes: shares of termination reasons, by part; empty before the evaluation.
     """
 
@@ -236,5 +237,7 @@ def _exported(explored: Explored) -> Iterator[Run]:
     return (Run(name) for name in explored.runs)
 
 
-PAGE = Page("runs", Runs, _view_runs, title="Runs", is_there=has_runs, is_live=_any_is_live)
-RUN = Page("run", Run, _view_run, subject="run", draw=_draw, exported=_exported, is_there=has_runs, is_live=_is_live)
+PAGE = Page("runs", Runs, _view_runs, title="Runs", is_there=attrgetter("runs"), is_live=_any_is_live)
+RUN = Page(
+    "run", Run, _view_run, subject="run", draw=_draw, exported=_exported, is_there=attrgetter("runs"), is_live=_is_live
+)

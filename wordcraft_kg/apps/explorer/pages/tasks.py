@@ -1,4 +1,4 @@
-"""All tasks for a depth and part, page by page, with the results of an agent."""
+"""The page of tasks."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ Won = Literal["any", "always", "sometimes", "never"]
 
 
 class Tasks(State):
-    """Tasks by part, depth (0: training depth), goal, and result of an agent, by default the first."""
+    """Page settings: filters for tasks. Depth 0 is the training depth of the agent ``run``, by default the first."""
 
     part: AskedPart = ""
     depth: AskedDepth = 0
@@ -44,7 +44,7 @@ class Tasks(State):
 
 
 class ListedTask(Record):
-    """A task with number, plans, won and played distractor seeds; None without results."""
+    """A task with its number, and how many episodes an agent ``won`` of ``distractor_seeds``; None without results."""
 
     number: Count
     goal: str
@@ -60,7 +60,7 @@ class TaskTable(Record):
     Attributes:
         is_complete: False for a random sample.
         mixed: tasks outside all parts.
-        counts: task counts by result; empty without results.
+        counts: numbers of tasks that the agent always, sometimes or never solves; empty without results.
     """
 
     part: TaskPart
@@ -76,7 +76,7 @@ class TaskTable(Record):
 
 
 class ShownTasks(Record):
-    """Tasks with the agent name, the reason for missing results (or empty), and the default part."""
+    """The table of tasks, the agent's name, the reason for missing results, and the part shown by default."""
 
     run: str
     runs: tuple[str, ...]
@@ -87,14 +87,14 @@ class ShownTasks(Record):
 
 @dataclass(frozen=True)
 class TaskResults:
-    """Won and played distractor seeds for N tasks, shape (N,), int64."""
+    """Numbers of won and played episodes, one for each distractor seed, for N tasks; shape (N,), int64."""
 
     won: Ids
     distractor_seeds: Ids
 
     @classmethod
     def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
-        """Match evaluated tasks with a task set; an unknown entity is an ArtefactError."""
+        """Count an agent's evaluated episodes for each task of a task set; an unknown entity is an ArtefactError."""
         nothing, width = tasks.graph.num_entities, tasks.starts.shape[1]
         keys = np.column_stack([tasks.goals, tasks.starts])
         number = {key.tobytes(): place for place, key in enumerate(keys)}
@@ -116,7 +116,7 @@ class TaskResults:
         return results
 
     def where(self, won: Won) -> NDArray[np.bool_]:
-        """Return the tasks with a result, shape (N,), bool."""
+        """Return which tasks the agent always, sometimes or never solves, shape (N,), bool."""
         is_played, is_always, is_never = self.distractor_seeds > 0, self.won == self.distractor_seeds, self.won == 0
         return {
             "any": np.ones_like(is_played),
@@ -156,7 +156,7 @@ def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
 
 
 def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
-    """List tasks with an agent's results."""
+    """Return the values of the page: tasks that fit its settings, with an agent's results."""
     name, run = followed(explored, state.run) if explored.runs or state.run else ("", None)
     tasks = plain_world(explored, settings_of(explored, tasks_of(run), state.part, state.depth)).tasks
     missing, results = "", None
@@ -187,7 +187,7 @@ def _is_live(explored: Explored, state: Tasks) -> bool:
 
 
 def _exported(explored: Explored) -> Iterator[Tasks]:
-    """Yield the first page for each agent: all pages would be too many files."""
+    # Only the first page for each agent: all pages would be too many files.
     yield from (Tasks(run=name) for name in ("", *explored.runs))
 
 

@@ -162,6 +162,10 @@ def kitchen_world():
     return World("kitchen", WordCraftConfig(part="test", num_distractors=4))
 
 
+def settings_of(world, **others):
+    return PlayedSettings.of(world, world.split, **others)
+
+
 def success(mean):
     return Success(mean=mean, ci_low=0.2, ci_high=0.6, tasks=63, distractor_seeds=1, by_plan=0.3, actions=2.0)
 
@@ -178,8 +182,8 @@ def result(folder, settings, success=None, known=None):
 def test_results_of_players_that_use_words_are_one_row_by_distractors(
     printed, refused, run, pack, kitchen_world, tmp_path
 ):
-    four = result(tmp_path / "four", PlayedSettings.of_tasks(kitchen_world), success(0.3))
-    one = result(tmp_path / "one", PlayedSettings.of_tasks(kitchen_world.variant(num_distractors=1)), success(0.5))
+    four = result(tmp_path / "four", settings_of(kitchen_world), success(0.3))
+    one = result(tmp_path / "one", settings_of(kitchen_world.variant(num_distractors=1)), success(0.5))
     (row,) = own(printed(*TWO, "--external-results", four, "--external-results", one))
     assert figures(row) == {"4": 0.3, "1": 0.5}
     assert (row["player"], row["tasks"], row["distractor_seeds"]) == ("parrot", 63, 1)
@@ -193,7 +197,7 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(
 def test_results_with_several_attempts_are_compared_with_the_same_number_only(
     refused, run, pack, kitchen_world, tmp_path
 ):
-    settings = PlayedSettings.of_tasks(kitchen_world.variant(max_attempts=3), tasks=50)
+    settings = settings_of(kitchen_world.variant(max_attempts=3), tasks=50)
     tries = result(tmp_path / "tries", settings, success(0.3))
     refused(*TWO, "--external-results", tries, says="add --part test --depth 1 --attempts 3")
     text = run(*TWO, "--attempts", 3, "--external-results", tries).out
@@ -202,8 +206,8 @@ def test_results_with_several_attempts_are_compared_with_the_same_number_only(
 
 
 def test_a_player_that_has_played_the_same_twice_has_two_rows(printed, pack, kitchen_world, tmp_path):
-    settings = PlayedSettings.of_tasks(kitchen_world)
-    other = PlayedSettings.of_tasks(kitchen_world.variant(num_distractors=1))
+    settings = settings_of(kitchen_world)
+    other = settings_of(kitchen_world.variant(num_distractors=1))
     played = {"first": (settings, 0.3), "second": (settings, 0.35), "other": (other, 0.3)}
     folders = [result(tmp_path / name, one, success(mean)) for name, (one, mean) in played.items()]
     rows = own(printed(*TWO, *(option for folder in folders for option in ("--external-results", folder))))
@@ -215,7 +219,7 @@ def test_an_open_ended_result_is_a_row_and_a_log_of_inspect_that_of_a_language_m
 ):
     known = {1: 5.5, 10: 7.25, 20: 9.0}
     env = OpenEndedEnv("kitchen", max_attempts=20)
-    folder = result(tmp_path / "open", PlayedSettings.of_world(env, open_graph("kitchen").split), known=known)
+    folder = result(tmp_path / "open", PlayedSettings.of(env, open_graph("kitchen").split), known=known)
     (row,) = own(printed(*OPEN, "--external-results", folder))
     assert (figures(row), row["runs"]) == ({"1": 5.5, "10": 7.25, "20": 9.0}, 10)
     other = ",".join(pack.rows[-1].play.base[1:])

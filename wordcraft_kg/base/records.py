@@ -15,10 +15,12 @@ import msgspec
 
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.settings import MOST
 
 T = TypeVar("T")
 
-Count = Annotated[int, msgspec.Meta(ge=0)]
+Count = Annotated[int, msgspec.Meta(ge=0, le=MOST)]
+"""A number from 0 up that fits a NumPy integer."""
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 """A number from 0 to 1: a probability or a fraction."""
 Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]

@@ -3,6 +3,7 @@ import shlex
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE, RESULT_FILE, TextResult
@@ -31,6 +32,10 @@ def games(tmp_path) -> Path:
 
 def result_in(folder: str | Path) -> TextResult:
     return read_record(Path(folder, RESULT_FILE), TextResult)
+
+
+def result_file(games: Path) -> Path:
+    return games.parent / RESULT_FILE
 
 
 def lines_of(path: Path) -> list[str]:
@@ -75,6 +80,7 @@ def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(play, game
 def test_an_evaluation_that_was_killed_while_the_header_was_written_begins_anew(play, games, size):
     play("--tasks", "2")
     before = lines_of(games)
+    result_file(games).unlink()
     games.write_text(before[0][:size], encoding="utf-8")
     outcome = play("--tasks", "2")
     assert (outcome.code, lines_of(games)) == (0, before)
@@ -101,6 +107,7 @@ def test_the_open_ended_world_is_played_as_often_as_configured(play):
         (["kitchen", "--open-ended", "--depth", "2"], "open_ended", "no tasks"),
         (["kitchen", "--knowledge", "scorer"], "knowledge", "add the model folder"),
         (["kitchen", "--scorer", "somewhere"], "scorer", "a scorer needs --knowledge scorer"),
+        (["kitchen", "--player", "cat \0"], "player", "is empty or has a NUL"),
         (["kitchen", "--player", "no-such-program --key sk-123"], "", "player 'no-such-program' cannot be started"),
     ],
 )
@@ -135,9 +142,11 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
         ((), lambda lines: [*lines, lines[1]], "line 4, is damaged: the game is a duplicate"),
         ((), lambda lines: [lines[0], lines[1].replace('"task": 0', '"task": 5')], "line 2, is damaged"),
         (OPEN, lambda lines: [*lines, lines[1]], "line 4, is damaged: the game is a duplicate"),
+        ((), lambda lines: [lines[0], lines[1].replace('"actions": 2', f'"actions": {2**63}')], "is damaged: Expected"),
+        ((), lambda lines: [lines[0], lines[1], lines[2].replace('_actions": 0', '_actions": 5')], "was changed after"),
     ],
 )
-def test_repeated_and_unknown_games_are_refused_and_kept(play, games, options, edit, fragment):
+def test_repeated_unknown_impossible_and_changed_games_are_refused_and_kept(play, games, options, edit, fragment):
     options = options or ("--tasks", "2")
     play(*options)
     edited = edit(lines_of(games))
@@ -147,12 +156,22 @@ def test_repeated_and_unknown_games_are_refused_and_kept(play, games, options, e
     assert lines_of(games) == edited
 
 
+@pytest.mark.parametrize("name", [RESULT_FILE, GAMES_FILE])
+def test_a_result_that_does_not_follow_from_its_games_is_no_row_of_the_reference_table(play, run, games, name):
+    play("--tasks", "2")
+    path = games.parent / name
+    path.write_text(path.read_text().replace('"invalid_actions": 0', '"invalid_actions": 1'))
+    outcome = run("reference", "kitchen", "--external-results", "out")
+    assert (outcome.code, outcome.kind, "is not the result of" in outcome.err) == (1, "ArtefactError", True)
+
+
 def test_games_in_another_order_have_the_same_result(play, games):
     play("--tasks", "9")
     before, (header, *lines) = result_in("out"), lines_of(games)
+    result_file(games).unlink()
     games.write_text("".join([header, *reversed(lines)]), encoding="utf-8")
     assert play("--tasks", "9").code == 0
-    assert result_in("out") == before
+    assert msgspec.structs.replace(result_in("out"), games_hash=before.games_hash) == before
 
 
 def test_a_folder_in_which_another_process_plays_is_left_alone(play, games):

@@ -5,6 +5,7 @@ from itertools import product
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from tests.apps.text_agents.scripted import PLAYERS, assert_same, picks_of
@@ -14,15 +15,19 @@ from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
 from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge
 from wordcraft_kg.apps.text_agents.playing import append_game, open_games
 from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask, PlayedWorld
-from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games_result, record_of, result_of
+from wordcraft_kg.apps.text_agents.result_reader import read_games_result
+from wordcraft_kg.apps.text_agents.results import chosen_tasks, evaluation_of, record_of, result_of
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.reference import TaskPlay
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+from wordcraft_kg.studies.result_readers import external_rows
 
 
 def play_all(
@@ -126,7 +131,7 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
     played = record_of(talk, [])
     assert played.known_after[:3] == (known,) * 3
     assert (played.repeated, played.lost_attempts, len(other.game.labels)) == (1, 1, base)
-    settings = PlayedSettings.of_world(games.env, kitchen.split)
+    settings = PlayedSettings.of(games.env, kitchen.split)
     result = result_of("somebody", settings, [played, msgspec.structs.replace(played, known_after=())])
     assert result.known == {1: (known + base) / 2, 4: (played.known_after[-1] + base) / 2}
 
@@ -134,23 +139,25 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
 # --- knowledge -------------------------------------------------------------------------------------------------------
 
 
-def test_the_partial_graph_tells_train_recipes_only_and_none_that_solves_the_task(kitchen: OpenedGraph):
-    graph, is_train = kitchen.graph, kitchen.split.is_in("train")
-    world = World(kitchen, WordCraftConfig(part="train", num_distractors=3))
-    games, knowledge = TaskGames(world), PartialGraphKnowledge(kitchen.split)
-    recipes = graph.recipe_labels()
-    for task in range(0, len(world.tasks), 20):
+@pytest.mark.parametrize("part", ["test", "train"])
+@pytest.mark.parametrize(("distractors", "depth", "attempts"), [(2, 1, 1), (8, 1, 1), (4, 2, 3)])
+def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(
+    kitchen: OpenedGraph, part: TaskPart, distractors: int, depth: int, attempts: int
+):
+    graph, knowledge, is_train = kitchen.graph, PartialGraphKnowledge(kitchen.split), kitchen.split.is_in("train")
+    world = World(kitchen, WordCraftConfig(part, depth, num_distractors=distractors, max_attempts=attempts))
+    games, recipes = TaskGames(world), graph.recipe_labels()
+    line_of = [f"{a} + {b} -> {result}" for a, b, result in recipes]
+    for task in range(0, len(world.tasks), 6 * depth):
         game = games.begin(task)
+        table = {graph.id_of(label) for label in game.labels}
+        facts = {fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)}
+        told = {int(pair) for pair, line in zip(graph.pair_of_recipe, line_of, strict=True) if line in facts}
+        assert not [way for way in world.search.ways(graph.id_of(game.goal), frozenset(table), attempts) if way <= told]
         solving = {recipes[row][:2] for plan in world.tasks.plans[task] for row in plan}
-        for entity in range(graph.num_entities):
-            label = graph.entities[entity]
-            expected = {
-                f"{a} + {b} -> {c}"
-                for row, (a, b, c) in enumerate(recipes)
-                if label in (a, b, c) and is_train[row] and (a, b) not in solving
-            }
-            facts = knowledge.facts(entity, game)
-            assert {*facts} == expected or (len(facts) == 41 and {*facts[:40]} <= expected)
+        others = [row for row, (*pair, result) in enumerate(recipes) if result != game.goal and (*pair,) not in solving]
+        hidden = [line_of[row] for row in others if is_train[row] and line_of[row] not in facts]
+        assert all(line.split(" -> ")[0] + f" -> {game.goal}" in line_of for line in hidden)
 
 
 def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
@@ -218,6 +225,13 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "games.jsonl"
 
 
+@pytest.mark.parametrize("most", [1, 2, 60, 62, 63, 64])
+def test_as_many_tasks_are_played_as_asked_at_even_distances(games: TaskGames, most: int):
+    tasks = chosen_tasks(games.world, most)
+    assert len(tasks) == min(most, 63)
+    assert len({*np.diff(tasks).tolist()} - {63 // most, -(-63 // most)}) == 0
+
+
 def play(game: Game, answer: str, number: int = 0) -> PlayedTask | PlayedWorld:
     talk = Conversation(game)
     return record_of(talk, converse(talk, lambda _: answer), number)
@@ -234,7 +248,7 @@ def write(path: Path, settings: PlayedSettings, lines: Sequence[PlayedTask | Pla
 
 
 def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen: OpenedGraph, games, path: Path):
-    lines, settings = all_tasks(games, "1 2")[::-1], PlayedSettings.of_tasks(games.world)
+    lines, settings = all_tasks(games, "1 2")[::-1], PlayedSettings.of(games.world, kitchen.split)
     write(path, settings, lines + all_tasks(games, "1 3", "2 3"))
     before = path.read_bytes() + b'{"torn'
     path.write_bytes(before)
@@ -245,7 +259,7 @@ def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen: 
 
 
 def test_a_figure_over_selected_tasks_is_refused(kitchen: OpenedGraph, games: TaskGames, path: Path):
-    count, settings = len(games.world.tasks), PlayedSettings.of_tasks(games.world)
+    count, settings = len(games.world.tasks), PlayedSettings.of(games.world, kitchen.split)
     write(path, settings, [*all_tasks(games, "1 2"), play(games.begin(0, distractor_seed=1), "1 2")])
     with pytest.raises(ConfigError, match=f"holds {count + 1} / {2 * count} games for the test tasks"):
         read_games_result(path, kitchen)
@@ -255,7 +269,7 @@ def test_a_figure_over_selected_tasks_is_refused(kitchen: OpenedGraph, games: Ta
 
 def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, path: Path):
     worlds = DiscoveryGames(kitchen, attempts=3)
-    settings = PlayedSettings.of_world(worlds.env, kitchen.split)
+    settings = PlayedSettings.of(worlds.env, kitchen.split)
     write(path, settings, [])
     with pytest.raises(ConfigError, match="holds no finished game"):
         read_games_result(path, kitchen)
@@ -266,9 +280,16 @@ def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, path: Pat
 
 
 def test_a_file_of_games_is_a_row_of_the_reference_table(run, kitchen: OpenedGraph, games: TaskGames, path: Path):
-    write(path, PlayedSettings.of_tasks(games.world), all_tasks(games, "1 2"))
+    write(path, PlayedSettings.of(games.world, kitchen.split), all_tasks(games, "1 2"))
     outcome = run("reference", "kitchen", "--distractors", "3", "--external-results", path)
     success = read_games_result(path, kitchen).success
     assert outcome.code == 0, outcome.err
     (line,) = (line for line in outcome.out.splitlines() if "MCP clients" in line)
     assert f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]" in line
+
+
+def test_figures_are_marked_if_look_ups_in_other_games_name_the_recipes(kitchen: OpenedGraph, path: Path):
+    games = TaskGames(World(kitchen, WordCraftConfig(part="train", num_distractors=2)))
+    write(path, PlayedSettings.of(games.world, kitchen.split, knowledge="partial"), all_tasks(games, "1 2"))
+    (row,) = external_rows(kitchen, TaskPlay("train", 1, 1), [2], [path])
+    assert "look-ups in other games name the recipes of the task" in row.notes

@@ -40,7 +40,7 @@ from wordcraft_kg.studies.result_readers import external_rows
 
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
-KEYS = ("by_plan", "actions", "ci_low", "ci_high")
+KEYS = {"by_plan": "by_plan", "actions_per_game": "actions", "ci_low": "ci_low", "ci_high": "ci_high"}
 Answer = Callable[[Sequence[ChatMessage]], str]
 Play = Callable[..., EvalLog]
 
@@ -130,14 +130,14 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
 
     metrics, figures = metrics_of(log), expected.figures()
     assert metrics["success"] == figures.mean
-    assert [metrics[key] for key in KEYS] == [getattr(figures, key) for key in KEYS]
+    assert {name: metrics[name] for name in KEYS} == {name: getattr(figures, key) for name, key in KEYS.items()}
     rates = expected.success.mean(axis=1)  # the games of one task are not independent
     assert metrics["stderr"] == pytest.approx(rates.std(ddof=1) / len(rates) ** 0.5)
 
     result = read_inspect_log(log.location)
     assert (result.success, result.outcomes, result.games) == (figures, expected.shares(), expected.success.size)
     assert (result.player, result.invalid_actions) == ("mockllm/model", 0)
-    assert result.settings == PlayedSettings.of_tasks(world, distractor_seeds=distractor_seeds, tasks=tasks)
+    assert result.settings == PlayedSettings.of(world, kitchen.split, distractor_seeds=distractor_seeds, tasks=tasks)
     assert log.eval.task_version == prompt_hash()[:12]
 
 
@@ -163,7 +163,8 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play: P
         assert (score.metadata["invalid_actions"], score.metadata["lost_attempts"]) == (3, 1)
     assert (valid.metadata["unfinished"], valid.metadata["termination"]) == (False, "same_twice")
     metrics = metrics_of(log)
-    assert [metrics[key] for key in ("success", "unfinished", "invalid_actions", "lost_attempts")] == [0, 3, 9, 3]
+    counts = [metrics[f"{name}_in_run"] for name in ("unfinished", "invalid_actions", "lost_attempts")]
+    assert (metrics["success"], counts) == (0, [3, 9, 3])
     result = read_inspect_log(log.location)
     assert (result.games, result.invalid_actions, result.lost_attempts) == (4, 9, 3)
     prompts = [message.text for message in log.samples[0].messages if message.role == "user"]

@@ -4,10 +4,12 @@ import json
 import shlex
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from wordcraft_kg.apps.text_agents import line_player
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
 from wordcraft_kg.apps.text_agents.line_player import MOST_CHARACTERS, LinePlayer, name_of
@@ -88,6 +90,32 @@ def test_a_program_that_never_reads_is_an_error_after_the_timeout_for_lines_of_a
     assert player._process.poll() is not None
 
 
+@pytest.mark.parametrize("then", ["import time; time.sleep(60)", "input(); print('1 1', flush=True)", ""])
+def test_processes_that_a_program_has_started_end_with_it(tmp_path: Path, then: str):
+    pid = tmp_path / "pid"
+    child = f"subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'], stdout=open({str(pid)!r}, 'w'))"
+    code = f"import subprocess, sys\nchild = {child}\nopen({str(pid)!r}, 'w').write(str(child.pid))\n{then}"
+    with suppress(PlayerError), LinePlayer(program(code), timeout=1.5) as player:
+        player.ask("{}")
+    stat, until = Path("/proc", pid.read_text(), "stat"), time.monotonic() + 5
+    while is_alive := stat.exists() and stat.read_text().split()[2] != "Z":
+        assert time.monotonic() < until
+    assert not is_alive
+
+
+def test_stderr_of_a_program_is_shown_without_control_characters_up_to_a_limit(capfd, monkeypatch):
+    monkeypatch.setattr(line_player, "_MOST_LOG", 2_000)
+    code = "import sys; print('\\x1b[31mre\\td\\x07', 'x' * 10**6, file=sys.stderr); input(); print('1 1')"
+    with LinePlayer(program(code)) as player:
+        assert player.ask("{}") == "1 1"
+    shown = capfd.readouterr().err
+    assert shown.startswith("\ufffd[31mre\td\ufffd xxx")
+    assert (len(shown) < 3_000, shown.endswith("more than 2,000 bytes on stderr; the rest is not shown\n")) == (
+        True,
+        True,
+    )
+
+
 def test_bytes_outside_utf_8_are_an_invalid_answer(games: TaskGames):
     code = "import os\nwhile True: input(); os.write(1, bytes([255, 254, 10]))"
     with LinePlayer(program(code)) as player:
@@ -99,7 +127,12 @@ def test_a_command_that_cannot_be_started_is_refused_without_its_arguments():
     with pytest.raises(PlayerError, match="player 'no-such-program' cannot be started") as error:
         LinePlayer("no-such-program --key sk-123")
     assert "sk-123" not in str(error.value)
-    for command, timeout, fragment in (("", 1, "is empty"), ("python 'x", 1, "No closing quotation"), ("cat", 0, "0")):
+    for command, timeout, fragment in (
+        ("", 1, "is empty"),
+        ("a\0", 1, "NUL"),
+        ("python 'x", 1, "No closing quotation"),
+        ("cat", 0, "0"),
+    ):
         with pytest.raises(ConfigError, match=fragment):
             LinePlayer(command, timeout=timeout)
 

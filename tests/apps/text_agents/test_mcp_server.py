@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from mcp.client.stdio import StdioServerParameters
 from tests.apps.text_agents.scripted import assert_same, picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_distinct
-from wordcraft_kg.apps.text_agents import mcp_server
+from wordcraft_kg.apps.text_agents import hosted_games, mcp_server
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
@@ -34,7 +34,7 @@ from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedTask, Playe
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games, record_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.web.serving import listen
-from wordcraft_kg.base.errors import ArtefactError, EpisodeError
+from wordcraft_kg.base.errors import ActionError, ArtefactError, EpisodeError
 from wordcraft_kg.envs.words import PROMPTS
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -150,6 +150,7 @@ def test_an_invalid_call_is_a_tools_error_that_costs_nothing():
         ("combine", {"first": 10**40, "second": 1}, "'first': Input should be a valid string"),
         ("combine", {"first": "x" * 201, "second": 1}, "'first': String should have at most 200 characters"),
         ("combine", {}, "'first': Field required; 'second': Field required."),
+        ("combine", {"first": 1, "second": 2, "third": 3}, "unknown argument 'third': expected game, first, second."),
         ("begin", {"task": 10**6}, "less than or equal to 62"),
         ("begin", {"task": -1}, "greater than or equal to 0"),
         ("begin", {"task": 1.5}, "a valid integer"),
@@ -221,14 +222,31 @@ def test_look_ups_cost_no_attempt_are_counted_and_only_offered_with_knowledge():
     play_by_tools(with_knowledge, play)
 
 
-def test_the_oldest_games_are_forgotten_and_others_go_on():
+def test_finished_games_are_forgotten_first_then_the_oldest_which_are_recorded(tmp_path: Path):
     host = HostedGames(hosted().play, most=3)
-    names = [host.begin(task).name for task in range(3)]
-    host.game(names[0])  # the game played last
-    host.begin(3)
-    assert host.game(names[0]).name == names[0]
-    with pytest.raises(EpisodeError):
-        host.game(names[1])
+    with kept_games(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
+        names = [host.begin(task).name for task in range(3)]
+        host.game(names[0])  # the game played last
+        host.game(names[2]).end()
+        names += [host.begin(task).name for task in (3, 4)]
+    assert [host.game(name).name for name in (names[0], *names[3:])] == [names[0], *names[3:]]
+    for name in names[1:3]:
+        with pytest.raises(EpisodeError):
+            host.game(name)
+    assert [(one.task, one.termination, one.messages[1]) for one in games_of(path)] == [
+        (task, "no_recipe", "end") for task in (2, 1)
+    ]
+
+
+def test_messages_of_a_game_have_a_limit_and_are_gone_with_the_record(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(hosted_games, "_MOST_CHARACTERS", 1_000)
+    game, kept = hosted().begin(), []
+    for _ in range(20):
+        with pytest.raises(ActionError):
+            game.combine("x" * 200, "1")
+    assert len(game.messages) == 5
+    game.end()
+    assert (game.messages, kept) == ([], [])
 
 
 # --- keeping ---------------------------------------------------------------------------------------------------------
@@ -358,13 +376,38 @@ def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path
 def test_malformed_messages_on_stdin_are_passed_over_and_ctrl_c_ends_the_server():
     lines = (b"nonsense", b'{"jsonrpc": "2.0"}', b'"\xff\xfe"', b"[" * 100_000, b"x" * 3_000_000, HELLO)
     with running() as process:
-        process.stdin.write(b"".join(line + b"\n" for line in lines))  # type: ignore[union-attr]
-        process.stdin.flush()  # type: ignore[union-attr]
-        begun = json.loads(process.stdout.readline())  # type: ignore[union-attr]
+        process.stdin.write(b"".join(line + b"\n" for line in lines))
+        process.stdin.flush()
+        begun = json.loads(process.stdout.readline())
         assert (begun["id"], begun["result"]["serverInfo"]["name"]) == (7, "wordcraft-kg")
         process.send_signal(signal.SIGINT)
         assert process.communicate(timeout=20)[0] == b""
         assert process.returncode == -signal.SIGINT
+
+
+@pytest.mark.parametrize("end", ["", "\n"])
+def test_the_last_messages_are_answered_though_the_input_ends(end: str):
+    messages = [{"method": "notifications/initialized"}, *({"id": number, "method": "ping"} for number in range(8, 12))]
+    lines = [HELLO.decode(), "nonsense", *(json.dumps({"jsonrpc": "2.0", **message}) for message in messages)]
+    with running() as process:
+        out, err = process.communicate(("\n".join(lines) + end).encode(), timeout=20)
+    assert ([json.loads(line).get("id") for line in out.splitlines()], err) == ([7, 8, 9, 10, 11], b"")
+
+
+@pytest.mark.slow
+def test_a_server_whose_client_does_not_read_ends_on_sigterm():
+    lines = [HELLO, *(b'{"jsonrpc": "2.0", "id": 8, "method": "ping"}' for _ in range(5_000))]
+    with running() as process:
+
+        def write() -> None:
+            with suppress(BrokenPipeError):
+                process.stdin.write(b"\n".join(lines))
+
+        writing = threading.Thread(target=write)
+        writing.start()
+        writing.join(3)
+        process.terminate()
+        assert process.wait(5) == -signal.SIGTERM
 
 
 def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_server_goes_on():
@@ -383,6 +426,9 @@ def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_serve
         assert status_of(HELLO, Origin="http://elsewhere.org")[0] == 403
         assert status_of(HELLO, Content_Type="text/plain")[0] == 400
         assert status_of(HELLO, "/other")[0] == 404
+        for method in ("GET", "DELETE", "PUT"):
+            answer = httpx2.request(method, address, headers={"Accept": "text/event-stream"}, timeout=20)
+            assert (answer.status_code, answer.headers["Allow"]) == (405, "POST")
         status, text = status_of(HELLO)
         assert (status, json.loads(text)["result"]["serverInfo"]["name"]) == (200, "wordcraft-kg")
 
@@ -408,7 +454,7 @@ def test_the_command_serves_over_http_and_answered_games_are_kept_though_it_is_k
             await called(client, "combine", game=begun["game"], first=1, second=1)
             process.send_signal(signal.SIGKILL)
 
-        connect(json.loads(process.stdout.readline())["address"], play)  # type: ignore[union-attr]
+        connect(json.loads(process.stdout.readline())["address"], play)
     (line,) = games_of(out)
     assert (line.task, line.termination) == (3, "same_twice")
 

@@ -148,9 +148,9 @@ class Play:
             rules |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
         if settings.open_ended:
             worlds = DiscoveryGames(opened, attempts=settings.attempts or ATTEMPTS, base=settings.base)
-            return cls(worlds, PlayedSettings.of_world(worlds.env, opened.split, **rules), knowledge)
+            return cls(worlds, PlayedSettings.of(worlds.env, opened.split, **rules), knowledge)
         tasks = TaskGames(World(opened, settings.environment))
-        return cls(tasks, PlayedSettings.of_tasks(tasks.world, **rules), knowledge)
+        return cls(tasks, PlayedSettings.of(tasks.world, opened.split, **rules), knowledge)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
         """Begin a game: a task by index, with the distractors for this seed.

@@ -96,6 +96,7 @@ class TaskGame(Game):
     Attributes:
         distractor_seed: seed for the distractors on the table.
         start: labels on the table at the start.
+        attempts: number of attempts in the game.
         is_made: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
         actions: actions so far: two in an attempt, one in a lost attempt.
@@ -112,7 +113,7 @@ class TaskGame(Game):
         self._env = env
         env.reset(options={"task": task, "table": tables.table(task, distractor_seed)})
         self.goal = self.graph.entities[env.state.goal]
-        self.start = self.labels
+        self.start, self.attempts = self.labels, env.world.config.attempts
         self.is_made = self.by_plan = False
         self.actions = 0
         self.last: tuple[str, str] | None = None

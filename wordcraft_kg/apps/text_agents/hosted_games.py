@@ -19,9 +19,10 @@ from wordcraft_kg.runs.folder import locked
 NEVER = MAX_SIZE
 """Value of ``max_invalid`` without a limit: invalid tool calls never cost an attempt."""
 _MOST_GAMES = 1_000
-"""Remembered games: ten per player for a hundred players, in less than 100 MiB."""
-_MOST_MESSAGES = 10_000
-"""Recorded messages per game, a memory bound."""
+"""Remembered games: ten per player for a hundred players."""
+_MOST_CHARACTERS = 200_000
+"""Recorded characters per game: all games stay below about 200 MiB."""
+_OVERHEAD = 50  # characters' worth of memory for a message
 
 
 class HostedGame:
@@ -33,13 +34,15 @@ class HostedGame:
     Attributes:
         name: the game's id.
         talk: the conversation: the game, and counts of invalid messages and look-ups.
-        messages: prompts and answers in turn; only the first prompt has rules and state.
+        messages: prompts and answers in turn, until the record of the game is kept; only the first prompt has rules
+            and state.
     """
 
     def __init__(self, name: str, talk: Conversation, keep: "Callable[[HostedGame], None]"):
         """Begin a game; ``keep`` is called with the finished game."""
         self.name, self.talk, self._keep = name, talk, keep
         self.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
+        self._room = _MOST_CHARACTERS
         self._is_kept = False
 
     def combine(self, first: str, second: str) -> str:
@@ -79,13 +82,15 @@ class HostedGame:
             raise
 
     def _note(self, message: str, answer: str) -> None:
-        if len(self.messages) < _MOST_MESSAGES:
+        self._room -= len(message) + len(answer) + 2 * _OVERHEAD
+        if self._room > 0:
             self.messages += [message, answer]
 
     def _keep_if_over(self) -> None:
         if self.talk.is_over and not self._is_kept:
             self._keep(self)
             self._is_kept = True
+            self.messages.clear()
 
 
 class HostedGames:
@@ -97,7 +102,7 @@ class HostedGames:
     """
 
     def __init__(self, play: Play, *, most: int = _MOST_GAMES):
-        """Prepare to host games; the last ``most`` games are remembered."""
+        """Prepare to host games; the last ``most`` games are remembered, and forgotten games end."""
         self.play, self._most = play, most
         self.keep: Callable[[HostedGame], None] = lambda game: None
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
@@ -105,13 +110,22 @@ class HostedGames:
     def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
         """Begin a game: a task by index, with the distractors for this seed.
 
+        If there are too many games, the server forgets the least recent game, a finished one if possible.
+
         Raises:
             ConfigError: if the task does not exist.
+            EpisodeError: if a forgotten game cannot be recorded.
         """
         name = secrets.token_urlsafe(9)  # unguessable
-        hosted = self._hosted[name] = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
-        while len(self._hosted) > self._most:
-            self._hosted.popitem(last=False)
+        hosted = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
+        if len(self._hosted) >= self._most:
+            oldest = min(self._hosted, key=lambda name: not self._hosted[name].talk.is_over)
+            try:
+                self._hosted[oldest].end()
+            except OSError as error:
+                raise EpisodeError(f"The server has no room for a game ({error.strerror}). Try again later.") from None
+            del self._hosted[oldest]
+        self._hosted[name] = hosted
         return hosted
 
     def game(self, name: str) -> HostedGame:

@@ -177,7 +177,7 @@ def conversation(play: Play) -> Solver:
 
 @metric(scores="unreduced")
 def crafting_figures() -> Metric:
-    """Return an Inspect metric: success, actions and counts over all games, and the standard error over tasks."""
+    """Return an Inspect metric: success, actions per game, counts in the run, and the standard error over tasks."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
@@ -196,7 +196,7 @@ def crafting_figures() -> Metric:
             "ci_low": success.ci_low if success else None,
             "ci_high": success.ci_high if success else None,
             "by_plan": mean("by_plan"),
-            "actions": mean("actions"),
+            "actions_per_game": mean("actions"),
             **_counts(scores),
         }
 
@@ -228,7 +228,7 @@ def _played(score: SampleScore, kind: type[Any]) -> Any:
 
 def _counts(scores: list[SampleScore]) -> dict[str, int]:
     values = [one.score.metadata or {} for one in scores]
-    return {name: sum(one.get(name, 0) for one in values) for name in (*COUNTS, UNFINISHED)}
+    return {f"{name}_in_run": sum(one.get(name, 0) for one in values) for name in (*COUNTS, UNFINISHED)}
 
 
 @scorer(metrics=[crafting_figures()])

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.games import Game
+from wordcraft_kg.apps.text_agents.games import Game, TaskGame
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.words import combined, prompt_text
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
+from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 
@@ -46,8 +47,25 @@ class Knowledge(ABC):
         return prompt_text(self._prompt if facts else "no_facts", entity=label, facts="\n".join(facts))
 
 
+def hidden_pairs(game: Game) -> set[int]:
+    """Return the pairs (``graph.pair_of_recipe``) that look-ups hide in a game; none in the open-ended world.
+
+    Hidden are all pairs in the task's plans, and every pair that makes the goal if both ingredients are on the starting
+    table, or can be made from this table before the last attempt (at most a crafting round per attempt). So no look-up
+    completes a way to the goal.
+    """
+    if not isinstance(game, TaskGame):
+        return set()
+    graph = game.graph
+    last, layer = graph.recipes_of(game.goal), layers(graph, game.start)
+    rounds = layer[graph.recipes[last, :2]]
+    in_time = ((rounds >= 0) & (rounds < game.attempts)).all(axis=1)
+    rows = last[in_time].tolist() + [row for plan in game.tasks.plans[game.task] for row in plan]
+    return {*graph.pair_of_recipe[rows].tolist()}
+
+
 class PartialGraphKnowledge(Knowledge):
-    """Facts from the train recipes, without recipes for the pairs in the current task's plans.
+    """Train recipes as facts, without the recipes that lead to the game's goal, see :func:`hidden_pairs`.
 
     Order: recipes that make the entity, uses with an entity on the table, remaining uses.
     """
@@ -60,10 +78,7 @@ class PartialGraphKnowledge(Knowledge):
 
     def facts(self, entity: int, game: Game) -> list[str]:
         """Return the train recipes with an entity (id) as text lines, at most 40."""
-        graph = self.graph
-        pairs = graph.recipes[:, :2]
-        plans = () if game.tasks is None else game.tasks.plans[game.task]
-        solving = {tuple(pairs[row].tolist()) for plan in plans for row in plan}
+        graph, hidden = self.graph, hidden_pairs(game)
         at_hand = {graph.id_of(label) for label in game.labels}
 
         def rank(row: int) -> tuple[int, int]:
@@ -72,8 +87,9 @@ class PartialGraphKnowledge(Knowledge):
             return (0 if result == entity else 1 if other in at_hand else 2), row
 
         rows = {*graph.recipes_of(entity).tolist(), *graph.uses_of(entity).tolist()}
-        known = [row for row in rows if self._is_known[row] and tuple(pairs[row].tolist()) not in solving]
-        known.sort(key=rank)
+        known = sorted(
+            (row for row in rows if self._is_known[row] and graph.pair_of_recipe[row] not in hidden), key=rank
+        )
         facts = [combined((a, b), (c,)) for a, b, c in graph.recipe_labels(graph.recipes[known[:_MOST_FACTS]])]
         more = counted(len(known) - _MOST_FACTS, "more recipe")
         return facts + ([prompt_text("more_recipes", more=more)] if len(known) > _MOST_FACTS else [])

@@ -4,7 +4,9 @@ The program reads stdin and writes stdout. The guide to text agents describes th
 """
 
 import json
+import os
 import shlex
+import signal
 import subprocess
 import sys
 import threading
@@ -22,6 +24,8 @@ from wordcraft_kg.base.settings import number_in
 
 MOST_CHARACTERS = 100_000
 """Most characters in an answer line; a language model may include reasoning."""
+_MOST_LOG = 1_000_000
+"""Most bytes of the program's stderr that are shown."""
 _MOST_WAITING = 16
 _PATIENCE = 5.0  # seconds between the end of the input and the exit
 
@@ -51,35 +55,40 @@ class LinePlayer:
             words = shlex.split(command)
         except ValueError as error:
             raise ConfigError(f"`player`: {error} in the command. Quote arguments as in a shell.") from None
-        if not words:
-            raise ConfigError("`player` is empty: expected a command, such as 'python my_player.py'.")
+        if not words or "\0" in command:
+            raise ConfigError("`player` is empty or has a NUL: expected a command, such as 'python my_player.py'.")
         self.name = name_of(words)
         self._games = 0
         self._lines: Queue[bytes | None] = Queue(_MOST_WAITING)
         try:
-            self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            pipe = subprocess.PIPE
+            self._process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True)
         except OSError as error:
             raise PlayerError(f"player '{self.name}' cannot be started: {error.strerror or error}.") from None
         # Direct writing would block on a program that does not read.
         self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
-        for work in (self._read, self._write):
-            threading.Thread(target=work, daemon=True).start()
+        threads = [threading.Thread(target=work, daemon=True) for work in (self._read, self._write, self._log)]
+        for thread in threads:
+            thread.start()
+        self._logging = threads[-1]
 
     def __enter__(self) -> Self:
         """Return the player."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        """Close the program's input; kill the program if it does not end."""
+        """Close the program's input; kill the program if it does not end, and all processes that it has started."""
         self._unsent.put(None)
-        try:
+        with suppress(subprocess.TimeoutExpired):
             self._process.wait(_PATIENCE if kind is None else 0.1)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        with suppress(OSError, AttributeError):  # no process is left; Windows has no process groups
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.kill()
+        self._process.wait()
+        self._logging.join(1)
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Return a function that sends the prompts in a new conversation to the program and returns the answers."""
+        """Return a function for a new conversation: send a prompt to the program, and return the answer."""
         self._games += 1
         number, is_new = self._games, True
 
@@ -153,6 +162,18 @@ class LinePlayer:
             while line := stream.readline(MOST_CHARACTERS + 1):
                 self._lines.put(line, timeout=self._timeout)
             self._lines.put(None, timeout=self._timeout)
+        stream.close()
+
+    def _log(self) -> None:
+        stream, room = self._process.stderr, _MOST_LOG
+        assert stream is not None
+        while line := stream.readline(1_000):
+            if room > 0:
+                text = line.decode(errors="replace").rstrip("\r\n")
+                sys.stderr.write("".join(one if one.isprintable() or one == "\t" else "\ufffd" for one in text) + "\n")
+                room -= len(line)
+                if room <= 0:
+                    sys.stderr.write(f"{self.name}: more than {_MOST_LOG:,} bytes on stderr; the rest is not shown\n")
         stream.close()
 
 

@@ -5,17 +5,22 @@ Connections have no memory in the present protocol, so ``begin`` returns an id f
 
 import hashlib
 import json
-from collections.abc import Callable, Collection
+import sys
+from collections.abc import AsyncIterator, Callable, Collection
 from functools import lru_cache
+from io import TextIOWrapper
 from typing import Annotated, Any, Self
 
+import anyio
 from mcp.server import MCPServer
 from mcp.server.mcpserver import Context
 from mcp.server.mcpserver.exceptions import ToolError
+from mcp.server.stdio import stdio_server
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolResult, InputRequiredResult, TextContent, ToolAnnotations
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
-from starlette.types import ASGIApp
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wordcraft_kg import __version__
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
@@ -108,7 +113,14 @@ class _Server(MCPServer[Any]):
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        """Call a tool; reword errors for players."""
+        """Call a tool; reject unknown arguments, and reword errors for players."""
+        known = next(
+            (tool.input_schema["properties"] for tool in await self.list_tools() if tool.name == name), arguments
+        )
+        if unknown := [argument for argument in arguments if argument not in known]:
+            expected = ", ".join(known) or "no arguments"
+            reason = f"unknown argument '{unknown[0][:_LONGEST]}': expected {expected}."
+            raise ToolError(prompt_text("invalid", reason=reason))
         try:
             return await super().call_tool(name, arguments, context)
         except ToolError as error:
@@ -116,6 +128,29 @@ class _Server(MCPServer[Any]):
             if not isinstance(cause, ValidationError | OSError | WordCraftKGError):
                 raise
             raise ToolError(_in_words(cause)) from cause
+
+    async def run_stdio_async(self) -> None:
+        """Serve on the standard streams until the input ends, and answer every message."""
+        streams: tuple[Any, Any] = _messages(), _Answers()
+        async with stdio_server(*streams) as (read, write):
+            server = self._lowlevel_server
+            await server.run(read, write, server.create_initialization_options())
+
+
+async def _messages() -> AsyncIterator[str]:
+    async for line in anyio.wrap_file(TextIOWrapper(sys.stdin.buffer, "utf-8", "replace")):
+        yield line
+    await anyio.wait_all_tasks_blocked()  # at the end the SDK cancels calls without an answer
+
+
+class _Answers:
+    """Standard output without threads: a tool call is over, or waits for its client."""
+
+    async def write(self, line: str) -> None:
+        sys.stdout.buffer.write(line.encode())
+
+    async def flush(self) -> None:
+        sys.stdout.buffer.flush()
 
 
 def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
@@ -238,7 +273,7 @@ def make_http_app(server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: C
     names = sorted({*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)})
     hosts = [(f"[{name}]" if ":" in name else name) + port for name in names for port in ("", ":*")]
     origins = [f"{scheme}://{one}" for scheme in ("http", "https") for one in hosts]
-    return server.streamable_http_app(
+    app = server.streamable_http_app(
         streamable_http_path=PATH,
         # A call has one answer, and games have ids: neither streams nor sessions are needed.
         json_response=True,
@@ -246,3 +281,9 @@ def make_http_app(server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: C
         max_request_body_size=LONGEST_BODY,
         transport_security=TransportSecuritySettings(allowed_hosts=hosts, allowed_origins=origins),
     )
+
+    async def without_streams(scope: Scope, receive: Receive, send: Send) -> None:
+        is_call = scope["type"] != "http" or scope["path"] != PATH or scope["method"] == "POST"
+        await (app if is_call else Response(status_code=405, headers={"Allow": "POST"}))(scope, receive, send)
+
+    return without_streams

@@ -19,10 +19,10 @@ from wordcraft_kg.apps.text_agents.records import (
     TextResult,
 )
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, record_of, result_of
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.artefacts import dump_json, sha256_of, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import as_lines, as_values
+from wordcraft_kg.base.records import as_lines, as_values, read_record
 from wordcraft_kg.runs.folder import locked
 
 _HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
@@ -56,11 +56,17 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
                     "Remove the line."
                 )
             del missing[key]
+        if (folder / RESULT_FILE).is_file() and read_record(folder / RESULT_FILE, TextResult).games_hash != sha256_of(
+            path
+        ):
+            raise ArtefactError(
+                f"{path} was changed after {RESULT_FILE} was written. Restore a copy, or play again with --force."
+            )
         for task, distractor_seed in steps("playing", missing):
             talk = play.begin(task, distractor_seed)
             played.append(record_of(talk, converse(talk, speak(talk)), distractor_seed))
             append_game(path, played[-1])
-        result = result_of(player, settings, played)
+        result = msgspec.structs.replace(result_of(player, settings, played), games_hash=sha256_of(path))
         write_atomically(folder / RESULT_FILE, dump_json(as_values(result)))
     return result
 

@@ -1,6 +1,6 @@
 """Records in the files of text agents: settings, games and results."""
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, KnowledgeKind
@@ -9,7 +9,6 @@ from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -53,24 +52,22 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
         return self.part is None
 
     @classmethod
-    def of_tasks(cls, world: World, **rules: Any) -> "PlayedSettings":
-        """Return the settings for games on a world's tasks; ``rules`` are all fields that the world leaves open."""
-        config = world.config
-        amounts = {"depth": config.depth, "distractors": config.num_distractors, "attempts": config.attempts}
-        return cls._of(world.graph, world.split, part=config.part, **amounts, **rules)
+    def of(cls, world: World | OpenEndedEnv, split: Split, **others: Any) -> Self:
+        """Return the settings of games on a world's tasks, or in an open-ended environment.
 
-    @classmethod
-    def of_world(cls, env: OpenEndedEnv, split: Split, **rules: Any) -> "PlayedSettings":
-        """Return the settings for open-ended games; ``rules`` are all fields that environment and split leave open."""
-        rules |= {"part": None, "depth": None, "distractors": None, "attempts": env.max_attempts}
-        return cls._of(env.graph, split, base=env.graph.labels(env.discovery.base), **rules)
-
-    @classmethod
-    def _of(cls, graph: RecipeGraph, split: Split, **rules: Any) -> "PlayedSettings":
-        if rules.get("knowledge", "none") == "none":
-            rules["look_ups"] = 0
-        rules = {"prompt_hash": prompt_hash(), **rules}  # a server has more prompts
-        return cls(graph=graph.name, graph_hash=graph.hash, split_hash=split.hash, **rules)
+        ``others`` are fields that neither world nor split determines, such as ``look_ups=10``.
+        """
+        own: dict[str, Any] = {"part": None, "depth": None, "distractors": None}
+        if isinstance(world, OpenEndedEnv):
+            own |= {"attempts": world.max_attempts, "base": world.graph.labels(world.discovery.base)}
+        else:
+            config = world.config
+            own = {"part": config.part, "depth": config.depth, "distractors": config.num_distractors}
+            own["attempts"] = config.attempts
+        if others.get("knowledge", "none") == "none":
+            others["look_ups"] = 0
+        hashes = {"graph_hash": world.graph.hash, "split_hash": split.hash, "prompt_hash": prompt_hash()}
+        return cls(**{"graph": world.graph.name, **hashes, **own, **others})  # a server has another prompt hash
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):
@@ -131,22 +128,25 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
 
 
 class TextResult(Record, frozen=True, kw_only=True):
-    """A text agent's result (``result.json``): metrics over all games; the last three fields are sums.
+    """A text agent's result (``result.json``): metrics over all games.
 
     Attributes:
         player: player's name, such as a script or language model.
+        games_hash: SHA-256 of the ``games.jsonl`` file beside the result; None for results from other files.
         success: mean success on tasks with interval; None in the open-ended world.
         outcomes: share of games by termination reason; empty in the open-ended world.
         known: mean number of known entities by attempts; empty for tasks.
+        invalid_actions, lost_attempts, look_ups: sums over all games, see :class:`PlayedTask`.
     """
 
     format: Literal["wordcraft-kg text result 1"] = "wordcraft-kg text result 1"
     player: str
     settings: PlayedSettings
     games: Count
+    games_hash: Hash | None = None
     success: Success | None
     outcomes: dict[TerminationReason, Share]
-    known: dict[int, float]
+    known: dict[Count, float]
     invalid_actions: Count
     lost_attempts: Count
     look_ups: Count

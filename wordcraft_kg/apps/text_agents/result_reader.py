@@ -1,18 +1,26 @@
 """Text agents' results as rows for the table that the command ``reference`` prints."""
 
 from collections.abc import Sequence
-from itertools import count
+from itertools import count, product
 from pathlib import Path
 from typing import Any, get_args
 
 import msgspec
 
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
-from wordcraft_kg.apps.text_agents.records import RESULT_FILE, GamesFormat, PlayedSettings, TextResult
-from wordcraft_kg.apps.text_agents.results import read_games_result
+from wordcraft_kg.apps.text_agents.records import (
+    GAMES_FILE,
+    RESULT_FILE,
+    GamesFormat,
+    PlayedSettings,
+    PlayedTask,
+    TextResult,
+)
+from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, read_result, result_of
+from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import Estimate, Figure, OpenPlay, ReferenceRow, TaskPlay, figures_of
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.studies.result_readers import OVER_TASKS, SEEN, ResultReader, begins_with, check_hash, check_tasks
@@ -30,11 +38,43 @@ def _knows(path: Path) -> bool:
 
 def _result(path: Path, opened: OpenedGraph) -> TextResult:
     if (path / RESULT_FILE).is_file():
-        result = read_record(path / RESULT_FILE, TextResult)
+        result = read_result(path)
     else:
         result = read_inspect_log(path) if _is_log(path) else read_games_result(path, opened)
     check_hash(path, "graph", result.settings.graph_hash, opened.graph.hash)
     return result
+
+
+def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
+    """Read the result from a games file that the command ``wordcraft-kg mcp --out`` wrote.
+
+    If a task was played several times, the first game counts. All tasks are required, because selected tasks may be
+    easy.
+
+    Raises:
+        ArtefactError: if the file is damaged or not a games file.
+        GraphMismatchError: if the games were played on a different graph or split.
+        ConfigError: if a task was not played.
+    """
+    header, played, _ = read_games(path)
+    settings = header.settings
+    check_hash(path, "graph", settings.graph_hash, opened.graph.hash)
+    check_hash(path, "split", settings.split_hash, opened.split.hash)
+    if settings.part is None or settings.depth is None or settings.distractors is None:
+        if not played:
+            raise ConfigError(f"'{path}' holds no finished game.")
+        return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=len(played)), played)
+    tasks = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
+    world = World(opened, tasks.environment)
+    first = {(one.task, one.distractor_seed): one for one in reversed(played) if isinstance(one, PlayedTask)}
+    seeds = 1 + max((distractor_seed for _, distractor_seed in first), default=0)
+    needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(seeds)))
+    if set(first) != needed:
+        raise ConfigError(
+            f"'{path}' holds {len(needed & set(first)):,} / {len(needed):,} games for the {settings.part} tasks: "
+            "expected each task with each distractor seed, because selected tasks are not representative."
+        )
+    return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=seeds), [*first.values()])
 
 
 def _open_rows(paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay) -> Sequence[ReferenceRow]:
@@ -101,6 +141,8 @@ def _row(
         f"an even sample of {counted(success.tasks, 'task')}" if success and settings.tasks is not None else "",
         f"{counted(result.lost_attempts, 'attempt')} lost by invalid actions" if result.lost_attempts else "",
         f"its scorer {SEEN}" if settings.kg == "full" else "",
+        "look-ups in other games name the recipes of the task" if _is_remembered(path, settings) else "",
+        f"{GAMES_FILE} is missing" if (path / RESULT_FILE).is_file() and not (path / GAMES_FILE).is_file() else "",
     )
     look_ups = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}
     return ReferenceRow(
@@ -114,6 +156,10 @@ def _row(
         notes=", ".join(note for note in notes if note),
         **{"measure": "success", **more},
     )
+
+
+def _is_remembered(path: Path, settings: PlayedSettings) -> bool:
+    return settings.knowledge != "none" and settings.part in ("train", "all") and not _is_log(path)
 
 
 READER = ResultReader(

@@ -1,7 +1,6 @@
 """Text agents' results, with the same metrics as for trained agents."""
 
 from collections.abc import Sequence
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,16 +11,21 @@ from wordcraft_kg.agents.discovery import MARKS
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame
-from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask, PlayedWorld, TextResult
-from wordcraft_kg.apps.text_agents.settings import GameSettings
-from wordcraft_kg.base.artefacts import read_large_file
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import parse_lines, parse_record
+from wordcraft_kg.apps.text_agents.records import (
+    GAMES_FILE,
+    RESULT_FILE,
+    GamesHeader,
+    PlayedSettings,
+    PlayedTask,
+    PlayedWorld,
+    TextResult,
+)
+from wordcraft_kg.base.artefacts import read_large_file, sha256_of
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.records import parse_lines, parse_record, read_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.envs.evaluation_tables import distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.folder import OpenedGraph
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
@@ -31,18 +35,20 @@ COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
-    """Return the indices of all tasks in a world, or of at most ``most`` evenly spaced tasks.
+    """Return the indices of all tasks in a world, or of ``most`` evenly spaced tasks.
 
     Raises:
         ConfigError: for ``most`` below 1.
     """
     if most is not None:
         whole("tasks", most, 1, MAX_SIZE)
-    return np.arange(0, len(world.tasks), distance_of(len(world.tasks), most))
+    number = len(world.tasks)
+    most = number if most is None else min(most, number)
+    return np.arange(most) * number // most
 
 
 def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
-    """Return the record of a finished game with its messages; ``number`` is the index of an open-ended game."""
+    """Return the record of a finished conversation's game; ``number`` is the index of an open-ended game."""
     game = talk.game
     counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages)}
     if isinstance(game, DiscoveryGame):
@@ -77,7 +83,7 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Convert the records of N tasks with D distractor seeds to an agent evaluation; last pairs are omitted.
+    """Convert the records of N tasks with D distractor seeds to an agent evaluation, without the pairs combined last.
 
     Raises:
         ValueError: unless every task has a record for each distractor seed.
@@ -142,39 +148,16 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
     return header, parse_lines(rest, kind, f"{path} (after line 1)"), torn
 
 
-def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
-    """Read the result from a games file that the command ``wordcraft-kg mcp --out`` wrote.
-
-    If a task was played several times, the first game counts. All tasks are required, because selected tasks may be
-    easy.
+def read_result(folder: Path) -> TextResult:
+    """Read the result in a folder of ``evaluate-text``; if the folder has the games, check the result against them.
 
     Raises:
-        ArtefactError: if the file is damaged or not a games file.
-        GraphMismatchError: if the games were played on a different graph or split.
-        ConfigError: if a task was not played.
+        ArtefactError: for damaged files, or a result or games that were changed after the evaluation.
     """
-    header, played, _ = read_games(path)
-    settings = header.settings
-    for name, kept, own in (
-        ("graph", settings.graph_hash, opened.graph.hash),
-        ("split", settings.split_hash, opened.split.hash),
-    ):
-        if kept != own:
-            raise GraphMismatchError(f"'{path}' holds games on the {name} {kept[:12]}, and this is {own[:12]}.")
-    if settings.part is None or settings.depth is None or settings.distractors is None:
-        if not played:
-            raise ConfigError(f"'{path}' holds no finished game.")
-        return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=len(played)), played)
-    tasks = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
-    world = World(opened, tasks.environment)
-    first = {(one.task, one.distractor_seed): one for one in reversed(played) if isinstance(one, PlayedTask)}
-    distractor_seeds = 1 + max((distractor_seed for _, distractor_seed in first), default=0)
-    needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(distractor_seeds)))
-    if set(first) != needed:
-        raise ConfigError(
-            f"'{path}' holds {len(needed & set(first)):,} / {len(needed):,} games for the {settings.part} tasks: "
-            "expected each task with each distractor seed, because selected tasks are not representative."
-        )
-    return result_of(
-        header.player, msgspec.structs.replace(settings, distractor_seeds=distractor_seeds), [*first.values()]
-    )
+    result, path = read_record(folder / RESULT_FILE, TextResult), folder / GAMES_FILE
+    if path.is_file():
+        header, played, _ = read_games(path)
+        expected = result_of(header.player, header.settings, played)
+        if result != msgspec.structs.replace(expected, games_hash=sha256_of(path)):
+            raise ArtefactError(f"'{folder}': {RESULT_FILE} is not the result of {GAMES_FILE}. Restore a copy.")
+    return result

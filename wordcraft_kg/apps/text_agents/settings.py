@@ -39,8 +39,8 @@ class GameSettings:
         attempts: attempts in a game. Default: depth; 100 in the open-ended world.
         open_ended: discover as many entities as possible from the base, without tasks.
         base: comma-separated initial entities in the open-ended world. Default: the graph's base.
-        knowledge: look-up source: none, partial (train recipes outside the task's plans) or scorer (best links by
-            --scorer).
+        knowledge: look-up source: none, partial (train recipes that do not make the goal from the table) or scorer
+            (best links by --scorer).
         scorer: model folder, for --knowledge scorer.
         look_ups: look-ups in a game.
 
@@ -95,7 +95,7 @@ class EvaluationSettings(GameSettings):
 
     Attributes:
         distractor_seeds: distractor seeds per task; number of games with --open-ended.
-        tasks: maximum task count, evenly spaced over the part. Default: all.
+        tasks: number of tasks, evenly spaced over the part. Default: all.
         max_invalid: consecutive invalid actions without cost; the next invalid action costs the attempt.
     """
 

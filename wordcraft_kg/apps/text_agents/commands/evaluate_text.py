@@ -54,11 +54,12 @@ def evaluate_text(
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
     from wordcraft_kg.apps.text_agents.playing import play_all
+    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
     if name is not None and (not name.strip() or not name.isprintable() or len(name) > _LONGEST_NAME):
         raise ConfigError(f"--name {name[:_LONGEST_NAME]!r}: expected 1 to {_LONGEST_NAME} characters on one line.")
     play = Play.open(graph, settings)
-    with LinePlayer(player, timeout=timeout) as program:
+    with sigterm_as_interrupt(), LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
         folder = out or Path("text-agents") / (re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player")
         _prepare(folder, force)

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import jsonschema
 import msgspec
@@ -40,18 +41,17 @@ TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320)
 TASKS = TaskConfig(distractors=2)
 
 
+def trained(home: Path, runs: dict[str, tuple[PolicyConfig, ImpalaConfig]], scorer: str | None = None):
+    for name, settings in runs.items():
+        train_agent(AgentConfig("kitchen", scorer, TASKS, *settings), home / name)
+    return [open_agent(home / name) for name in runs]
+
+
 @pytest.fixture(scope="module")
 def agents(tmp_path_factory):
     """Two seeds of an attention agent and one run of an mlp."""
-    home = tmp_path_factory.mktemp("runs")
-    runs = (
-        ("plain-0", PolicyConfig(), TRAINER),
-        ("plain-1", PolicyConfig(), replace(TRAINER, seed=1)),
-        ("mlp", PolicyConfig(policy="mlp"), TRAINER),
-    )
-    for name, policy, trainer in runs:
-        train_agent(AgentConfig("kitchen", None, TASKS, policy, trainer), home / name)
-    return [open_agent(home / name) for name, _, _ in runs]
+    plain = {f"plain-{seed}": (PolicyConfig(), replace(TRAINER, seed=seed)) for seed in (0, 1)}
+    return trained(tmp_path_factory.mktemp("runs"), {**plain, "mlp": (PolicyConfig(policy="mlp"), TRAINER)})
 
 
 @pytest.fixture(scope="module")
@@ -149,9 +149,8 @@ def test_confusions_name_what_was_needed_and_what_was_picked(agents, entry, worl
     graph, counts = world.graph, Counter()
     for agent in agents[:2]:
         found = Evaluator(world, distractor_seeds=2)(PolicyPlayer(agent.policy))
-        for task, distractor_seed in np.argwhere(
-            found.terminations == TERMINATION_REASONS.index("one_right_part")
-        ).tolist():
+        half_right = found.terminations == TERMINATION_REASONS.index("one_right_part")
+        for task, distractor_seed in np.argwhere(half_right).tolist():
             a, b = found.last[task, distractor_seed].tolist()
             (plan,) = world.tasks.plans[task]
             pair = graph.recipes[plan[-1], :2].tolist()
@@ -196,10 +195,10 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
 
 
 def test_bars_of_contributions_fill_the_width_at_the_largest_sum():
-    def slot(**contributions: float) -> ExplainedSlot:
-        return ExplainedSlot("egg", False, contributions, contributions, sum(contributions.values()), 0.5)
-
-    step = ExplainedStep(None, 0.0, {}, "egg", (), (slot(alpha=1.0, u=2.0, v=-1.0), slot(alpha=-1.0, u=0.5, v=-1.5)))
+    sums = ({"alpha": 1.0, "u": 2.0, "v": -1.0}, {"alpha": -1.0, "u": 0.5, "v": -1.5})
+    step = ExplainedStep(
+        None, 0.0, {}, "egg", (), tuple(ExplainedSlot("egg", False, of, of, sum(of.values()), 0.5) for of in sums)
+    )
     widths = [[float(width) for width in re.findall(r'width="([\d.]+)"', str(bar))] for _, bar in slot_rows(step)]
     assert sum(widths[0][:2]) == pytest.approx(70, abs=0.2)
     assert widths[1][0] + widths[1][2] == pytest.approx(70 * 2.5 / 3, abs=0.2)
@@ -243,11 +242,8 @@ def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
 def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_says_how(tmp_path):
     links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
     model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
-    agents = []
-    for name, in_sample in (("folds", False), ("whole", True)):
-        config = AgentConfig("kitchen", str(model), TASKS, PolicyConfig(in_sample=in_sample), TRAINER)
-        train_agent(config, tmp_path / name)
-        agents.append(open_agent(tmp_path / name))
+    policies = {"folds": PolicyConfig(in_sample=False), "whole": PolicyConfig(in_sample=True)}
+    agents = trained(tmp_path, {name: (policy, TRAINER) for name, policy in policies.items()}, str(model))
     report = make_agent_report(group_agents(agents), part="train", distractor_seeds=1)
     world = World(agents[0].opened, TASKS.environment("train"))
     scorer, size = load_scorer(model), world.graph.num_entities
@@ -256,11 +252,9 @@ def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_sa
     for goal, plans, number in zip(world.tasks.goals.tolist(), world.tasks.plans, models.tolist(), strict=True):
         one = scorer.left_out(number - 1) if number <= 3 else None
         row = torch.zeros(size) if one is None else one.table(1)[:, goal]
-        pairs = [[*world.graph.recipes[plan[-1], :2].tolist()] for plan in plans]
-        rank = [
-            max(float((row > row[part]).sum() + ((row == row[part]).sum() + 1) / 2) for part in pair) for pair in pairs
-        ]
-        expected.append(np.ceil(min(rank)))
+        ranks = (row[:, None] < row).sum(1) + ((row[:, None] == row).sum(1) + 1) / 2
+        worse = [float(ranks[world.graph.recipes[plan[-1], :2].tolist()].max()) for plan in plans]
+        expected.append(np.ceil(min(worse)))
     folds, whole = (entry.slices["link_rank"][0] for entry in report.view.agents)
     assert folds.slice == whole.slice
     assert folds.tasks == sum(rank <= 3 for rank in expected) < whole.tasks

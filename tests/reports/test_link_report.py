@@ -6,8 +6,10 @@ import itertools
 import json
 import random
 import re
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import jsonschema
 import msgspec
@@ -105,6 +107,10 @@ def ranks(kitchen_model, graph, split):
 def whole_report(kitchen_model, opened):
     """Of the model of all train recipes, without its folds."""
     return make_link_report(kitchen_model.scorer.whole, opened)
+
+
+def triple_of(graph: RecipeGraph, row: Values) -> tuple[int, int, int]:
+    return graph.id_of(row["head"]), RELATIONS.index(row["relation"]), graph.id_of(row["tail"])
 
 
 def table_scorer(graph: RecipeGraph, scores: torch.Tensor) -> TableScorer:
@@ -304,10 +310,8 @@ def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kit
     missing = sorted((float(table[h, t]) for h, t in pairs if (h, COMPONENT_OF, t) not in known), reverse=True)
     listed = [row for row in values["perhaps_missing"] if row["relation"] == "componentOf"]
     assert [row["score"] for row in listed] == pytest.approx(missing[: len(listed)])
-    for row in values["perhaps_missing"]:
-        triple = (graph.id_of(row["head"]), RELATIONS.index(row["relation"]), graph.id_of(row["tail"]))
-        assert triple not in known
-        assert row["head"] != row["tail"]
+    assert not known & {triple_of(graph, row) for row in values["perhaps_missing"]}
+    assert all(row["head"] != row["tail"] for row in values["perhaps_missing"])
     others = [row for row in values["perhaps_missing"] if row["relation"] == "combinesWith"]
     assert len({frozenset((row["head"], row["tail"])) for row in others}) == len(others) > 0
 
@@ -493,7 +497,7 @@ def test_the_page_shows_the_headline_the_baseline_and_the_leak_check(kitchen_rep
     assert "FAIL" not in text
 
 
-def test_a_failed_check_is_shown_as_failed(kitchen_report):
+def test_a_failed_check_is_shown(kitchen_report):
     passed = kitchen_report.view.checks
     for check in passed:
         failed = [msgspec.structs.replace(other, passed=other is not check) for other in passed]
@@ -583,10 +587,7 @@ def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_fold
         part = ranks[ranks["relation"] == relation]
         assert (1 / part["rank"]).mean() == pytest.approx(values["metrics"][relation]["mrr"], rel=1e-6)
 
-    named = {
-        (graph.id_of(head), RELATIONS.index(relation), graph.id_of(tail))
-        for head, relation, tail in ranks[["head", "relation", "tail"]].itertuples(index=False)
-    }
+    named = {triple_of(graph, row) for row in ranks[["head", "relation", "tail"]].to_dict("records")}
     assert named == {tuple(triple) for triple in split.held_out("test").tolist()}
     assert set(ranks["side"]) == {"head", "tail"}
 
@@ -617,29 +618,15 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
     assert states() == before
 
 
-def test_a_report_is_not_overwritten_unless_forced(kitchen_report, full_report, tmp_path):
-    def name() -> str:
-        return json.loads((tmp_path / "report" / "report.json").read_text())["model"]["name"]
-
+@pytest.mark.parametrize("end", [OutputExistsError, KeyboardInterrupt, None])
+def test_a_report_is_replaced_by_a_whole_one_on_force_alone(kitchen_report, full_report, tmp_path, monkeypatch, end):
     write_report(kitchen_report, tmp_path / "report")
-    with pytest.raises(OutputExistsError):
-        write_report(full_report, tmp_path / "report")
-    assert name() == "kitchen"
-    write_report(full_report, tmp_path / "report", force=True)
-    assert name() == "kitchen-full"
-
-
-def test_an_earlier_report_stays_when_writing_fails(kitchen_report, tmp_path, monkeypatch):
-    write_report(kitchen_report, tmp_path / "report")
-    before = (tmp_path / "report" / "report.json").read_bytes()
-
-    def interrupted(report: LinkReport) -> str:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("wordcraft_kg.reports.pages.render", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_report(kitchen_report, tmp_path / "report", force=True)
-    assert (tmp_path / "report" / "report.json").read_bytes() == before
+    if end is KeyboardInterrupt:
+        monkeypatch.setattr("wordcraft_kg.reports.pages.render", Mock(side_effect=end))
+    with pytest.raises(end) if end else nullcontext():
+        write_report(full_report, tmp_path / "report", force=end is not OutputExistsError)
+    written = json.loads((tmp_path / "report" / "report.json").read_text())
+    assert written["model"]["name"] == ("kitchen" if end else "kitchen-full")
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
 
 
@@ -647,13 +634,8 @@ def test_a_cross_fitted_model_shows_in_sample_and_left_out_figures_and_probabili
     kitchen_model, kitchen_report, values, whole_report, full_report
 ):
     memory, record = values["in_sample"], kitchen_model.scorer.record
-    assert memory == {
-        "folds": 5,
-        "queries": record.queries,
-        "in_sample_mrr": record.in_sample_mrr,
-        "left_out_mrr": record.mrr,
-        "test_mrr": values["metrics"]["all"]["mrr"],
-    }
+    expected = {"folds": 5, "queries": record.queries, "in_sample_mrr": record.in_sample_mrr}
+    assert memory == {**expected, "left_out_mrr": record.mrr, "test_mrr": values["metrics"]["all"]["mrr"]}
     assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
     html = " ".join(render(kitchen_report).split())
     assert all(text in html for text in ("Memory and generalisation", "with the entity itself has the base rate"))
@@ -664,30 +646,23 @@ def test_a_cross_fitted_model_shows_in_sample_and_left_out_figures_and_probabili
 
 
 def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model, values, graph, split):
-    scorer = kitchen_model.scorer
     known, given = ({tuple(row) for row in triples.tolist()} for triples in (split.partial, graph.triples))
-    entities = range(graph.num_entities)
-    rows = values["probabilities"]
-    assert [(row["relation"], row["pairs"]) for row in rows] == [
-        (relation, pairs) for relation in ("combinesWith", "componentOf") for pairs in ("distinct", "itself")
-    ]
+    rows, entities = values["probabilities"], range(graph.num_entities)
+    expected = list(itertools.product(RELATIONS, ("distinct", "itself")))
+    assert [(row["relation"], row["pairs"]) for row in rows] == expected
     for row in rows:
-        relation = ("combinesWith", "componentOf").index(row["relation"])
-        asked = [
-            (head, relation, tail)
-            for head, tail in itertools.product(entities, entities)
-            if (head, relation, tail) not in known
-            and (head == tail) == (row["pairs"] == "itself")
-            and (relation == 1 or tail <= head)
-        ]
-        chances = scorer.probability(*torch.tensor(asked).T).double().numpy()
-        is_true = np.array([triple in given for triple in asked])
-        assert (row["triples"], row["observed"]) == (len(asked), is_true.sum())
+        relation, of_itself = RELATIONS.index(row["relation"]), row["pairs"] == "itself"
+        pairs = [(head, tail) for head in entities for tail in (entities if relation else range(head + 1))]
+        triples = [(head, relation, tail) for head, tail in pairs if (head == tail) == of_itself]
+        triples = [triple for triple in triples if triple not in known]
+        chances = kitchen_model.scorer.probability(*torch.tensor(triples).T).double().numpy()
+        is_true = np.array([triple in given for triple in triples])
+        assert (row["triples"], row["observed"]) == (len(triples), is_true.sum())
         assert row["expected"] == pytest.approx(chances.sum())
         assert row["log_loss"] == pytest.approx(-np.log(np.where(is_true, chances, 1 - chances)).mean())
         base = np.where(is_true, row["base_rate"], 1 - row["base_rate"])
         assert row["base_log_loss"] == pytest.approx(-np.log(base).mean())
-        assert sum(found["triples"] for found in row["bins"]) == len(asked)
+        assert sum(found["triples"] for found in row["bins"]) == len(triples)
         assert sum(found["triples"] * found["observed"] for found in row["bins"]) == pytest.approx(is_true.sum())
         assert all(found["low"] <= found["observed"] <= found["high"] for found in row["bins"])
         means = [found["probability"] for found in row["bins"]]

@@ -211,6 +211,15 @@ def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, option
     assert run("explain", folder, "--episodes", 1).code == 0
 
 
+@pytest.mark.parametrize("player", ["kitchen", "{world}/plain/seed-0"])
+def test_players_are_evaluated_on_tables_without_shortcuts(printed, run, world, player):
+    command = ("evaluate-agent", player.format(world=world), "--distractors", "8", "--distractor-seeds", "2")
+    free, without = (printed(*command, *more) for more in ((), ("--distractor-policy", "no_train_shortcut")))
+    assert (free.pop("distractor_policy"), without.pop("distractor_policy")) == ("any", "no_train_shortcut")
+    assert free != without
+    assert player != "kitchen" or "no_train_shortcut; " in run(*command, "--distractor-policy=no_train_shortcut").out
+
+
 def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printed, run):
     command = ("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--distractor-seeds", "1")
     result = printed(*command)

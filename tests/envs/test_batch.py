@@ -224,21 +224,36 @@ def test_tables_hold_the_start_and_distractors_that_may_lie_there(kitchen_opened
                 assert not ({a, b} <= near and {a, b} & distractors)
 
 
+def pairs_to(goal, have, recipes, attempts):
+    """The pairs of entities at hand, or made by one attempt before, that make the goal by these recipes."""
+    pairs = {(a, b) for a, b, result in recipes if result == goal and {a, b} <= have}
+    for first in {(a, b) for a, b, _ in recipes if {a, b} <= have and attempts > 1}:
+        there = have | {result for a, b, result in recipes if (a, b) == first and result != goal}
+        pairs |= {(*first, *pair) for pair in pairs_to(goal, there, recipes, 1) if not have.issuperset(pair)}
+    return pairs
+
+
 @pytest.mark.parametrize("tables", [50, pytest.param(500, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("depth", "attempts"), [(1, 1), (1, 2), (2, 2)])
-def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opened, depth, attempts, tables):
+@pytest.mark.parametrize("policy", ["no_shortcut-all", "no_train_shortcut-test", "no_train_shortcut-train"])
+def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opened, depth, attempts, tables, policy):
+    policy, part = policy.split("-")
     # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any distractors.
     opened = ambiguous if attempts == 1 else kitchen_opened
-    settings = {"num_distractors": 3, "distractor_policy": "no_shortcut", "max_attempts": attempts}
-    world = World(opened, WordCraftConfig(part="all", depth=depth, **settings))
-    for task, table in drawn_tables(world, tables, at_once=tables):
-        start = world.tasks.starts[task].tolist()
-        assert not world.has_shortcut(task, [entity for entity in table if entity not in start])
+    settings = {"num_distractors": 3, "distractor_policy": policy, "max_attempts": attempts}
+    world = World(opened, WordCraftConfig(part=part, depth=depth, **settings))
+    recipes = opened.graph.recipes if policy == "no_shortcut" else opened.split.recipes("train")
+
+    def has_shortcut(task, table):
+        start = set(world.tasks.starts[task].tolist()) - {world.nothing}
+        ways = [pairs_to(world.tasks.goals[task], have, recipes.tolist(), attempts) for have in (start, set(table))]
+        return ways[0] != ways[1]
+
     env = WordCraftEnv(world)
-    for seed in range(tables // 5):
-        env.reset(seed=seed)
-        start = env.tasks.starts[env.state.task].tolist()
-        assert not world.has_shortcut(env.state.task, [entity for entity in env.state.table if entity not in start])
+    drawn = [(env.state.task, env.state.table) for seed in range(tables // 5) if env.reset(seed=seed)]
+    assert not any(has_shortcut(*row) for row in [*drawn, *drawn_tables(world, tables, at_once=tables)])
+    free = world.variant(distractor_policy="any", num_distractors=8)
+    assert any(has_shortcut(*row) for row in drawn_tables(free, 500))
 
 
 @pytest.mark.parametrize("weighting", ["use", "uniform"])
@@ -470,10 +485,11 @@ def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
             batch(kitchen_opened, 1, device="cuda")
 
 
+@pytest.mark.parametrize("policy", ["no_shortcut", "no_train_shortcut"])
 @pytest.mark.parametrize("tries", [30, pytest.param(SHORTCUT_TRIES, marks=pytest.mark.slow)])
-def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous, monkeypatch, tries):
+def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous, monkeypatch, tries, policy):
     monkeypatch.setattr("wordcraft_kg.envs.world.SHORTCUT_TRIES", tries)
-    settings = {"part": "all", "depth": 2, "num_distractors": 8, "distractor_policy": "no_shortcut"}
+    settings = {"part": "all", "depth": 2, "num_distractors": 8, "distractor_policy": policy}
     world = World(ambiguous, WordCraftConfig(**settings))
     expected = rf"`num_distractors` 8: found no distractors without a shortcut to 'e.*' in {tries} tries"
     with pytest.raises(ConfigError, match=expected):

@@ -16,15 +16,16 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folder import OpenedGraph
 
 
-@pytest.fixture(scope="module", params=["train", "no_shortcut"])
+@pytest.fixture(scope="module", params=["train", "no_shortcut", "no_train_shortcut"])
 def world(request):
     """Goals with more recipes than one table of marks holds, and self pairs among them."""
     rows = np.random.default_rng(1).integers(0, [40, 40, 10], size=(520, 3)).tolist()
     graph = RecipeGraph.from_recipes([tuple(f"e{entity:02d}" for entity in row) for row in rows])
-    opened = OpenedGraph(graph, make_split(graph, SplitConfig("by-recipe-plain", train_ratio=0.3)), "dense")
+    split = SplitConfig("by-recipe-plain", train_ratio=0.8 if request.param == "no_train_shortcut" else 0.3)
+    opened = OpenedGraph(graph, make_split(graph, split), "dense")
     if request.param == "train":
         return World(opened, WordCraftConfig(part="train"))
-    return World(opened, WordCraftConfig(part="all", distractor_policy="no_shortcut"))
+    return World(opened, WordCraftConfig(part="all", distractor_policy=request.param))
 
 
 def guarded(world, task):

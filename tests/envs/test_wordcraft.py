@@ -232,7 +232,7 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
         {"reward": "dense"},
         {"ambiguity": "first"},
         {"max_attempts": 1, "depth": 2},
-        {"max_attempts": 20, "distractor_policy": "no_shortcut"},
+        *[{"max_attempts": 20, "distractor_policy": policy} for policy in ("no_shortcut", "no_train_shortcut")],
         {"render_mode": "text"},
         *[{"graph": graph} for graph in (None, 5)],
     ],

@@ -19,13 +19,14 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.task_search import make_tasks
 
+POLICIES = ("no_shortcut", "no_train_shortcut")
 DRAWN = {"depth": 3, "num_tasks": 20}
 CHANGES = [
     *({"part": "test"}, {"part": "all"}, {"depth": 2}, {"num_distractors": 3}, {"reward": "official"}),
     *(DRAWN, {**DRAWN, "task_seed": 1}, {**DRAWN, "task_weighting": "goal"}, {"distractor_weighting": "uniform"}),
     *({"illegal_action": "raise"}, {"max_attempts": 3}, {"max_attempts": 2}, {"max_attempts": 2, "ambiguity": "last"}),
     {"max_attempts": 2, "part": "all"},
-    {"max_attempts": 2, "part": "all", "distractor_policy": "no_shortcut"},
+    *({"max_attempts": 2, "part": "all", "distractor_policy": policy} for policy in POLICIES),
 ]
 
 
@@ -88,6 +89,12 @@ def test_a_variant_that_cannot_be_is_refused_and_the_world_stays(opened):
     with pytest.raises(TaskError, match="no task of depth 1 in the valid part"):
         world.variant(part="valid")
     assert world.config == WordCraftConfig()
+
+
+def test_a_policy_on_train_recipes_needs_a_split(opened):
+    unsplit = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig("none")), "unsplit")
+    with refuses("distractor_policy"):
+        World(unsplit, WordCraftConfig(part="all", distractor_policy="no_train_shortcut"))
 
 
 def test_environments_of_a_world_are_those_of_its_settings(opened):

@@ -10,7 +10,7 @@ from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, lines_of, refuse_given, whole_numbers
 from wordcraft_kg.cli.options import Book, MovedGraph, Part, Words
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.players import Baselines
@@ -55,6 +55,7 @@ def evaluate_agent(
     part: Part = "test",
     distractors: Words = None,
     distractor_seeds: int = 5,
+    distractor_policy: DistractorPolicy | None = None,
     trained: Annotated[RunOptions, Parameter(name="*", group="Trained agent")] = RunOptions(),
     scripted: Annotated[ScriptedOptions, Parameter(name="*", group="Scripted players")] = ScriptedOptions(),
     output: Output = Output(),
@@ -68,6 +69,9 @@ def evaluate_agent(
             book's name for scripted players.
         distractors: comma-separated numbers of distractors. Default: as in training; 1,2,8 for scripted players.
         distractor_seeds: distractor seeds for each task; all players get the same tables.
+        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the goal; or
+            no_train_shortcut, so that none opens an additional way by train recipes alone. Default: as in training; any
+            for scripted players.
     """
     whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
     if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
@@ -77,12 +81,13 @@ def evaluate_agent(
 
         opened = open_agent(Path(run), trained.graph)
         amounts = whole_numbers("distractors", distractors or [str(opened.config.tasks.distractors)])
-        view = view_evaluation(Path(run), opened, trained.agent, part, amounts, distractor_seeds)
+        view = view_evaluation(Path(run), opened, trained.agent, part, amounts, distractor_seeds, distractor_policy)
         output.result(view, lines_of(view))
     else:
         refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
         amounts = whole_numbers("distractors", distractors or ["1,2,8"])
-        config = WordCraftConfig(part=part, depth=scripted.depth, num_distractors=amounts[0])
+        policy = distractor_policy or WordCraftConfig.distractor_policy
+        config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
         baselines = _play(run, config, amounts, distractor_seeds, scripted, output)
         output.result(baselines, _table(baselines, amounts))
 
@@ -116,4 +121,5 @@ def _table(view: "Baselines", amounts: list[int]) -> list[str]:
     rows += [(name, *(cells[name, amount] for amount in amounts)) for name in dict.fromkeys(name for name, _ in cells)]
     distractor_seeds = counted(view.distractor_seeds, "distractor seed")
     tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds}"
-    return [*aligned(rows, numbers=True), f"{tasks}; intervals: {view.intervals}"]
+    policy = "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
+    return [*aligned(rows, numbers=True), f"{tasks}{policy}; intervals: {view.intervals}"]

@@ -12,7 +12,7 @@ from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 
 MAX_ATTEMPTS = 1_000
 DistractorWeighting = Literal["use", "uniform"]
-DistractorPolicy = Literal["any", "no_shortcut"]
+DistractorPolicy = Literal["any", "no_shortcut", "no_train_shortcut"]
 Ambiguity = Literal["all", "last"]
 IllegalAction = Literal["waste", "raise"]
 
@@ -53,7 +53,8 @@ class WordCraftConfig:
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
         distractor_weighting: weights of entities for drawing distractors without replacement: ``use`` is 1 + the number
             of train recipes with the entity, ``uniform`` is equal.
-        distractor_policy: ``any``, or ``no_shortcut``: no distractor opens an additional way to the goal.
+        distractor_policy: ``any``; ``no_shortcut``: no distractor opens an additional way to the goal; or
+            ``no_train_shortcut``: no distractor opens an additional way by train recipes alone.
         task_weighting: draw a ``task`` uniformly, or first a ``goal`` and then a task with this goal.
         ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in the paper's released
             code).
@@ -99,7 +100,8 @@ class WordCraftConfig:
             rewards = REWARDS[rewards]
         attempts = self.max_attempts or self.depth
         searchable = self.distractor_policy == "any" or attempts <= MAX_DEPTH
-        expected = f"at most {MAX_DEPTH} with `distractor_policy` 'no_shortcut', which searches all ways to the goal"
+        policy = f"`distractor_policy` {self.distractor_policy!r}"
+        expected = f"at most {MAX_DEPTH} with {policy}, which searches all ways to the goal"
         require(self, "max_attempts", searchable, expected)
         object.__setattr__(self, "rewards", rewards)
         object.__setattr__(self, "attempts", attempts)

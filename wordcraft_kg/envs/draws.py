@@ -124,7 +124,7 @@ class Draws:
                 drawn[:, again] = chosen
                 amount *= 4
                 again = again[chosen[-1] == self.world.nothing] if amount < 2**11 * wanted else again[:0]
-        if config.distractor_policy == "no_shortcut" and config.attempts > 1:
+        if config.distractor_policy != "any" and config.attempts > 1:
             self._avoid_shortcuts(keys, tasks, taken, drawn)
         return drawn
 

@@ -248,7 +248,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     def _draw_distractors(self, task: int) -> list[int]:
         drawn = self._draw_once(task)
-        if self.config.distractor_policy == "no_shortcut" and self.config.attempts > 1:
+        if self.config.distractor_policy != "any" and self.config.attempts > 1:
             tries = 0
             while self.world.has_shortcut(task, drawn):
                 tries += 1

@@ -78,7 +78,7 @@ class World:
         """Open the graph, or share another world's graph, and make the tasks.
 
         Raises:
-            ConfigError: for too many distractors.
+            ConfigError: for too many distractors, or if a policy on train recipes meets a graph without a split.
             TaskError: if the graph has no task for these settings.
         """
         opened = graph if isinstance(graph, World) else open_world_graph(graph)
@@ -93,6 +93,11 @@ class World:
         needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1) != self.nothing
         reserved = 1 + int(needed.sum(axis=1).max())
         self.max_distractors = self.nothing - reserved
+        if config.distractor_policy == "no_train_shortcut" and self.split.is_in("train").all():
+            raise ConfigError(
+                f"`distractor_policy` 'no_train_shortcut': {self.graph.name} has no split, so all recipes are train "
+                "recipes; give a graph with a split (`build-graph`), or `distractor_policy` no_shortcut."
+            )
         if config.num_distractors > self.max_distractors:
             raise ConfigError(
                 f"`num_distractors` {config.num_distractors}: {self.graph.name} has {self.nothing} entities, of which "
@@ -120,6 +125,12 @@ class World:
     def search(self) -> PlanSearch:
         """The search for plans in the graph."""
         return PlanSearch(self.graph)
+
+    @_derived_from("distractor_policy")
+    def shortcut_search(self) -> PlanSearch:
+        """The search for ways that no distractor may open: by all recipes, or by train recipes."""
+        by_train = self.config.distractor_policy == "no_train_shortcut"
+        return PlanSearch(self.graph, self.split.is_in("train")) if by_train else self.search
 
     @_derived_from(*_TASKS)
     def tasks(self) -> TaskSet:
@@ -158,14 +169,13 @@ class World:
     def guarded_recipes(self) -> NDArray[np.bool_]:
         """A mask of recipes that no distractor may complete if the result is the goal, shape (num_recipes,).
 
-        With the policy ``no_shortcut`` all recipes are guarded; otherwise, in the train part, the held-out recipes, so
-        that training never shows a test pair with the goal.
+        With the policy ``no_shortcut`` all recipes are guarded, with ``no_train_shortcut`` the train recipes. In the
+        train part the held-out recipes are always guarded, so that training never shows a test pair with the goal.
         """
-        if self.config.distractor_policy == "no_shortcut":
-            return np.ones(self.graph.num_recipes, dtype=bool)
-        if self.config.part == "train":
-            return ~self.split.is_in("train")
-        return np.zeros(self.graph.num_recipes, dtype=bool)
+        in_train = self.split.is_in("train")
+        guarded = {"any": np.zeros_like(in_train), "no_shortcut": np.ones_like(in_train), "no_train_shortcut": in_train}
+        by_policy = guarded[self.config.distractor_policy]
+        return by_policy | ~in_train if self.config.part == "train" else by_policy
 
     @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
     def makeable(self) -> Ids:
@@ -188,9 +198,12 @@ class World:
         return frozen(padded(rows, self.nothing))
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
-        """Return whether distractors (ids) open an additional way to the goal of a task (index) within the attempts."""
+        """Return whether distractors (ids) open an additional way to the goal of a task (index) within the attempts.
+
+        With the policy ``no_train_shortcut`` only ways by train recipes count.
+        """
         start = frozenset(entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing)
-        goal, attempts, search = int(self.tasks.goals[task]), self.config.attempts, self.search
+        goal, attempts, search = int(self.tasks.goals[task]), self.config.attempts, self.shortcut_search
         return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:

@@ -10,7 +10,7 @@ from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_players
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -35,6 +35,7 @@ class AgentEvaluation(Record):
     scores: str | None
     part: TaskPart
     depth: int
+    distractor_policy: DistractorPolicy
     success: dict[str, Success]
     outcomes: dict[str, dict[TerminationReason, Share]]
 
@@ -49,14 +50,22 @@ class Explanation(Record):
 
 
 def view_evaluation(
-    run: Path, trained: OpenedAgent, agent: str, part: TaskPart, distractors: Sequence[int], distractor_seeds: int
+    run: Path,
+    trained: OpenedAgent,
+    agent: str,
+    part: TaskPart,
+    distractors: Sequence[int],
+    distractor_seeds: int,
+    distractor_policy: DistractorPolicy | None = None,
 ) -> AgentEvaluation:
     """Evaluate a player on the tasks in an agent's training run, for each distractor count.
 
-    ``agent`` is the player's name, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
+    ``agent`` is the player's name, see :func:`~wordcraft_kg.agents.evaluation.player_of`. ``distractor_policy``
+    replaces the agent's own.
     """
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
-    world = World(trained.opened, tasks.environment(part, distractors[0]))
+    config = tasks.environment(part, distractors[0])
+    world = World(trained.opened, config.variant(distractor_policy=distractor_policy or config.distractor_policy))
     results = {
         str(amount): Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)(player)
         for amount in distractors
@@ -69,6 +78,7 @@ def view_evaluation(
         scores=scores,
         part=part,
         depth=tasks.depth,
+        distractor_policy=world.config.distractor_policy,
         success={amount: result.figures() for amount, result in results.items()},
         outcomes={amount: result.shares() for amount, result in results.items()},
     )
@@ -94,6 +104,7 @@ class Baselines(Record):
     graph: str
     part: TaskPart
     depth: int
+    distractor_policy: DistractorPolicy
     tasks: Count
     distractor_seeds: Count
     seed: int
@@ -137,6 +148,7 @@ def view_baselines(
         graph=graph,
         part=config.part,
         depth=config.depth,
+        distractor_policy=config.distractor_policy,
         tasks=len(world.tasks),
         distractor_seeds=distractor_seeds,
         seed=seed,

@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Iterable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import TaskError
 from wordcraft_kg.base.progress import stage
@@ -34,19 +35,20 @@ class PlanSearch:
     ``graph.recipes`` with needed results.
 
     Attributes:
-        graph: the recipe graph; all recipes may be used.
+        graph: the recipe graph.
         rows: the recipes as Python lists, for fast access to single recipes.
-        recipes_of: recipes by result as (pair number, ingredient, ingredient), without recipes made from themselves.
+        recipes_of: usable recipes by result as (pair number, ingredient, ingredient), none that uses its own result.
     """
 
-    def __init__(self, graph: RecipeGraph):
-        """Index the recipes of ``graph`` by result."""
+    def __init__(self, graph: RecipeGraph, usable: NDArray[np.bool_] | None = None):
+        """Index the recipes of ``graph`` by result, or only those in the mask ``usable``, shape (num_recipes,)."""
         self.graph = graph
         self.rows: list[list[int]] = graph.recipes.tolist()
         self._starts: list[int] = graph.pair_starts.tolist()
         self.recipes_of: list[list[tuple[int, int, int]]] = [[] for _ in range(graph.num_entities)]
-        for pair, (a, b, result) in zip(graph.pair_of_recipe.tolist(), self.rows, strict=True):
-            if result not in (a, b):
+        marks = itertools.repeat(True, len(self.rows)) if usable is None else usable.tolist()
+        for pair, (a, b, result), mark in zip(graph.pair_of_recipe.tolist(), self.rows, marks, strict=True):
+            if mark and result not in (a, b):
                 self.recipes_of[result].append((pair, a, b))
 
     def plans(self, goal: Entity, at_hand: Iterable[Entity], attempts: int) -> list[Rows]:

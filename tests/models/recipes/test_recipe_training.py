@@ -25,7 +25,7 @@ from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import cosines
-from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
+from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.runs import parallel
 
@@ -157,6 +157,20 @@ def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, ope
         supporting = {tuple(recipe) for recipe in left_out.knowledge.supporting[0, :-1].flatten(0, 1).tolist()}
         assert supporting <= {tuple(recipe) for recipe in seen.tolist()}
         np.testing.assert_array_equal(scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold]))
+
+
+def test_by_goal_known_recipes_score_highest_and_constant_features_have_no_weight(kitchen):
+    split, size = make_split(kitchen, SplitConfig("by-goal")), kitchen.num_entities
+    knowledge, _ = fit_recipe_scorer(make_folds(split, 3), torch.zeros(size, size))
+    is_zero = (knowledge.first[0] == 0).all(1).tolist()
+    constant = {"made", "words_sum", "words_min", "words_pair", "words_evidence"}
+    assert {name for name, zero in zip(FEATURES, is_zero, strict=True) if zero} == constant
+    a, b, goal = torch.from_numpy(split.recipes("train").copy()).T
+    everything, model = torch.arange(size).repeat(len(a)), torch.zeros(len(a) * size, dtype=torch.int64)
+    table = torch.stack([a, b], dim=1).repeat_interleave(size, dim=0)
+    scores = knowledge(everything, table, model)[:, 0, 1].view(-1, size)
+    assert scores.abs().max() < 100
+    assert (scores.argmax(1) == goal).float().mean() > 0.9
 
 
 # --- spoilt folders --------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ without a fold is fitted in the same way on the remaining folds.
 
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.recipes.base import Base, link_features
-from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge_of, pairs_of
+from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of, pairs_of
 
 HIDDEN = 32
 WEIGHT_DECAY = 1e-4
@@ -51,7 +51,7 @@ Batch = tuple[Tensor, Tensor, Tensor]
 def fit_ranker(
     batches: Sequence[Batch],
     mean: Tensor,
-    deviation: Tensor,
+    scale: Tensor,
     *,
     epochs: int,
     learning_rate: float,
@@ -64,13 +64,12 @@ def fit_ranker(
     Args:
         batches: training queries, see :data:`Batch`.
         mean: feature means, shape (F,).
-        deviation: feature standard deviations, shape (F,).
+        scale: feature standard deviations, shape (F,); infinity for constant features, which get weight 0.
         epochs: passes over the batches.
         learning_rate: largest learning rate.
         generator: generator for initial weights and batch order.
     """
     size = len(mean)
-    deviation = deviation.clamp(min=1e-6)
 
     def drawn(*shape: int, fan: int) -> Tensor:
         return (torch.rand(*shape, generator=generator) * 2 - 1) / math.sqrt(fan)
@@ -83,7 +82,7 @@ def fit_ranker(
 
     def standardised() -> Ranker:
         # Standardise the weights instead of the features: far fewer numbers.
-        scaled = first / deviation[:, None]
+        scaled = first / scale[:, None]
         return Ranker(scaled, first_bias - mean @ scaled, second, bias)
 
     for number in _shuffled(len(batches), epochs, generator):
@@ -103,6 +102,14 @@ def _shuffled(amount: int, epochs: int, generator: torch.Generator) -> Iterator[
         yield from torch.randperm(amount, generator=generator).tolist()
 
 
+def _scale(deviation: Tensor, span: Tensor) -> Tensor:
+    """Return feature scales: deviations in a sample, spans where the sample misses a feature, inf for constants.
+
+    A finite scale would keep the random initial weights of constant features.
+    """
+    return torch.where(deviation > 1e-6, deviation, span).masked_fill(span <= 1e-6, torch.inf)
+
+
 LinkRankers = tuple[Ranker, Ranker]
 """A ranker for combinesWith links and a ranker for componentOf links."""
 LINK_QUERIES = 300
@@ -117,6 +124,7 @@ TABLES = (8, 2)
 PAIR_BATCH = 256
 PAIR_EPOCHS = 30
 PAIR_RATE = 1e-2
+_MAKES = FEATURES.index("makes")
 
 
 def fit_recipe_scorer(
@@ -152,9 +160,12 @@ def fit_recipe_scorer(
     flat = features[competes]
     order = torch.randperm(len(features), generator=generator)
     batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
-    mean, deviation = flat.mean(0), flat.std(0)
-    ranker = fit_ranker(batches, mean, deviation, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator)
-    return knowledge_from(whole, rankers).with_ranker(vars(ranker)), rankers
+    mean, scale = flat.mean(0), _scale(flat.std(0), flat.amax(0) - flat.amin(0))
+    ranker = fit_ranker(batches, mean, scale, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator)
+    knowledge = knowledge_from(whole, rankers)
+    if scale[_MAKES].isinf():
+        ranker = _with_known(ranker, knowledge, whole.recipes, ranker(flat).amax())
+    return knowledge.with_ranker(vars(ranker)), rankers
 
 
 def knowledge_from(base: Base, rankers: LinkRankers) -> RecipeKnowledge:
@@ -231,11 +242,9 @@ def fit_link_rankers(
     fitted = []
     for of_relation, seen, span in zip(batches, moments, spans, strict=True):
         together = torch.cat(seen)
-        mean, deviation = together.mean(0), together.std(0)
-        # With few recipes a sample may miss a feature, and a seemingly constant feature's weight would be unbounded.
-        deviation = torch.where(deviation > 1e-6, deviation, torch.stack(span).amax(0))
+        mean, scale = together.mean(0), _scale(together.std(0), torch.stack(span).amax(0))
         fitted.append(
-            fit_ranker(of_relation, mean, deviation, epochs=LINK_EPOCHS, learning_rate=LINK_RATE, generator=generator)
+            fit_ranker(of_relation, mean, scale, epochs=LINK_EPOCHS, learning_rate=LINK_RATE, generator=generator)
         )
         after()
     return bases, (fitted[0], fitted[1])
@@ -306,6 +315,24 @@ def _examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.ran
     pair_keys = _keys(pair, size)
     place = torch.searchsorted(keys, pair_keys).clamp(max=len(keys) - 1)
     return features, competes, (keys[place] == pair_keys) & competes
+
+
+def _with_known(ranker: Ranker, knowledge: RecipeKnowledge, recipes: Ids, least: Tensor) -> Ranker:
+    """Return a ranker that scores known recipes (n, 3) at least ``least``, and all other pairs as before, to the bit.
+
+    By goal, held-out goals have no known recipes: nothing is learned about the feature ``makes`` (a + b is known to
+    make the goal), but known pairs are found to make other goals and get low scores, even for their own results.
+    """
+    a, b, goal = torch.from_numpy(recipes.copy()).T
+    table = torch.stack([a, b], dim=1)
+    units = knowledge.features(goal.contiguous(), table, torch.zeros_like(goal))[:, :, 1].T @ ranker.first
+    units += ranker.first_bias
+    positive = ranker.second.clamp(min=0)
+    # A lower bound, because relu(x) is never below x.
+    lowest = (units.relu() @ (ranker.second - positive) + units @ positive + ranker.bias).amin()
+    first = ranker.first.clone()
+    first[_MAKES] = (least - lowest).clamp(min=0) / positive.sum() * (positive > 0)
+    return replace(ranker, first=first)
 
 
 def _keys(recipes: Tensor, size: int) -> Tensor:

@@ -10,8 +10,8 @@ from wordcraft_kg.graphs.library import open_book
 
 TABLE = ("water", "watch", "Fire", "fire", "fire brigade", "wood", "3")
 PANTRY = (
-    *("berry", "glass", "glasses", "knife", "salt and pepper", "pepper", "salt", "t-shirt", "the sun", "leaf", "box"),
-    "ashes",
+    *("berry", "glass", "glasses", "knife", "salt and pepper", "pepper", "salt", "t-shirt"),
+    *("the sun", "leaf", "box", "ashes"),
 )
 WAYS = {
     "water": ("1", "water", "the water", "waters"),
@@ -195,7 +195,7 @@ def test_any_text_is_read_or_refused(written: str, labels: list[str]):
 
 def test_an_index_of_labels_reads_as_the_reader_does_one_by_one():
     labels = [
-        *("Moon", "moon", "berries", "berry", "box", "the box", "wolf", "knife", "ice-cream", "Ice Cream", "c++", "a"),
+        *("Moon", "moon", "berries", "berry", "box", "the box", "wolf", "knife", "ice-cream", "Ice Cream", "c++", "a")
     ]
     index = LabelIndex(labels)
     texts = [

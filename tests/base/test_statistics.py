@@ -166,9 +166,8 @@ def five_seeds(rng: np.random.Generator) -> tuple[float, float]:
 
 
 def improvement(rng: np.random.Generator) -> tuple[float, float]:
-    return probability_of_improvement_interval(
-        rng.normal(size=(8, 4)) + 1, rng.normal(size=(8, 4)), level=0.9, draws=300
-    )
+    x, y = rng.normal(size=(8, 4)) + 1, rng.normal(size=(8, 4))
+    return probability_of_improvement_interval(x, y, level=0.9, draws=300)
 
 
 def successes(rng: np.random.Generator) -> np.ndarray:
@@ -291,7 +290,7 @@ def test_crossed_bootstrap_draws_rows_and_columns(transposed: bool) -> None:
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 10**6])
-def test_crossed_bootstrap_does_not_depend_on_how_many_draws_are_held_at_once(
+def test_crossed_bootstrap_does_not_depend_on_the_draws_held_at_once(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     table = np.random.default_rng(0).random((4, 30))

@@ -158,7 +158,7 @@ def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(pr
 
 
 @pytest.mark.parametrize("depth", [2, 3])
-def test_agents_with_another_task_weighting_are_compared_only_where_it_does_not_decide_which_tasks_there_are(
+def test_agents_with_another_task_weighting_are_compared_only_where_it_does_not_decide_the_tasks(
     train, run, tmp_path, depth
 ):
     small = ("--steps", 64, *MOMENT[2:], "--depth", depth, "--distractors", 1)
@@ -229,9 +229,8 @@ def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printe
     assert {row["distractors"] for row in result["rows"]} == {2}
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
     assert printed(*command) == result
-    titles, *rows, note = run(
-        "evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "2"
-    ).out.splitlines()
+    shown = run("evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "2").out
+    titles, *rows, note = shown.splitlines()
     assert re.split("  +", titles)[-2:] == ["1 distractor", "4 distractors"]
     assert next(row for row in rows if row.startswith("recipe oracle")).count("1.000 [") == 2
     tasks = "63 test tasks of depth 1, each with 2 distractor seeds"

@@ -123,10 +123,7 @@ BAD_JSON = {
     "blank label": ('{"entities": [" "], "recipes": []}', "book.json: entities[0]: the label ' ' is blank"),
     "tab in a label": ('{"entities": ["a\\tb"], "recipes": []}', r"entities[0]: the label 'a\tb' holds a tab"),
     "newline in a label": ('{"entities": ["a\\nb"], "recipes": []}', r"entities[0]: the label 'a\nb' holds a tab"),
-    "half of a character": (
-        '{"entities": ["a", "\\ud800"], "recipes": [["a", "a", "\\ud800"]]}',
-        "book.json: entities[1]",
-    ),
+    "half of a character": ('{"entities": ["a", "\\ud800"], "recipes": [["a", "a", "\\ud800"]]}', "entities[1]"),
     "base is text": ('{"entities": ["a"], "base": "a", "recipes": []}', "'base' is str; expected a list of labels or"),
     "official, one ingredient": (
         '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a"], ["a"]]}}}',
@@ -396,8 +393,7 @@ def test_describe_shows_an_entity_with_its_recipes_uses_and_derivation(printed, 
 
 
 @pytest.mark.parametrize(
-    ("base", "entity", "state"),
-    [("water", "water", "base entity"), ("seed", "bread", "cannot be made from the base")],
+    ("base", "entity", "state"), [("water", "water", "base entity"), ("seed", "bread", "cannot be made from the base")]
 )
 def test_describe_shows_no_derivation_for_base_entities_and_unreachable_ones(run, built, home, base, entity, state):
     built("kitchen", "--base", base)
@@ -508,9 +504,7 @@ def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused,
 
 
 @pytest.mark.parametrize(("setting", "partner"), [("self", "sand"), ("furnace", "furnace")])
-def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built_as_asked(
-    run, book, built, not_built, setting, partner
-):
+def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built(run, book, built, not_built, setting, partner):
     path = book("furnace.csv", TABLE + "sand,,glass\nglass,glass,pane\n")
     not_built(path, says="furnace.csv, line 2: 'sand' is the only ingredient")
     not_built(path, says="--single-ingredient self")

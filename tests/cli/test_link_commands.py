@@ -41,7 +41,7 @@ def evaluated(trained, tmp_path_factory):
     ("command", "parameters"),
     [
         (("train-complex", *QUICK), 2 * 8 * (80 + 2)),
-        (("train-links", "--model", "SimplE", *TINY, "--negatives", "2"), 2 * 8 * (80 + 2)),
+        (("train-links", "--model", "SimplE", *TINY, "--negatives", 2), 2 * 8 * (80 + 2)),
     ],
 )
 def test_a_quiet_training_prints_one_object_and_nothing_on_stderr(run, tmp_path, command, parameters):
@@ -49,8 +49,8 @@ def test_a_quiet_training_prints_one_object_and_nothing_on_stderr(run, tmp_path,
     outcome = run(name, "kitchen", *options, "--out", tmp_path / "model", "--json")
     assert (outcome.code, outcome.err) == (0, "")
     values = json.loads(outcome.out)
-    assert (values["out"], values["kg"], values["epochs"]) == (str(tmp_path / "model"), "partial", 4)
-    assert values["parameters"] == parameters
+    expected = {"out": str(tmp_path / "model"), "kg": "partial", "epochs": 4, "parameters": parameters}
+    assert values.items() >= expected.items()
     assert 0 < values["train_mrr"] < 1
     assert values["seconds"] > 0
     assert (tmp_path / "model" / WEIGHTS).is_file()
@@ -104,20 +104,19 @@ def test_a_model_trained_from_a_script_file_is_the_commands_model(trained, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("command", "says", "not_says"),
+    ("command", "says"),
     [
-        ("train-complex --n3 0.1", "--dim", "--loop"),
-        ("train-links --model distmult", "--loop symmetric", "--n3"),
-        ("train-links --model distmult --loop symmetric", "--epochs", "--loop"),
+        ("train-complex --n3 0.1", "more --epochs, a larger --dim, or a smaller --n3."),
+        ("train-links --model distmult", "more --epochs, another --learning-rate, or --loop symmetric."),
+        ("train-links --model distmult --loop symmetric", "more --epochs, another --learning-rate."),
     ],
 )
-def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(run, tmp_path, caplog, command, says, not_says):
+def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(run, tmp_path, caplog, command, says):
     name, *options = command.split()
-    least = ("--dim", "1", "--epochs", "1", "--learning-rate", "1e-6", "--folds", "0", "--quiet")
+    least = ("--dim", 1, "--epochs", 1, "--learning-rate", "1e-6", "--folds", 0, "--quiet")
     assert run(name, "kitchen", *options, *least, "--out", tmp_path / "model").code == 0
     (warning,) = (message for message in caplog.messages if "hardly fits" in message)
-    assert says in warning
-    assert not_says not in warning
+    assert warning.endswith(f"try {says}")
 
 
 def interrupt_at(epoch, times=1):
@@ -131,16 +130,14 @@ def interrupt_at(epoch, times=1):
     return press
 
 
-def test_ctrl_c_in_a_training_ends_with_130_and_the_same_command_goes_on(
+def test_ctrl_c_ends_a_training_with_130_and_the_same_command_goes_on(
     printed, refused, run, trained, tmp_path, monkeypatch
 ):
     settings = (trained / "graph", "--dim", "8", "--epochs", "6", "--seed", "3", "--folds", 2)
     command = ("train-complex", *settings, "--out", tmp_path / "model")
     with monkeypatch.context() as patch:
         patch.setattr(Progress, "__call__", interrupt_at(2))
-        outcome = run(*command)
-    assert (outcome.code, outcome.out) == (130, "")
-    assert f"epoch 3 is saved in '{tmp_path / 'model'}'. Repeat the command" in outcome.err
+        refused(*command, code=130, says=f"epoch 3 is saved in '{tmp_path / 'model'}'. Repeat the command")
     refused("score", tmp_path / "model", "flour", "combinesWith", "water", says="not done", kind="ArtefactError")
     refused(*command, "--n3", "0.5", says="--n3", kind="ConfigError")
     values = printed(*command, "--quiet")
@@ -149,13 +146,11 @@ def test_ctrl_c_in_a_training_ends_with_130_and_the_same_command_goes_on(
     assert same(WEIGHTS, tmp_path / "model", tmp_path / "undisturbed")
 
 
-def test_a_second_ctrl_c_says_truly_what_is_left(run, tmp_path, monkeypatch):
+def test_a_second_ctrl_c_says_truly_what_is_left(refused, tmp_path, monkeypatch):
     monkeypatch.setattr(Progress, "__call__", interrupt_at(3, times=2))
-    outcome = run("train-complex", "kitchen", *QUICK[:-3], "--checkpoint-every", "1", "--out", tmp_path / "model")
-    assert (outcome.code, outcome.out) == (130, "")
+    command = ("train-complex", "kitchen", *QUICK[:-3], "--checkpoint-every", "1", "--out", tmp_path / "model")
+    assert "nothing was written" not in refused(*command, code=130, says="Repeat the command")
     assert [path.name for path in tmp_path.iterdir()] == ["model"]
-    assert "Repeat the command" in outcome.err
-    assert "nothing was written" not in outcome.err
 
 
 def test_ctrl_c_at_once_in_a_forced_training_leaves_the_earlier_model(run, trained, workshop, monkeypatch):
@@ -167,14 +162,12 @@ def test_ctrl_c_at_once_in_a_forced_training_leaves_the_earlier_model(run, train
     assert run("score", workshop / "one", "flour", "combinesWith", "water").code == 0
 
 
-def test_ctrl_c_elsewhere_ends_with_130_and_one_line(run, trained, tmp_path, monkeypatch):
+def test_ctrl_c_elsewhere_ends_with_130_and_one_line(refused, trained, tmp_path, monkeypatch):
     def interrupted(*arguments, **settings):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("wordcraft_kg.reports.pages.render", interrupted)
-    outcome = run("evaluate-links", trained / "one", "--out", tmp_path / "report")
-    assert (outcome.code, outcome.out) == (130, "")
-    assert outcome.err.splitlines()[-1].startswith("interrupted")
+    refused("evaluate-links", trained / "one", "--out", tmp_path / "report", code=130, says="interrupted")
     assert not (tmp_path / "report").exists()
 
 
@@ -199,20 +192,18 @@ def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(ev
     assert (folder / "ranks.csv").is_file()
 
 
+NOTHING = RankingMetrics(60, mrr=0.0, hits_at_1=0.0, hits_at_3=0.0, hits_at_10=0.0)
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        (
-            {"with_leaked": RankingMetrics(60, mrr=0.0, hits_at_1=0.0, hits_at_3=0.0, hits_at_10=0.0)},
-            "no better, though training contains them",
-        ),
+        ({"with_leaked": NOTHING}, "no better, though training contains them"),
         ({"leaked_left_out": 0}, "0 leaked ones left out"),
     ],
     ids=["leaked triples lower the figure", "no leaked triples"],
 )
-def test_leaked_triples_are_called_inflation_only_where_they_inflate(
-    run, trained, tmp_path, monkeypatch, changes, says
-):
+def test_leaked_triples_are_inflation_only_where_they_inflate(run, trained, tmp_path, monkeypatch, changes, says):
     view_links = links.view_links
 
     def changed(*arguments, **settings):
@@ -227,9 +218,8 @@ def test_leaked_triples_are_called_inflation_only_where_they_inflate(
 def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(refused, run, tmp_path):
     (tmp_path / "tiny.csv").write_text("ingredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n")
     assert run("train-complex", tmp_path / "tiny.csv", "--kg", "full", *QUICK, "--out", tmp_path / "full").code == 0
-    message = refused("evaluate-links", tmp_path / "full", kind="SplitError")
-    assert "only 8 triples in the whole graph" in message
-    assert "--train-ratio" not in message
+    says = "only 8 triples in the whole graph"
+    assert "--train-ratio" not in refused("evaluate-links", tmp_path / "full", kind="SplitError", says=says)
 
 
 def test_a_model_of_the_full_graph_is_evaluated_as_memory(printed, run, trained, tmp_path):

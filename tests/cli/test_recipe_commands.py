@@ -121,11 +121,11 @@ def test_a_recipe_has_a_score_and_ranks_and_in_sample_is_only_its_training(
 
 
 @pytest.mark.parametrize(
-    ("question", "slot"), [("_ + {b} {result}", "ingredient_a"), ("{b} + _ = {result}", "ingredient_b")]
+    ("query", "slot"), [("_ + {b} {result}", "ingredient_a"), ("{b} + _ = {result}", "ingredient_b")]
 )
-def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder, scorer, question, slot):
+def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder, scorer, query, slot):
     a, b, result = in_part("train")
-    command = ("score", recipes_folder, *question.format(b=b, result=result).split(), "--top", "80")
+    command = ("score", recipes_folder, *query.format(b=b, result=result).split(), "--top", "80")
     top = printed(*command)["top"]
     scores = scorer.score_recipes(torch.arange(80), b, result).sort(descending=True).values.tolist()
     assert [row["score"] for row in top] == pytest.approx(scores, abs=1e-3)
@@ -139,9 +139,8 @@ def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder,
 def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes_folder, tmp_path, termination):
     (a, b, result), (c, d, other) = in_part("train"), in_part("test")
     queries = tmp_path / "in.csv"
-    queries.write_text(
-        f"ingredient_a,ingredient_b,result\n{a},{b},{result}\n\n{c},{d},\n_,{d},{other}\n{d},{c},{other}\n"
-    )
+    header = "ingredient_a,ingredient_b,result\n"
+    queries.write_text(f"{header}{a},{b},{result}\n\n{c},{d},\n_,{d},{other}\n{d},{c},{other}\n")
     command = ("score", recipes_folder, "--in", queries, "--top", "3")
     found = printed(*command)
     assert (found["queries"], found["scored"]) == (4, 8)
@@ -190,10 +189,8 @@ def test_explain_and_the_report_name_the_recipes_that_support_a_pair(printed, ru
                 evidences += 1
                 assert evidence["source"] == "w"
                 assert evidence["partner"] in labels
-                because = [
-                    f"{one['ingredient_a']} + {one['ingredient_b']} -> {one['result']}" for one in evidence["because"]
-                ]
-                assert not plans & set(because)
+                for one in evidence["because"]:
+                    assert f"{one['ingredient_a']} + {one['ingredient_b']} -> {one['result']}" not in plans
     assert evidences
     text = run("explain", agent, "--episodes", "2").out
     assert sum(line.startswith("  w: ") for line in text.splitlines()) >= 2

@@ -17,15 +17,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import reference
-from wordcraft_kg.evaluation.reference import (
-    FORMAT,
-    Figure,
-    OpenPlay,
-    PlayedGraph,
-    ReferencePack,
-    ReferenceRow,
-    TaskPlay,
-)
+from wordcraft_kg.evaluation.reference import Figure, OpenPlay, PlayedGraph, ReferencePack, ReferenceRow, TaskPlay
 from wordcraft_kg.graphs import open_graph
 
 DEPTH_1 = TaskPlay("test", 1, 1)
@@ -60,7 +52,7 @@ def pack(monkeypatch):
         row("of depth 2", "agent", {"1": 0.5}, play=TaskPlay("test", 2, 2)),
         row("explorer", "other", {"1": 5.5, "10": 6.25}, measure="entities known", play=base),
     )
-    found = ReferencePack(format=FORMAT, title="kitchen", rows=rows, graph=PlayedGraph.of(opened))
+    found = ReferencePack(format=reference.FORMAT, title="kitchen", rows=rows, graph=PlayedGraph.of(opened))
     real = [one for one in reference.read_packs() if one.graph is None]
     monkeypatch.setattr(reference, "_packs", lambda: (found, *real))
     return found
@@ -179,9 +171,7 @@ def result(folder, settings, success=None, known=None):
     return folder
 
 
-def test_results_of_players_that_use_words_are_one_row_by_distractors(
-    printed, refused, run, pack, kitchen_world, tmp_path
-):
+def test_results_of_text_agents_are_one_row_by_distractors(printed, refused, run, pack, kitchen_world, tmp_path):
     four = result(tmp_path / "four", settings_of(kitchen_world), success(0.3))
     one = result(tmp_path / "one", settings_of(kitchen_world.variant(num_distractors=1)), success(0.5))
     (row,) = own(printed(*TWO, "--external-results", four, "--external-results", one))
@@ -194,9 +184,7 @@ def test_results_of_players_that_use_words_are_one_row_by_distractors(
     refused(*OPEN, "--external-results", four, says="was recorded on tasks")
 
 
-def test_results_with_several_attempts_are_compared_with_the_same_number_only(
-    refused, run, pack, kitchen_world, tmp_path
-):
+def test_results_with_several_attempts_are_compared_with_as_many_only(refused, run, pack, kitchen_world, tmp_path):
     settings = settings_of(kitchen_world.variant(max_attempts=3), tasks=50)
     tries = result(tmp_path / "tries", settings, success(0.3))
     refused(*TWO, "--external-results", tries, says="add --part test --depth 1 --attempts 3")
@@ -214,9 +202,7 @@ def test_a_player_that_has_played_the_same_twice_has_two_rows(printed, pack, kit
     assert [figures(row) for row in rows] == [{"4": 0.3, "1": 0.3}, {"4": 0.35}]
 
 
-def test_an_open_ended_result_is_a_row_and_a_log_of_inspect_that_of_a_language_model(
-    printed, refused, pack, tmp_path, monkeypatch
-):
+def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(printed, refused, pack, tmp_path, monkeypatch):
     known = {1: 5.5, 10: 7.25, 20: 9.0}
     env = OpenEndedEnv("kitchen", max_attempts=20)
     folder = result(tmp_path / "open", PlayedSettings.of(env, open_graph("kitchen").split), known=known)
@@ -238,16 +224,8 @@ def test_an_open_ended_result_is_a_row_and_a_log_of_inspect_that_of_a_language_m
     [
         (lambda path: path.mkdir(), "", "is an empty folder; expected a run folder of 'train-agent'"),
         (lambda path: path.write_text("hello"), "", "is a file; expected a run folder of 'train-agent'"),
-        (
-            lambda path: session(path, right=1, wrong=0, graph="everyday"),
-            "",
-            "was played on graph 917cafc4ad20, but the table",
-        ),
-        (
-            lambda path: session(path, right=1, wrong=0, distractors=3),
-            "--distractors 1,4",
-            "train or test tasks with 3 distractors",
-        ),
+        (lambda path: session(path, right=1, wrong=0, graph="everyday"), "", "was played on graph 917cafc4ad20, but"),
+        (lambda path: session(path, right=1, wrong=0, distractors=3), "--distractors 1,4", "tasks with 3 distractors"),
     ],
     ids=["empty folder", "text", "another graph", "other distractors"],
 )

@@ -191,9 +191,7 @@ def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained):
         ("\xff", "not UTF-8"),
     ],
 )
-def test_a_wrong_file_of_queries_is_refused_with_the_line_and_writes_nothing(
-    refused, trained, tmp_path, content, message
-):
+def test_a_wrong_file_of_queries_is_refused_with_the_line(refused, trained, tmp_path, content, message):
     (tmp_path / "pairs.csv").write_text(content, encoding="latin-1")
     command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--out", tmp_path / "scores.csv")
     refused(*command, says=message, kind="QueryFileError")
@@ -204,18 +202,12 @@ def test_a_wrong_file_of_queries_is_refused_with_the_line_and_writes_nothing(
     ("query", "by_words", "notes"),
     [
         ("yogurt componentOf cake", ["yogurt"], ["new  yogurt componentOf cake", "among all 81 entities"]),
-        (
-            "yogurt combinesWith rice",
-            ["yogurt", "rice"],
-            ["'yogurt', 'rice' are not in the graph: scored by"],
-        ),
+        ("yogurt combinesWith rice", ["yogurt", "rice"], ["'yogurt', 'rice' are not in the graph: scored by"]),
         ("flours combinesWith water", ["flours"], ["scored by its words alone. Did you mean 'flour'"]),
         ("flour combinesWith water", [], []),
     ],
 )
-def test_entities_outside_the_graph_are_scored_by_words_with_a_note(
-    printed, run, recipes_folder, query, by_words, notes
-):
+def test_entities_outside_the_graph_are_scored_by_words(printed, run, recipes_folder, query, by_words, notes):
     command = ("score", recipes_folder, *query.split())
     assert printed(*command)["by_words"] == by_words
     text = run(*command).out
@@ -231,9 +223,7 @@ def test_the_best_entities_for_a_new_word_are_listed_on_both_sides(printed, reci
     assert (partners["head"], len(partners["top"]), partners["by_words"]) == ("yogurt", 3, ["yogurt"])
 
 
-def test_new_words_in_a_file_are_scored_and_listed_and_unknown_words_refused(
-    printed, refused, run, recipes_folder, tmp_path
-):
+def test_new_words_in_a_file_are_scored_and_unknown_words_refused(printed, refused, run, recipes_folder, tmp_path):
     queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
     command = ("score", recipes_folder, "--in", queries, "--top", "2")
     queries.write_text("yogurt,combinesWith,water\nflour,combinesWith,flouurr\n")
@@ -250,12 +240,7 @@ def test_new_words_in_a_file_are_scored_and_listed_and_unknown_words_refused(
 @pytest.mark.parametrize(
     ("folder", "word", "says", "kind"),
     [
-        (
-            "recipes",
-            "flouurr",
-            ["no entity 'flouurr'.", "No word in this label has a vector in glove."],
-            "UnknownEntityError",
-        ),
+        ("recipes", "flouurr", ["no entity 'flouurr'.", "No word in this label has a vector"], "UnknownEntityError"),
         ("links", "yogurt", ["no entity 'yogurt'.", "knows only the graph's entities"], "UnknownEntityError"),
         ("recipes", "_", "both slots are open", "ConfigError"),
         ("recipes", "", "both slots are open", "ConfigError"),

@@ -18,12 +18,10 @@ def rows(letters: tuple[str, ...] = FEW, **size: int) -> st.SearchStrategy[list[
 
 
 @st.composite
-def graphs(
-    draw: st.DrawFn, letters: tuple[str, ...] = FEW, min_size: int = 0, max_size: int = 24, idle: bool = True
-) -> RecipeGraph:
+def graphs(draw: st.DrawFn, letters: tuple[str, ...] = FEW, min_size: int = 0, max_size: int = 24) -> RecipeGraph:
     """Graphs with self results, duplicates, self pairs, ambiguous pairs, idle entities, and any base or none given."""
     recipes = draw(rows(letters, min_size=min_size, max_size=max_size))
-    listed = draw(st.sets(st.sampled_from(IDLE))) if idle else set()
+    listed = draw(st.sets(st.sampled_from(IDLE)))
     entities = sorted({label for recipe in recipes for label in recipe} | listed)
     base = draw(st.none() | st.sets(st.sampled_from(entities))) if entities else None
     return RecipeGraph.from_book(RecipeBook.of("random", recipes, base=base, listed=listed, keep_self_results=True))

@@ -193,7 +193,7 @@ BYTES = {
     "CR": (LINE.replace("\n", "\r"), "book.csv", [("line-ends", (1, 2, 3, 4)), ("row", (4,))]),
     "CRLF": (LINE.replace("\n", "\r\n"), "book.csv", [("line-ends", (1, 2, 3, 4)), ("row", (4,))]),
     "JSON": (
-        "\ufeff" + JSON.replace(", ", ",\r\n", 1),
+        "\ufeff" + JSON.replace(",", ",\r\n", 1),
         "book.json",
         [("comma", ()), ("bom", (1,)), ("line-ends", (1,))],
     ),
@@ -212,8 +212,8 @@ def test_a_file_that_is_not_there_or_not_text_is_an_error(tmp_path):
 
 
 LINES = [
-    *("a,b,c", "a,a,b", "c,b,a", "", " ", "a,b", "a,b,c,d", "x,x,y", HEADER.strip(), '"a",b,c', 'a,"b,c', "#,a,b"),
-    "a,a,a",
+    *("a,b,c", "a,a,b", "a,a,a", "c,b,a", "", " ", "a,b", "a,b,c,d", "x,x,y", HEADER.strip()),
+    *('"a",b,c', 'a,"b,c', "#,a,b"),
 ]
 
 

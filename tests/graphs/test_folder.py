@@ -5,16 +5,8 @@ import pytest
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, OutputExistsError, RecipeFileError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs import (
-    RecipeBook,
-    RecipeGraph,
-    SplitConfig,
-    audit,
-    make_split,
-    open_book,
-    open_graph,
-    read_book,
-)
+from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, make_split, open_book, open_graph, read_book
+from wordcraft_kg.graphs.audit import audit
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.graphs.triples import triple_lines
 

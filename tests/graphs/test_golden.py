@@ -5,18 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from wordcraft_kg.graphs import (
-    Planner,
-    RecipeGraph,
-    SplitConfig,
-    audit,
-    layers,
-    make_split,
-    open_book,
-    read_book,
-    rounds,
-)
-from wordcraft_kg.graphs.audit import Spread
+from wordcraft_kg.graphs import Planner, RecipeGraph, SplitConfig, layers, make_split, open_book, read_book, rounds
+from wordcraft_kg.graphs.audit import Spread, audit
 from wordcraft_kg.graphs.triples import triple_lines
 
 MUD = [
@@ -48,7 +38,7 @@ def test_the_small_graph_has_its_triples(mud):
 
 def test_the_small_graph_has_its_layers_and_costs(mud):
     assert dict(zip(mud.entities, layers(mud).tolist(), strict=True)) == {
-        **{"earth": 0, "fire": 0, "water": 0, "mud": 1, "plant": 1, "steam": 1, "brick": 2, "wall": 3},
+        **{"earth": 0, "fire": 0, "water": 0, "mud": 1, "plant": 1, "steam": 1, "brick": 2, "wall": 3}
     }
     assert Planner(mud).costs == [2, 0, 0, 1, 1, 1, 5, 0]
 

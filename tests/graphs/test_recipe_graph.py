@@ -53,9 +53,8 @@ def test_pairs_group_the_recipes_that_share_their_ingredients(graph):
     assert graph.num_pairs == len(set(pairs))
     assert recipe_triples(np.empty((0, 3), dtype=np.int64)).shape == (0, 3)
     numbers = graph.pair_of_recipe.tolist()
-    assert [numbers[i] == numbers[i - 1] for i in range(1, len(pairs))] == [
-        pairs[i] == pairs[i - 1] for i in range(1, len(pairs))
-    ]
+    for i in range(1, len(pairs)):
+        assert (numbers[i] == numbers[i - 1]) == (pairs[i] == pairs[i - 1])
 
 
 @given(graphs())

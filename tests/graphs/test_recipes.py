@@ -162,13 +162,12 @@ ENTITIES = {
     "iron": {"recipes": [["ore"]]},
     "steel": {"recipes": [["iron", "coal"]]},
 }
+ROWS = "sand glass", "ore iron", "iron coal steel"
 SINGLE = {
     "book.csv": TABLE + "sand,,glass\n,ore,iron\niron,coal,steel\n",
     "loose.csv": TABLE + 'sand, ,glass\n"",ore,iron\niron,coal,steel\n',
     "book.tsv": TABLE.replace(",", "\t") + "sand\t\tglass\n\tore\tiron\niron\tcoal\tsteel\n",
-    "own.json": json.dumps(
-        {"entities": [*ENTITIES], "recipes": [["sand", "glass"], ["ore", "iron"], ["iron", "coal", "steel"]]}
-    ),
+    "own.json": json.dumps({"entities": [*ENTITIES], "recipes": [row.split() for row in ROWS]}),
     "official.json": json.dumps({"entities": ENTITIES}),
 }
 

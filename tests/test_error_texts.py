@@ -87,7 +87,7 @@ a query that cannot be parsed | UnknownEntityError: no relation 'and'; expected 
 an unknown setting of a study | ConfigError: study.toml: unknown setting 'settings.bok'. Did you mean 'book'?
 a study without variants | ConfigError: study.toml: Object missing required field 'variants'.
 a rate that is negative | ConfigError: `learning_rate` -1: expected a number above 0, at most 1e+09.
-an extra that is not installed | MissingExtraError: ray is not installed: pip install 'wordcraft-kg[ray]'
+an extra that is not installed | MissingExtraError: ray is not installed: pip install 'ray>=2.40'
 """
 CALLS: dict[str, Callable[[], object]] = {
     "no book of this name": lambda: wk.open_book("kichen"),

@@ -124,7 +124,12 @@ def __getattr__(name: str) -> object:
     """Import a public name when it is first used."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(_import_module(f"{__name__}.{_MODULES[name]}"), name)
+    try:
+        return getattr(_import_module(f"{__name__}.{_MODULES[name]}"), name)
+    except ModuleNotFoundError as error:
+        from wordcraft_kg.base.extras import missing_package
+
+        raise missing_package(name, error) from error
 
 
 def __dir__() -> list[str]:

@@ -239,7 +239,7 @@ def test_without_the_library_the_error_names_the_extra(package, monkeypatch):
     monkeypatch.delitem(sys.modules, "wordcraft_kg.agents.sb3", raising=False)
     for name in [package, *(name for name in sys.modules if name.startswith(f"{package}."))]:
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(MissingExtraError, match=r"wordcraft-kg\[interop\]"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'sb3-contrib>="):
         importlib.import_module("wordcraft_kg.agents.sb3")
 
 

@@ -1,8 +1,11 @@
 """Graphs and environments work without what only scorers, training and reports need."""
 
 import json
+import re
 import subprocess
 import sys
+from importlib.metadata import requires, version
+from pathlib import Path
 
 import pytest
 
@@ -18,9 +21,19 @@ class Hide:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 sys.meta_path.insert(0, Hide())
+"""
+COMMANDS = """
 from wordcraft_kg.cli import main
-codes = [main(shlex.split(line)) for line in sys.argv[1:]]
-print(json.dumps(codes))
+print(json.dumps([main(shlex.split(line)) for line in sys.argv[1:]]))
+"""
+PUBLIC_NAMES = """
+import wordcraft_kg
+def needed(name):
+    try:
+        getattr(wordcraft_kg, name)
+    except ImportError as error:
+        return f"{type(error).__name__}: {error}"
+print(json.dumps({name: needed(name) for name in wordcraft_kg.__all__}))
 """
 WORKING = (
     *("books", "build-graph kitchen --out graph", "describe graph", "describe graph --entity bread"),
@@ -29,9 +42,9 @@ WORKING = (
 )
 
 
-def run(folder, *lines):
+def run(folder, *lines, program=COMMANDS):
     """Run commands in one process, and return their exit codes and its stderr."""
-    command = [sys.executable, "-c", PROGRAM, *lines]
+    command = [sys.executable, "-c", PROGRAM + program, *lines]
     done = subprocess.run(command, cwd=folder, input="q\n", capture_output=True, text=True, timeout=120, check=True)
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
 
@@ -48,3 +61,19 @@ def test_a_command_that_needs_more_names_the_package(tmp_path, line, package):
     assert f"this command needs {package}" in errors
     assert "Traceback" not in errors
     assert not list(tmp_path.iterdir())
+
+
+def test_a_public_name_that_needs_more_names_the_package(tmp_path):
+    errors, _ = run(tmp_path, program=PUBLIC_NAMES)
+    assert errors["open_graph"] is errors["LinksConfig"] is None
+    needs = "train_links needs torch, which is not installed. Install it: pip install 'torch>=2.4'"
+    assert errors["train_links"] == f"MissingExtraError: {needs}"
+    assert all(error is None or error.startswith("MissingExtraError: ") for error in errors.values())
+
+
+def test_constraints_pin_the_tested_versions_of_all_direct_dependencies():
+    lines = (Path(__file__).parents[2] / "constraints.txt").read_text().splitlines()
+    pinned = dict(line.split("==") for line in lines if line and line[0] != "#")
+    untested = re.compile("extra == '(docs|render|tensorboard|wandb)'")
+    direct = {re.split(r"[<>=\[; ]", line)[0] for line in requires("wordcraft-kg") if not untested.search(line)}
+    assert {name: version(name).partition("+")[0] for name in sorted(direct)} == pinned

@@ -506,5 +506,5 @@ def test_figures_are_rendered_as_pictures_in_the_colours_of_the_style_and_as_pag
 
 def test_without_the_extra_the_error_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
-    with pytest.raises(MissingExtraError, match=r"wordcraft-kg\[figures\]"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'typst>="):
         as_png("<svg/>")

@@ -232,7 +232,7 @@ def test_an_address_without_a_cluster_is_refused_at_once(root, address):
 
 def test_without_ray_the_extra_is_named(root, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'wordcraft-kg\[ray\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'ray>="):
         RayWorkers(root, "auto", play)
 
 

@@ -16,7 +16,8 @@ import torch
 from gymnasium import spaces
 from torch import Tensor
 
-from wordcraft_kg.base.errors import ActionError, ConfigError, LeakError, MissingExtraError
+from wordcraft_kg.base.errors import ActionError, ConfigError, LeakError
+from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources.source import FoldedSource
 
@@ -24,10 +25,7 @@ try:
     from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
     from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 except ImportError:
-    raise MissingExtraError(
-        "training with Stable-Baselines3 needs stable-baselines3 and sb3-contrib. Install both packages: "
-        "pip install 'wordcraft-kg[interop]'"
-    ) from None
+    raise missing_extra("interop", ["stable-baselines3", "sb3-contrib"]) from None
 
 Observations = Mapping[str, Tensor]
 Schedule = Callable[[float], float]

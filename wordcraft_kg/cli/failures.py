@@ -18,6 +18,7 @@ from cyclopts import (
 )
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
+from wordcraft_kg.base.extras import missing_package
 from wordcraft_kg.cli.console import Output
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
@@ -126,9 +127,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
         shown = with_options(str(error), manual.places if manual else ())
         return Failure(error.kind, shown, setting=error.setting)
     if isinstance(error, ModuleNotFoundError):
-        package = (error.name or "").partition(".")[0]
-        needed = f"this command needs {package}, which is not installed. Install it: pip install wordcraft-kg"
-        return None if package in ("", "wordcraft_kg") else Failure(kind, needed)
+        missing = missing_package("this command", error)
+        return None if missing is error else Failure(kind, str(missing))
     if isinstance(error, OSError):
         where = f"'{error.filename}': " if error.filename else ""
         return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError, MissingExtraError
+from wordcraft_kg.base.extras import pip_install
 
 MODES = ("ansi", "rgb_array")
 Mark = Literal["plain", "goal", "held", "new", "empty"]
@@ -141,5 +142,5 @@ def _pygame() -> Any:
         return import_module("pygame")
     except ImportError:
         raise MissingExtraError(
-            "`render_mode` 'rgb_array' needs pygame. Install it: pip install 'wordcraft-kg[render]'"
+            f"`render_mode` 'rgb_array' needs pygame. Install it: {pip_install('pygame')}"
         ) from None

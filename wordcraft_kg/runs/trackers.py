@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from wordcraft_kg.base.errors import MissingExtraError
+from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.runs.folder import RunFolder
 from wordcraft_kg.runs.record import Status
@@ -107,9 +108,7 @@ def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
         try:
             import_module(TRACKERS[name].library)
         except ImportError:
-            raise MissingExtraError(
-                f"`trackers` {name!r} needs a package that is not installed. Run: pip install 'wordcraft-kg[{name}]'"
-            ) from None
+            raise MissingExtraError(f"`trackers` {name!r}: {missing_extra(name, [name])}") from None
     return unique
 
 

@@ -85,4 +85,4 @@ def test_the_site_as_files(run, tmp_path: Path):
 
 def test_without_the_extra_the_command_says_what_to_install(run, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("wordcraft_kg.base.extras.find_spec", lambda name: None)
-    assert "wordcraft-kg[explore]" in refused(run("explore", "kitchen"), "MissingExtraError")
+    assert "pip install 'starlette<2" in refused(run("explore", "kitchen"), "MissingExtraError")

@@ -328,7 +328,7 @@ def test_finding_the_tasks_loads_no_torch():
 
 def test_without_inspect_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setitem(sys.modules, "inspect_ai.log", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'wordcraft-kg\[inspect\]'"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'inspect-ai>="):
         read_inspect_log(tmp_path / "log.eval")
     monkeypatch.setitem(sys.modules, "inspect_ai", None)
     monkeypatch.delitem(sys.modules, "wordcraft_kg.apps.text_agents.inspect_tasks")

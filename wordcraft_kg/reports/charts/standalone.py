@@ -6,6 +6,7 @@ from html import escape
 from importlib import import_module
 
 from wordcraft_kg.base.errors import MissingExtraError
+from wordcraft_kg.base.extras import pip_install
 from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 
@@ -80,8 +81,7 @@ def _rendered(svg: str, kind: str) -> bytes:
     try:
         typst = import_module("typst")
     except ImportError:
-        raise MissingExtraError(
-            "figures as PNG and PDF need Typst: pip install 'wordcraft-kg[figures]'. SVG files need nothing."
-        ) from None
+        needed = f"figures as PNG and PDF need Typst: {pip_install('typst')}. SVG files need nothing."
+        raise MissingExtraError(needed) from None
     page = b'#set page(width: auto, height: auto, margin: 0pt)\n#image("figure.svg")'
     return bytes(typst.compile({"main.typ": page, "figure.svg": svg.encode()}, format=kind, ppi=float(_PIXELS)))

@@ -27,7 +27,7 @@ PATIENCE = 30_000
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     """The system's Chromium."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install 'wordcraft-kg[dev]'")
+    sync_api = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
         pytest.skip(f"needs a browser: one of {', '.join(BROWSERS)}")

@@ -7,8 +7,9 @@
 Scripted players are always measured: on test tasks with depth 1 and 1, 2 and 8 distractors, with depth 2 and 1 and 8
 distractors, and in open-ended mode. Agents come from run folders (``--agents``: a folder with seeds per agent, played
 with 1, 2 and 8 distractors) or from study results (``--studies``: each variant with the number of distractors in
-training); without ``--agents`` and ``--studies``, the file's agent rows stay unchanged. ``--check`` writes nothing; the
-exit code is 1 if a scripted player's figures differ from the file.
+training); ``--scorers`` are models that play without an agent. Without these options the file's rows of agents and
+scorers stay unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's figures differ from the
+file.
 
 Train the agents for ``everyday`` as follows, in about 25 minutes on a single core:
 
@@ -21,7 +22,7 @@ Train the agents for ``everyday`` as follows, in about 25 minutes on a single co
     wordcraft-kg train-agent graphs/everyday --scorer models/everyday-recipes --use u,v,w --steps 1000000 --seeds 0-4 \
 --eval-every 0 --out runs/recipes
     python benchmarks/make_reference.py everyday --agents "no scorer=runs/no-kg" "ComplEx, u v=runs/complex" \
-"recipe scorer, u v w=runs/recipes"
+"recipe scorer, u v w=runs/recipes" --scorers "recipe scorer alone=models/everyday-recipes"
 """
 
 import argparse
@@ -33,6 +34,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.base.errors import TaskError
@@ -50,8 +52,9 @@ from wordcraft_kg.evaluation.reference import (
     read_pack,
 )
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.runs.record import run_folders
-from wordcraft_kg.studies.references import DISTRACTORS, in_order, open_play, scripted_rows
+from wordcraft_kg.studies.references import DISTRACTORS, in_order, open_play, scorer_rows, scripted_rows
 from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN, agent_rows
 from wordcraft_kg.studies.results import StudyResults
 
@@ -69,21 +72,25 @@ def main() -> None:
     parser.add_argument("graph", help="graph folder, recipe book or known book's name")
     parser.add_argument("--agents", nargs="+", default=(), metavar="NAME=RUNS", help="folders of seeds, by agent")
     parser.add_argument("--studies", nargs="+", default=(), type=Path, help="results of studies of this book")
+    parser.add_argument("--scorers", nargs="+", default=(), metavar="NAME=MODEL", help="model folders, by scorer")
     parser.add_argument("--check", action="store_true", help="compare scripted players with the file")
     chosen = parser.parse_args()
     opened = open_graph(chosen.graph)
     path = PACK / f"{opened.graph.name}.json"
     scripted = tuple(scripted_players(opened))
-    kept = [row for row in read_pack(path).rows if row.kind == "agent"] if path.exists() else []
+    kept = read_pack(path).rows if path.exists() else ()
     if chosen.check:
         sys.exit(differences(read_pack(path), scripted))
-    agents = [*trained(opened, chosen.agents), *studied(opened, chosen.studies)] or kept
+    agents = [*trained(opened, chosen.agents), *studied(opened, chosen.studies)]
+    scorers = [*alone(opened, chosen.scorers)]
+    for kind, measured in (("agent", agents), ("scorer", scorers)):
+        measured += [row for row in kept if row.kind == kind and not measured]
     pack = ReferencePack(
         format=FORMAT,
         title=opened.graph.name,
         graph=PlayedGraph.of(opened),
         versions=versions(),
-        rows=in_order([*scripted, *agents]),
+        rows=in_order([*scripted, *scorers, *agents]),
     )
     path.write_text(pack_text(pack), encoding="utf-8")
     print(f"wrote {path}: {len(pack.rows)} rows, {path.stat().st_size:,} bytes")
@@ -110,6 +117,15 @@ def trained(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]
         yield from agent_rows(groups, opened, PLAYS[0][0], DISTRACTORS, "ours")
 
 
+def alone(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]:
+    """Yield the rows of scorers without agents by their model folders, ``NAME=MODEL``."""
+    for text in named:
+        name, _, folder = text.partition("=")
+        model = open_model(folder, opened.source)
+        for row in scorer_rows(opened, *PLAYS[0], name, model):
+            yield replace(row, source=row.source.replace(name, folder))
+
+
 def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow]:
     """Yield rows for study variants that played depth 1 on this graph and split; equal runs once."""
     seen: set[str] = set()
@@ -131,12 +147,16 @@ def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow
                 continue
             rates = {amount: [run.rates for run in runs if run.values["distractors"] == amount] for amount in amounts}
             found = {amount: (float(np.mean(rate)), *crossed_bootstrap(rate)) for amount, rate in rates.items()}
+            own = {
+                amount: float(np.mean([run.by_plan["test"] for run in runs if run.values["distractors"] == amount]))
+                for amount in amounts
+            }
             scorer = study.scorers.get(str(settings.get("scorer")), {})
             yield ReferenceRow(
                 player=name if scorer or name.startswith("no graph") else PLAIN + name,
                 kind="agent",
                 measure="success",
-                figures=figures_of(found),
+                figures=figures_of(found, own),
                 origin="ours",
                 source=f"{results.command} ({study.title})",
                 play=PLAYS[0][0],
@@ -164,7 +184,7 @@ def pack_text(pack: ReferencePack) -> str:
 
 def differences(pack: ReferencePack, scripted: Sequence[ReferenceRow]) -> int:
     """Print differences between file and measurements; return the exit code."""
-    recorded = {(row.player, row.play): row for row in pack.rows if row.kind != "agent"}
+    recorded = {(row.player, row.play): row for row in pack.rows if row.kind not in ("agent", "scorer")}
     wrong = [row.player for row in scripted if recorded.pop((row.player, row.play), None) != row]
     for name in [*wrong, *(player for player, _ in recorded)]:
         print(f"'{name}' is not as in the file")

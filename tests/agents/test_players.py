@@ -8,6 +8,7 @@ from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import (
     fact_sources,
     knowledge_players,
+    nearest_words,
     pair_player,
     play_all,
     random_distinct,
@@ -17,7 +18,7 @@ from wordcraft_kg.agents.players import (
 )
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.base.statistics import task_bootstrap, wilson_interval
-from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
@@ -26,6 +27,7 @@ from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.factors import TableScorer
+from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.folder import load_scorer
 
 
@@ -63,6 +65,24 @@ def test_chance_is_what_it_should_be(opened):
     expected = (1 - selfs) * 2 / 9 + selfs / 4
     assert success(table, "random") == pytest.approx(expected, abs=0.02)
     assert success(table, "random, distinct") == pytest.approx((1 - selfs) / 3, abs=0.02)
+
+
+def test_the_two_nearest_words_are_chosen_without_a_graph_or_training(opened):
+    vectors, size = glove_features(opened.graph.entities).unit_vectors, opened.graph.num_entities
+    checked = []
+
+    def both(state: State, rng: np.random.Generator) -> np.ndarray:
+        slots = nearest(state, rng)
+        for goal, selection, table, slot in zip(state.goal, state.selection, state.table, slots, strict=True):
+            others = list(set(table.tolist()) - {size, selection}) or [selection]
+            best = max(float(vectors[goal] @ vectors[entity]) for entity in others)
+            checked.append(float(vectors[goal] @ vectors[table[slot]]) == pytest.approx(best, abs=1e-6))
+        return slots
+
+    nearest = nearest_words(opened.graph)
+    table = play(opened, {"nearest": both, "random, distinct": random_distinct}, (1, 8))
+    assert all(checked)
+    assert success(table, "nearest", 8) > success(table, "random, distinct", 8)
 
 
 def test_more_knowledge_wins_more(opened):

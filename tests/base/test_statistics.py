@@ -24,6 +24,7 @@ from wordcraft_kg.base.statistics import (
     resampled_means,
     samples,
     stratified_bootstrap,
+    student_interval,
     task_bootstrap,
     wilson_interval,
 )
@@ -174,9 +175,12 @@ def successes(rng: np.random.Generator) -> np.ndarray:
     return rng.random((60, 8)) < rng.beta(0.5, 0.5, (60, 1))  # mostly always or never solved
 
 
+REALS = (-math.inf, math.inf)
 COVERAGE = {
     "seeds and strata": (400, CENTRE.mean(), strata, 0.83, 0.93),
     "five seeds, as documented": (1_000, 0, five_seeds, 0.805, 0.875),
+    "three seeds, Student": (1_000, 0, lambda rng: student_interval(rng.normal(size=3), within=REALS), 0.93, 0.97),
+    "two seeds, Student": (1_000, 0, lambda rng: student_interval(rng.normal(size=2), within=REALS), 0.93, 0.97),
     # P(X - Y > 0) for normal X - Y of mean 1 and variance 2.
     "probability of improvement": (300, (1 + math.erf(0.5)) / 2, improvement, 0.8, 0.96),
     "tasks": (400, 0.5, lambda rng: task_bootstrap(successes(rng), level=0.9, draws=300), 0.85, 0.95),

@@ -230,8 +230,9 @@ def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printe
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
     assert printed(*command) == result
     shown = run("evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "2").out
-    titles, *rows, note = shown.splitlines()
-    assert re.split("  +", titles)[-2:] == ["1 distractor", "4 distractors"]
+    titles, *rows, note, own = shown.splitlines()
+    assert re.split("  +", titles)[-4:] == ["1 distractor", "own", "4 distractors", "own"]
+    assert own.startswith("own: success by the task's own recipe")
     assert next(row for row in rows if row.startswith("recipe oracle")).count("1.000 [") == 2
     tasks = "63 test tasks of depth 1, each with 2 distractor seeds"
     assert note == f"{tasks}; intervals: 95 %, bootstrap over tasks"

@@ -14,7 +14,7 @@ from html_page import Page, text_of
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
 from wordcraft_kg.agents.players import recipe_oracle
@@ -22,7 +22,9 @@ from wordcraft_kg.agents.records import MetricsRow
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.agent_figures import success_of
 from wordcraft_kg.evaluation.agents import AgentsView, group_agents
 from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.splits import SplitConfig
@@ -88,7 +90,7 @@ def test_the_numbers_are_those_of_the_evaluation(agents, entry):
         assert figures.seeds == tuple(result.success.mean() for result in found)
         assert figures.mean == pytest.approx(np.mean(figures.seeds))
         assert figures.iqm == pytest.approx(figures.mean)  # of two seeds nothing is trimmed
-        assert min(figures.seeds) <= figures.seed_ci[0] <= figures.seed_ci[1] <= max(figures.seeds)
+        assert figures.seed_ci == student_interval(figures.seeds)
         outcomes = entry.outcomes[str(amount)]
         assert outcomes["goal"] == pytest.approx(figures.mean)
         assert sum(outcomes.values()) == pytest.approx(1)
@@ -98,11 +100,22 @@ def test_an_mlp_is_judged_with_its_own_number_of_distractors_only(report):
     assert report.view.agents[1].success.keys() == {"2"}
 
 
-def test_the_probability_of_improvement_counts_pairs_of_runs(report):
-    plain, mlp = (entry.success["2"] for entry in report.view.agents)
-    wins = np.mean([0.5 + 0.5 * np.sign(mlp.seeds[0] - seed) for seed in plain.seeds])
-    assert mlp.p_better == pytest.approx(wins)
-    assert plain.p_better is None
+@pytest.mark.parametrize(("seeds", "expected"), [(1, None), (2, None), (3, 8 / 9)])
+def test_the_probability_of_improvement_counts_pairs_of_runs_from_three_seeds(seeds, expected):
+    def runs(*successes: int) -> list[Evaluation]:
+        tasks, zeros = np.arange(3), np.zeros((3, 1), np.int64)
+        won = [(tasks < number)[:, None] for number in successes[:seeds]]
+        return [Evaluation(tasks, each, each, zeros, zeros.astype(np.int8), zeros[..., None]) for each in won]
+
+    found = success_of(runs(1, 2, 3), runs(1, 1, 0))
+    assert found.p_better == (expected and pytest.approx(expected))
+
+
+def test_players_that_learn_nothing_stand_beside_the_agents(report):
+    assert [row.name for row in report.view.baselines] == ["random", "nearest words", "recipe oracle"]
+    for row in report.view.baselines:
+        assert row.success.keys() == row.by_plan.keys() == {"1", "2", "8"}
+        assert all(row.by_plan[amount] <= success for amount, success in row.success.items())
 
 
 def test_slices_hold_every_task_once_and_average_to_the_whole(report, entry):

@@ -27,7 +27,9 @@ from wordcraft_kg.evaluation.reference import (
     read_packs,
 )
 from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.studies import result_readers
+from wordcraft_kg.studies.references import scorer_rows
 from wordcraft_kg.studies.result_readers import ResultReader, external_rows
 
 DEPTH_1 = TaskPlay("test", 1, 1)
@@ -49,7 +51,7 @@ def test_the_pack_has_everyday_as_the_package_builds_it_now(everyday):
     assert pack.title == "everyday"
     for distractors in (1, 2, 8):
         kinds = {row.kind for row in pack.rows_of(DEPTH_1, [distractors])}
-        assert kinds == {"chance", "knowledge graph", "oracle", "agent"}
+        assert kinds >= {"chance", "words", "knowledge graph", "oracle", "agent"}
     assert {row.player for row in pack.rows_of(OpenPlay(("air", "earth", "fire", "water")))} >= {"random", "greedy"}
 
 
@@ -78,9 +80,18 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
     world = World(everyday, WordCraftConfig(part="test", num_distractors=2))
     (measured,) = play_all(world, {"random, distinct": random_distinct}, [2])
     row = row_of(DEPTH_1, "random, distinct")
-    expected = figures_of({2: (measured.success, measured.low, measured.high)})
+    expected = figures_of({2: (measured.success, measured.low, measured.high)}, {2: measured.by_plan})
     assert row.figures["2"] == expected["2"]
     assert measured.episodes == row.tasks * row.distractor_seeds
+
+
+def test_a_scorer_without_an_agent_has_rows_by_links_and_by_recipes(kitchen_opened, recipes_folder):
+    model = open_model(recipes_folder)
+    by_links, by_recipes = scorer_rows(kitchen_opened, DEPTH_1, (1, 8), "alone", model)
+    assert [by_links.player, by_recipes.player] == ["alone, u+v, self edges kept", "alone, w, best pair"]
+    assert by_links.kind == by_recipes.kind == "scorer"
+    for column in (1, 8):
+        assert 0 < float(by_recipes.shown_by_plan(column)) <= by_recipes.figures[str(column)].value
 
 
 def test_open_ended_play_has_exactly_the_figures_of_the_pack(everyday):

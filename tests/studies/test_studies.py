@@ -7,7 +7,7 @@ from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
-from wordcraft_kg.base.statistics import interval_p_value
+from wordcraft_kg.base.statistics import interval_p_value, student_interval
 from wordcraft_kg.studies.results import Missing, StudyResults
 from wordcraft_kg.studies.variants import VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
@@ -64,8 +64,22 @@ def test_a_single_seed_has_an_interval_over_tasks_only():
     found = of(view, "guided")
     assert (found.seed_interval, found.iqm_interval, found.reached_interval) == (None, None, None)
     assert found.interval[0] < 0.6 < found.interval[1]
-    assert found.comparison.p_better_interval is None
-    assert found.comparison.p_value == interval_p_value(found.comparison.difference, found.comparison.interval)
+
+
+@pytest.mark.parametrize("pairs", [1, 2, 3])
+def test_below_three_seeds_there_is_no_p_value(pairs):
+    view = view_study(fabricate({"no graph": NO_GRAPH[:pairs], "guided": GUIDED[:pairs]}))
+    found = of(view, "guided").comparison
+    values = (found.p_value, found.p_corrected, found.p_better, found.p_better_interval)
+    assert [value is None for value in values] == [pairs < 3] * 4
+    assert view.comparisons == (pairs == 3)
+
+
+def test_intervals_over_two_or_three_seeds_are_wider_than_their_range():
+    found = of(view_study(fabricate({"guided": GUIDED[:3]})), "guided")
+    assert found.seed_interval == found.iqm_interval == student_interval(found.success)
+    assert found.seed_interval[0] < min(found.success)
+    assert found.seed_interval[1] > max(found.success)
 
 
 def test_an_agent_that_always_succeeds_is_not_certain_to():
@@ -78,7 +92,7 @@ def test_curves_are_means_over_seeds_at_steps_that_all_have():
     curves = {"no graph": [[(0, 0.0), (10, 0.2), (20, 0.4)], [(0, 0.2), (20, 0.6)]]}
     found = of(view_study(fabricate({"no graph": NO_GRAPH[:2]}, curves=curves)), "no graph").curve
     assert [(at.step, at.success) for at in found] == [(0, pytest.approx(0.1)), (20, pytest.approx(0.5))]
-    assert (found[1].low, found[1].high) == (0.4, 0.6)
+    assert (found[1].low, found[1].high) == student_interval([0.4, 0.6]) == (0, 1)
 
 
 def test_steps_to_the_references_end_are_of_the_mean_curve():
@@ -88,6 +102,9 @@ def test_steps_to_the_references_end_are_of_the_mean_curve():
         "slow": [[(0, 0.0), (10, 0.1), (20, 0.2)], [(0, 0.0), (10, 0.1), (20, 0.2)]],
     }
     view = view_study(fabricate(dict.fromkeys(curves, NO_GRAPH[:2]), curves=curves))
+    assert [entry.reached_interval for entry in view.points[0].variants] == [None] * 3  # too few seeds to resample
+    curves = {name: 2 * of_seeds for name, of_seeds in curves.items()}
+    view = view_study(fabricate(dict.fromkeys(curves, NO_GRAPH[:4]), curves=curves))
     assert [entry.reached for entry in view.points[0].variants] == [20, 10, None]
     assert of(view, "fast").reached_interval == (10, 10)
     assert of(view, "slow").reached_interval == (None, None)

@@ -4,7 +4,7 @@ A player is a function ``(state, rng) -> slots``: from a batched state and a ran
 environment, shape (N,).
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -28,6 +28,7 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
+from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
 
@@ -38,6 +39,8 @@ SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
 """A function that scores slots by goal, selection, table and task, for example a source."""
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
 """A function that scores recipes ``a + b -> c``, for tensors of ids a, b and c that broadcast."""
+NEAREST_WORDS = "nearest words"
+"""Name of the player :func:`nearest_words`."""
 CELLS = 200_000
 """Maximum number of slot pairs to score at once: a state with A slots has A² pairs."""
 
@@ -112,6 +115,27 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
     return choose
 
 
+def nearest_words(graph: RecipeGraph) -> Player:
+    """Return a player that chooses the two entities nearest to the goal by GloVe cosine, without graph or training."""
+    unit = glove_features(graph.entities).unit_vectors
+    cosines = np.zeros((graph.num_entities + 1,) * 2)
+    cosines[:-1, :-1] = unit @ unit.T
+
+    def choose(state: State, rng: np.random.Generator) -> Ids:
+        is_selected = state.table == state.selection[:, None]
+        # Cosines differ by at most 2, so the selection is repeated only if alone on the table.
+        scores = cosines[state.goal[:, None], state.table] - 3.0 * is_selected
+        return _best(np.where(state.action_masks(), scores, -np.inf), rng)
+
+    return choose
+
+
+def scorer_alone(sources: Mapping[str, SlotScores]) -> dict[str, Player]:
+    """Return players that follow an agent's score sources without learned weights: all summed, and w alone."""
+    players = {", ".join(sources): knowledge_player(list(sources.values()))} if sources else {}
+    return players | ({"w": knowledge_player([sources["w"]])} if "w" in sources else {})
+
+
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
     """Return two sources for known triples, shape (T, 3): a score is 1 for a known triple, else 0.
 
@@ -151,6 +175,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
+        NEAREST_WORDS: nearest_words(graph),
         "partial KG, v": knowledge_player([some["v"]]),
         "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
         "partial KG, votes": pair_player(VoteScorer(graph, split.recipes("train")).score_recipes),

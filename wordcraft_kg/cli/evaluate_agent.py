@@ -1,6 +1,7 @@
 """``wordcraft-kg evaluate-agent``."""
 
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -116,10 +117,15 @@ def _play(
 
 
 def _table(view: "Baselines", amounts: list[int]) -> list[str]:
-    cells = {(row.player, row.distractors): f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]" for row in view.rows}
-    rows = [("success", *(counted(amount, "distractor") for amount in amounts))]
-    rows += [(name, *(cells[name, amount] for amount in amounts)) for name in dict.fromkeys(name for name, _ in cells)]
+    cells = {
+        (row.player, row.distractors): (f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]", f"{row.by_plan:.3f}")
+        for row in view.rows
+    }
+    rows = [("success", *chain.from_iterable((counted(amount, "distractor"), "own") for amount in amounts))]
+    for name in dict.fromkeys(name for name, _ in cells):
+        rows.append((name, *chain.from_iterable(cells[name, amount] for amount in amounts)))
     distractor_seeds = counted(view.distractor_seeds, "distractor seed")
     tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds}"
     policy = "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
-    return [*aligned(rows, numbers=True), f"{tasks}{policy}; intervals: {view.intervals}"]
+    own = "own: success by the task's own recipe; the rest by other recipes for the goal, such as train recipes"
+    return [*aligned(rows, numbers=True), f"{tasks}{policy}; intervals: {view.intervals}", own]

@@ -39,7 +39,7 @@ def reference(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Show reference figures: chance, graphs, the oracle, agents, people, language models and external results.
+    """Show reference figures: chance, words, graphs, scorers, agents, people, language models and external results.
 
     Missing figures are measured with scripted players.
 
@@ -92,8 +92,18 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
         mark = f" [{notes.index(_note(row)) + 1}]" if _note(row) else ""
         return f"{row.player}{' (yours)' * (row.origin == 'external')}{mark}"
 
-    titles = ("", "", *(counted(column, unit) for column in view.columns))
-    cells = ((name(row), row.kind, *map(row.shown, view.columns)) for row in everything if row.fits(view.measure))
+    has_own = any(row.shown_by_plan(column) for row in everything for column in view.columns)
+
+    def figures(row: "ReferenceRow") -> Iterator[str]:
+        for column in view.columns:
+            yield row.shown(column)
+            if has_own:
+                yield row.shown_by_plan(column)
+
+    titles = ["", ""]
+    for column in view.columns:
+        titles += [counted(column, unit), "own"] if has_own else [counted(column, unit)]
+    cells = ((name(row), row.kind, *figures(row)) for row in everything if row.fits(view.measure))
     lines = iter(aligned([titles, *cells]))
     yield f"{graph.name} {graph.hash[:12]}, split {graph.kind} {graph.split[:12]}: {_played(view.play)}"
     yield f"  {next(lines)}"
@@ -103,6 +113,8 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
             yield f"  {next(lines) if row.fits(view.measure) else f'{name(row)}, {row.kind}: {row.in_words}'}"
     yield ""
     yield from (f"[{number}] {note}" for number, note in enumerate(notes, 1))
+    if has_own:
+        yield "own: success by the task's own recipe; the rest by other recipes for the goal, such as train recipes"
     yield f"intervals: {'; '.join(_intervals(view.rows))}"
     if view.measured:
         now = f"{', '.join(map(str, view.measured))} {unit}{'' if view.measured == (1,) else 's'}"

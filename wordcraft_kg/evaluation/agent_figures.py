@@ -14,11 +14,12 @@ from wordcraft_kg.agents.evaluation import Evaluation
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import (
+    FEWEST_PAIRS,
     interquartile_mean,
     paired_difference,
     probability_of_improvement,
     probability_of_improvement_interval,
-    stratified_bootstrap,
+    student_interval,
     task_bootstrap,
 )
 from wordcraft_kg.envs.world import World
@@ -40,18 +41,19 @@ Slice = Literal["train_recipes", "layer", "link_rank"]
 
 
 class AgentSuccess(Record):
-    """An agent's success rate with a distractor count; all intervals are 95 % bootstrap intervals.
+    """An agent's success rate with a distractor count; intervals are 95 %, by bootstrap except ``seed_ci``.
 
     Attributes:
         iqm: interquartile mean of the runs' success rates.
-        seed_ci: interval for ``mean``, by resampling training seeds; None for a single run.
+        seed_ci: interval for ``mean`` over training seeds, by Student's t; None for a single run.
         task_ci: interval for ``mean``, by resampling tasks.
         seeds: each run's success rate.
         by_plan: share of episodes that make the goal by one of the task's plans.
         actions: mean number of actions per episode.
         difference: ``mean`` minus the first agent's ``mean``, on the same tasks; None for the first agent.
         difference_ci: interval for ``difference``, by resampling tasks.
-        p_better: probability that a run of this agent beats a run of the first agent; None for single runs.
+        p_better: probability that a run of this agent beats a run of the first agent; None below three seeds.
+        p_better_ci: interval for ``p_better``, by resampling seeds; None below three seeds.
     """
 
     mean: Share
@@ -98,7 +100,7 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
     success = AgentSuccess(
         mean=float(np.mean(means)),
         iqm=float(interquartile_mean(means)),
-        seed_ci=stratified_bootstrap(means, np.mean),
+        seed_ci=student_interval(means),
         task_ci=task_bootstrap(_successes(results)),
         seeds=tuple(means),
         by_plan=float(np.mean([result.by_plan.mean() for result in results])),
@@ -109,7 +111,7 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
     difference, low, high = paired_difference(_successes(results), _successes(reference))
     success = msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
     seeds = means, _means(reference)
-    if max(map(len, seeds)) == 1:  # for single runs the probability is 0 or 1
+    if min(map(len, seeds)) < FEWEST_PAIRS:
         return success
     interval = probability_of_improvement_interval(*seeds)
     return msgspec.structs.replace(success, p_better=probability_of_improvement(*seeds), p_better_ci=interval)

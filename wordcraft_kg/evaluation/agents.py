@@ -1,7 +1,7 @@
 """Evaluation of trained agents over all training seeds, on the same tasks."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
@@ -11,7 +11,14 @@ from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.outcomes import TerminationReason
-from wordcraft_kg.agents.players import random_entity, recipe_oracle
+from wordcraft_kg.agents.players import (
+    NEAREST_WORDS,
+    Player,
+    nearest_words,
+    random_entity,
+    recipe_oracle,
+    scorer_alone,
+)
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, Share
@@ -45,8 +52,8 @@ _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 DISTRACTORS = (1, 8)
 """Distractor counts in each report, in addition to the training counts."""
-_BASELINES = {"random": random_entity, "recipe oracle": recipe_oracle}
-"""Scripted players at the same tables as the agents."""
+_SCRIPTED = ("random", NEAREST_WORDS, "recipe oracle")
+"""Players that need no training, at the same tables as the agents."""
 
 
 class SharedGraph(Record):
@@ -104,10 +111,18 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success rate for a scripted player (random or recipe oracle), by distractor count."""
+    """Success rate for a player that learns nothing, by distractor count.
+
+    Players are ``random``, ``nearest words`` (the two entities nearest to the goal by GloVe), ``recipe oracle``, and
+    each agent's scorer alone.
+
+    Attributes:
+        by_plan: share of episodes in which the task's own recipes, not others for the same goal, make the goal.
+    """
 
     name: str
     success: dict[str, Share]
+    by_plan: dict[str, Share]
 
 
 class AgentEpisodes(Record):
@@ -244,7 +259,7 @@ def view_agents(
             _entry(name, members, world, results[name], {} if results[name] is reference else reference)
             for name, members in groups.items()
         ),
-        baselines=_baselines(evaluators),
+        baselines=tuple(_baselines(groups, evaluators)),
         episodes=tuple(
             AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
             for name, members in groups.items()
@@ -259,11 +274,25 @@ def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
     return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
 
 
-def _baselines(evaluators: dict[int, Evaluator]) -> tuple[BaselineSuccess, ...]:
-    return tuple(
-        BaselineSuccess(name, {str(amount): float(play(player).success.mean()) for amount, play in evaluators.items()})
-        for name, player in _BASELINES.items()
-    )
+def _baselines(groups: Groups, evaluators: dict[int, Evaluator]) -> Iterator[BaselineSuccess]:
+    """Yield the success of players that learn nothing; agents with equal sources share the scorer's row."""
+    first = next(iter(groups.values()))[0]
+    players: dict[str, Player] = {"random": random_entity, NEAREST_WORDS: nearest_words(first.opened.graph)}
+    seen = set()
+    for name, (agent, *_) in groups.items():
+        policy = agent.config.policy
+        key = (agent.run.inputs.get("scorer"), policy.use, policy.scale, policy.self_edges)
+        if agent.policy.sources and key not in seen:
+            seen.add(key)
+            alone = scorer_alone(agent.policy.sources)
+            players |= {f"scorer of {name} alone, {sources}": player for sources, player in alone.items()}
+    for name, player in {**players, "recipe oracle": recipe_oracle}.items():
+        played = {str(amount): play(player) for amount, play in evaluators.items()}
+        success, by_plan = (
+            {amount: float(getattr(result, share).mean()) for amount, result in played.items()}
+            for share in ("success", "by_plan")
+        )
+        yield BaselineSuccess(name, success, by_plan)
 
 
 def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tuple[ReferenceRow, ...]:
@@ -271,7 +300,7 @@ def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tu
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:
         return ()
-    return tuple(row for row in pack.rows_of(play, played) if row.player not in _BASELINES)
+    return tuple(row for row in pack.rows_of(play, played) if row.player not in _SCRIPTED)
 
 
 def _conditions(

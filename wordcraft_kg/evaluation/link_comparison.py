@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.statistics import bootstrap, interval
+from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
@@ -82,7 +82,7 @@ class Contender:
     runs: Sequence[Model]
 
 
-def compare(contenders: Sequence[Contender], *, resamples: int = 2_000, seed: int = 0) -> LinkComparison:
+def compare(contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed: int = 0) -> LinkComparison:
     """Compare models by MRR on test triples outside training (a sample if very many), with bootstrap intervals.
 
     All models share the ingredient pair resamples: a paired difference is more precise than two separate intervals.

@@ -7,7 +7,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.players import PlayerSuccess, play_all, random_entity, recipe_oracle, scorer_players
+from wordcraft_kg.agents.players import (
+    NEAREST_WORDS,
+    PlayerSuccess,
+    nearest_words,
+    play_all,
+    random_entity,
+    recipe_oracle,
+    scorer_players,
+)
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval
@@ -182,6 +190,7 @@ def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
         players = {
             **scorer_players(links.graph, links.scorer, links.observed),
             "random": random_entity,
+            NEAREST_WORDS: nearest_words(links.graph),
             "recipe oracle": recipe_oracle,
         }
         return play_all(World(links.opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)

@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.tasks import TaskPart
 PACK = Path(__file__).parent / "references"
 """Folder with the files of the reference pack."""
 FORMAT = "wordcraft-kg references 1"
-Kind = Literal["chance", "knowledge graph", "oracle", "agent", "people", "language model", "other"]
+Kind = Literal["chance", "words", "knowledge graph", "scorer", "oracle", "agent", "people", "language model", "other"]
 """Kind of a player."""
 Measure = Literal["success", "entities known", "new combinations"]
 """Share of solved tasks; entities known after n attempts; pairs with a new result in n attempts."""
@@ -65,11 +65,15 @@ class OpenPlay(Record, frozen=True, tag="open-ended"):
 
 
 class Figure(Record, frozen=True, omit_defaults=True):
-    """A measured value with its interval bounds (None without an interval)."""
+    """A measured value with its interval bounds (None without an interval).
+
+    ``by_plan`` is the part of a success rate from the task's own recipes, not from others for the same goal.
+    """
 
     value: float
     low: float | None = None
     high: float | None = None
+    by_plan: float | None = None
 
 
 class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
@@ -124,6 +128,11 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
         if figure.low is None or figure.high is None or figure.low == figure.high:
             return value
         return f"{value} [{figure.low:.{digits}f}, {figure.high:.{digits}f}]"
+
+    def shown_by_plan(self, column: int) -> str:
+        """Format the success by the task's own recipe for a distractor count; empty if not measured."""
+        figure = self.figures.get(str(column))
+        return "" if figure is None or figure.by_plan is None else f"{figure.by_plan:.{_DIGITS['success']}f}"
 
     @property
     def in_words(self) -> str:
@@ -221,11 +230,19 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
     return TaskPlay(part, config.depth, config.attempts)
 
 
-def figures_of(values: Mapping[int, Estimate]) -> dict[str, Figure]:
-    """Convert values with bounds, by distractor count (or attempts), to results rounded to six digits."""
+def figures_of(values: Mapping[int, Estimate], by_plan: Mapping[int, float] | None = None) -> dict[str, Figure]:
+    """Convert values with bounds, by distractor count (or attempts), to results rounded to six digits.
+
+    ``by_plan`` holds the success by the tasks' own recipes, by distractor count.
+    """
+    own = by_plan or {}
+
+    def rounded(value: float | None) -> float | None:
+        return None if value is None else round(value, 6)
+
     return {
-        str(column): Figure(round(value, 6), *(None if end is None else round(end, 6) for end in bounds))
-        for column, (value, *bounds) in values.items()
+        str(column): Figure(round(value, 6), rounded(low), rounded(high), rounded(own.get(column)))
+        for column, (value, low, high) in values.items()
     }
 
 
@@ -242,6 +259,7 @@ def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
 
 def _fault(row: ReferenceRow, column: str, figure: Figure) -> str:
     ends = [end for end in (figure.low, figure.high) if end is not None]
+    own = figure.value if figure.by_plan is None else figure.by_plan
     if not (column.isascii() and column.isdigit()):
         return f"has the column '{column}', which is not a number"
     if len(ends) == 1 or ends != sorted(ends):
@@ -250,4 +268,6 @@ def _fault(row: ReferenceRow, column: str, figure: Figure) -> str:
         return f"has no interval kind for the interval at {column}"
     if row.measure == "success" and not all(0 <= value <= 1 for value in (figure.value, *ends)):
         return f"has a success outside 0 to 1 at {column}"
+    if not 0 <= own <= figure.value:
+        return f"has more success by its own recipes than in all at {column}"
     return ""

@@ -7,7 +7,7 @@ import numpy as np
 
 from wordcraft_kg.agents.agent_folder import AgentRun
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.base.statistics import stratified_bootstrap
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.models.policies.sources import ALPHA, source_names
 
 _CURVE_POINTS = 100
@@ -50,8 +50,7 @@ def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, .
     for part in ("test", "train"):
         rows = _shared_rows(members, f"{part}_success")
         points = [
-            CurvePoint(step, float(np.mean(seeds)), *(stratified_bootstrap(seeds, np.mean) or (None, None)))
-            for step, seeds in rows
+            CurvePoint(step, float(np.mean(seeds)), *(student_interval(seeds) or (None, None))) for step, seeds in rows
         ]
         if points:
             curves[part] = tuple(points)

@@ -190,9 +190,9 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
         "action": ("action", "The choice of one slot of the table. Two actions make an attempt."),
         "selection": ("selection", "The entity chosen by the first action of an attempt."),
         "by_plan": (
-            "by a plan",
-            "The last pair belongs to one of the task's plans. Otherwise another pair on the table made the goal, for "
-            "example a train recipe.",
+            "by its own recipe",
+            "The last pair belongs to one of the task's plans (at depth 1: the task's recipe). Otherwise another pair "
+            "on the table made the goal, for example a train recipe.",
         ),
         "termination": (
             "termination reason",
@@ -270,8 +270,8 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
         ),
         "over_seeds": (
             "over seeds",
-            "An interval by resampling seeds: the variation between trainings. With five seeds the interval is too "
-            "narrow and covers about 84 %.",
+            "Student's t interval of the mean over seeds: the variation between trainings. None for one seed, and wide "
+            "for two.",
         ),
         "over_tasks": (
             "over tasks",

@@ -5,6 +5,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from wordcraft_kg.agents.players import NEAREST_WORDS
 from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
 from wordcraft_kg.evaluation.links import LinkView, view_links
@@ -27,6 +28,7 @@ PLAYERS = {
     "w, best pair": "recipes (w): the best pair",
     "u+v, self edges dropped": "both (u + v), self edges dropped",
     "random": "any slot at random",
+    NEAREST_WORDS: "the two entities nearest to the goal by GloVe, no graph",
     "recipe oracle": "recipe oracle",
 }
 """Descriptions by player name, for players that choose by a link predictor's scores."""

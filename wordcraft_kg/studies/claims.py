@@ -22,7 +22,7 @@ task and table. Verdicts are not corrected for multiple claims.
 """
 
 from collections.abc import Iterable, Sequence
-from math import sqrt
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.statistics import crossed_bootstrap
+from wordcraft_kg.base.statistics import crossed_bootstrap, student_interval
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.results import RunResult, StudyResults
 from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at
@@ -198,15 +198,9 @@ def _interval(differences: NDArray[np.float64], is_success: bool) -> tuple[float
     # An interval over tasks alone would be about two trainings, but the claim is about agents.
     if len(differences) == 1:
         return None, None
-    return crossed_bootstrap(differences) if is_success else _student(differences[:, 0])
-
-
-def _student(differences: NDArray[np.float64]) -> tuple[float, float]:
-    from scipy.stats import t
-
-    size, mean = len(differences), float(differences.mean())
-    half = float(t.ppf(0.975, size - 1) * differences.std(ddof=1) / sqrt(size))
-    return mean - half, mean + half
+    if is_success:
+        return crossed_bootstrap(differences)
+    return student_interval(differences[:, 0], within=(-inf, inf)) or (None, None)
 
 
 def _rule(claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, get_args
 
 import msgspec
 
 from wordcraft_kg.agents.discovery import MARKS
+from wordcraft_kg.agents.players import NEAREST_WORDS
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import Discovery
@@ -26,6 +28,9 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.reports.pages import render_page
 from wordcraft_kg.studies.result_readers import DRAWS, SEEN, external_rows
 
+if TYPE_CHECKING:
+    from wordcraft_kg.models.model import Model
+
 DISTRACTORS = (1, 2, 8)
 """Distractor counts in the published results, as in the paper."""
 _SEED, RUNS = 0, 100
@@ -33,8 +38,10 @@ _SEED, RUNS = 0, 100
 _CHANCE = ("random", "random, distinct", "random-no-repeat")
 _ORACLES = ("recipe oracle", "greedy", "empowerment")
 _OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
-_KINDS: tuple[Kind, ...] = ("chance", "knowledge graph", "oracle", "agent", "people", "language model", "other")
+_KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds in table order."""
+_ALONE = ("u+v, self edges kept", "w, best pair")
+"""A scorer's players in the table, see :func:`~wordcraft_kg.agents.players.scorer_players`."""
 
 
 class ReferenceTable(Record, frozen=True):
@@ -112,19 +119,34 @@ def scripted_rows(opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Seque
     return tuple(_task_rows(opened, play, columns) if isinstance(play, TaskPlay) else _open_rows(opened, play))
 
 
-def _task_rows(opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> Iterator[ReferenceRow]:
+def scorer_rows(
+    opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], name: str, model: "Model"
+) -> tuple[ReferenceRow, ...]:
+    """Evaluate a scorer alone, by u + v and by w if the scorer has recipe scores; return rows named ``name, w`` etc."""
+    rows = _task_rows(opened, play, columns, (name, model))
+    return tuple(row for row in rows if row.player in [f"{name}, {player}" for player in _ALONE])
+
+
+def _task_rows(
+    opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], model: "tuple[str, Model] | None" = None
+) -> Iterator[ReferenceRow]:
     config = WordCraftConfig(
         part=play.part, depth=play.depth, max_attempts=play.attempts, num_distractors=max(columns, default=0)
     )
-    view = view_baselines(opened, opened.graph.name, config, columns, distractor_seeds=DRAWS, seed=_SEED)
+    view = view_baselines(opened, opened.graph.name, config, columns, model, distractor_seeds=DRAWS, seed=_SEED)
     options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
+    if model:
+        options += f" --scorer {model[0]}"
     of = {(row.player, row.distractors): (row.success, row.low, row.high) for row in view.rows}
+    own = {(row.player, row.distractors): row.by_plan for row in view.rows}
     for player in dict.fromkeys(row.player for row in view.rows):
         yield ReferenceRow(
             player=player,
             kind=_kind(player),
             measure="success",
-            figures=figures_of({column: of[player, column] for column in columns}),
+            figures=figures_of(
+                {column: of[player, column] for column in columns}, {column: own[player, column] for column in columns}
+            ),
             origin="ours",
             source=f"wordcraft-kg evaluate-agent {opened.graph.name} {options}",
             play=play,
@@ -167,7 +189,10 @@ def _merged(known: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns:
 
 
 def _kind(player: str) -> Kind:
-    return "chance" if player in _CHANCE else "oracle" if player in _ORACLES else "knowledge graph"
+    kinds: dict[str, Kind] = {NEAREST_WORDS: "words", **dict.fromkeys(_CHANCE, "chance")}
+    if player.endswith(_ALONE):
+        return "scorer"
+    return kinds.get(player, "oracle" if player in _ORACLES else "knowledge graph")
 
 
 def reference_page(view: ReferenceTable) -> str:

@@ -20,6 +20,7 @@ from wordcraft_kg.evaluation.agents import Groups, can_play, group_agents
 from wordcraft_kg.evaluation.reference import (
     TRAINED_WITH,
     Estimate,
+    Figure,
     OpenPlay,
     Origin,
     ReferenceRow,
@@ -148,12 +149,15 @@ def agent_rows(
         check_tasks(agent.name, its, play)
     world = World(opened, next(iter(groups.values()))[0].config.tasks.environment(play.part, columns[0]))
     estimates: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
+    own: dict[str, dict[int, float]] = {name: {} for name in groups}
     for column in columns:
         evaluator = Evaluator(world.variant(num_distractors=column), distractor_seeds=DRAWS)
         for name, members in steps("evaluating agents", groups.items()):
             if can_play(members[0], column):
-                rates = [evaluator(PolicyPlayer(agent.policy)).success.mean(axis=1) for agent in members]
+                played = [evaluator(PolicyPlayer(agent.policy)) for agent in members]
+                rates = [result.success.mean(axis=1) for result in played]
                 mean = sum(float(rate.mean()) for rate in rates) / len(rates)
+                own[name][column] = sum(float(result.by_plan.mean()) for result in played) / len(rates)
                 estimates[name][column] = (mean, *crossed_bootstrap(rates))
     rows = []
     for name, members in groups.items():
@@ -162,14 +166,16 @@ def agent_rows(
                 f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} distractors only; "
                 f"add this number to --distractors {','.join(map(str, columns))}."
             )
-        rows.append(_agent_row(name, members, estimates[name], play, origin, len(evaluator.tasks)))
+        rows.append(
+            _agent_row(name, members, figures_of(estimates[name], own[name]), play, origin, len(evaluator.tasks))
+        )
     return tuple(rows)
 
 
 def _agent_row(
     name: str,
     members: Sequence[OpenedAgent],
-    estimates: dict[int, Estimate],
+    figures: dict[str, Figure],
     play: TaskPlay,
     origin: Origin,
     tasks: int,
@@ -185,7 +191,7 @@ def _agent_row(
         player=name,
         kind="agent",
         measure="success",
-        figures=figures_of(estimates),
+        figures=figures,
         origin=origin,
         source=" ".join(("wordcraft-kg", *members[0].run.argv[1:])),
         play=play,

@@ -95,7 +95,7 @@ _COLUMNS: tuple[_Column, ...] = (
     ("IQM", lambda at: f"{at.iqm:.3f}" if len(at.seeds) > 3 else ""),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
-    ("P(better)", lambda at: f"{at.comparison.p_better:.2f}" if at.comparison else ""),
+    ("P(better)", lambda at: _share(at.comparison.p_better) if at.comparison else ""),
     ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
     ("reached after", _reached),
 )
@@ -104,17 +104,18 @@ _COLUMNS: tuple[_Column, ...] = (
 def notes(view: StudyView) -> list[str]:
     """Return sentences that explain the columns of :func:`tables_of`."""
     sentences = [
-        "Success: share of episodes on test tasks in which the greedy agent makes the goal, with 95 % bootstrap "
-        "intervals: over seeds and tasks, that is, for other such tasks too, and over seeds alone, for these tasks."
+        "Success: share of episodes on test tasks in which the greedy agent makes the goal, with 95 % intervals: "
+        "over seeds and tasks (bootstrap), that is, for other such tasks too, and over seeds alone (Student's t), for "
+        "these tasks."
     ]
-    if view.comparisons:
+    if any(entry.comparison for point in view.points for entry in point.variants):
         sentences += [
             f"Differences are to {view.reference}, paired by seed and task, with intervals over both; P(better): "
             "probability that a run of the variant is better than one of the other.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds.",
-            f"p: of no difference, from the interval of the difference, corrected by Holm for {view.comparisons} "
-            "comparisons.",
+            "p: of no difference, from the interval of the difference, corrected by Holm for "
+            f"{counted(view.comparisons, 'comparison')}; none below three seeds.",
         ]
     return sentences
 
@@ -202,7 +203,14 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
         yield f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
 
 
-def _p_value(p: float) -> str:
+def _share(share: float | None) -> str:
+    return "–" if share is None else f"{share:.2f}"
+
+
+def _p_value(p: float | None) -> str:
+    """Format a p-value; a dash below three seeds."""
+    if p is None:
+        return "–"
     return "<.001" if p < 0.001 else f"{p:.2g}"
 
 
@@ -217,7 +225,7 @@ def _comparison(entry: VariantFigures) -> str:
         return ""
     low, high = comparison.interval
     difference = f"{comparison.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    return f"  {difference}  P(better) {comparison.p_better:.2f}  p {_p_value(comparison.p_corrected)}"
+    return f"  {difference}  P(better) {_share(comparison.p_better)}  p {_p_value(comparison.p_corrected)}"
 
 
 _TITLES: dict[Metric, str] = {

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import (
+    FEWEST_PAIRS,
     crossed_bootstrap,
     interquartile_mean,
     interval_p_value,
@@ -17,6 +18,7 @@ from wordcraft_kg.base.statistics import (
     probability_of_improvement_interval,
     resampled_means,
     stratified_bootstrap,
+    student_interval,
     wilson_interval,
 )
 from wordcraft_kg.evaluation.reference import PlayedGraph
@@ -24,6 +26,8 @@ from wordcraft_kg.studies.results import RunResult, StudyResults
 from wordcraft_kg.studies.study import Values
 
 Interval = tuple[float, float]
+_FEWEST_RESAMPLED = 4
+"""Fewest seeds to resample: with three, the bounds would be the extremes."""
 
 
 class StudyCurvePoint(Record, array_like=True):
@@ -42,19 +46,19 @@ class Comparison(Record):
         difference: the variant's mean success on test tasks minus the reference's.
         interval: interval for ``difference``, by resampling seeds and tasks.
         pairs: number of seeds that both variants have.
-        p_better: probability that a run of the variant beats a run of the reference.
-        p_better_interval: interval for ``p_better``, by resampling seeds; None for a single seed.
-        p_value: p-value for a true difference of 0, from ``interval``.
+        p_better: probability that a run of the variant beats a run of the reference; None below three pairs.
+        p_better_interval: interval for ``p_better``, by resampling seeds; None below three pairs.
+        p_value: p-value for a true difference of 0, from ``interval``; None below three pairs.
         p_corrected: ``p_value`` with Holm's correction for all comparisons in the study.
     """
 
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
     interval: Interval
     pairs: Annotated[int, msgspec.Meta(ge=1)]
-    p_better: Share
+    p_better: Share | None
     p_better_interval: Interval | None
-    p_value: Share
-    p_corrected: Share
+    p_value: Share | None
+    p_corrected: Share | None
 
 
 class VariantFigures(Record):
@@ -63,16 +67,16 @@ class VariantFigures(Record):
     Attributes:
         success: each run's success on test tasks, in the order of ``seeds``.
         iqm: interquartile mean success over runs.
-        seed_interval: interval for ``mean``, by resampling seeds; None for a single seed.
+        seed_interval: interval for ``mean`` over seeds, by Student's t; None for a single seed.
         interval: interval for ``mean``, by resampling seeds and tasks; only tasks for a single seed.
-        iqm_interval: interval for ``iqm``, by resampling seeds; None for a single seed.
+        iqm_interval: interval for ``iqm``, by resampling seeds; below four seeds ``seed_interval``.
         by_plan: share of episodes that make the goal by one of the task's plans.
         train: mean success on train tasks; None if not measured.
         mrr: mean MRR of the agents' scorers on test triples outside training, or None.
         mrr_range: least and greatest MRR.
         comparison: difference to the reference; None for the reference and without common seeds.
         reached: steps until the mean learning curve reaches the reference's final success; None for never.
-        reached_interval: interval for ``reached``, with None for never; None for a single seed.
+        reached_interval: interval for ``reached``, with None for never; None below four seeds.
         curve: mean success during training.
         runs: run folders relative to the results folder.
         seconds: mean training time.
@@ -130,10 +134,10 @@ def figures_of(results: StudyResults, variant: str, members: list[RunResult], ba
         success=tuple(success),
         mean=mean_of(success),
         iqm=interquartile_mean(success),
-        seed_interval=stratified_bootstrap(success, np.mean),
+        seed_interval=student_interval(success),
         # Wilson's interval over tasks if no run varies.
         interval=crossed_bootstrap(table) if np.ptp(table) else wilson_interval(float(table[0].sum()), table.shape[1]),
-        iqm_interval=stratified_bootstrap(success, interquartile_mean),
+        iqm_interval=_iqm_interval(success),
         by_plan=mean_of([run.by_plan["test"] for run in members]),
         train=mean_of(train) if len(train) == len(members) else None,
         mrr=mean_of(mrr) if mrr else None,
@@ -146,6 +150,12 @@ def figures_of(results: StudyResults, variant: str, members: list[RunResult], ba
         seconds=mean_of([run.seconds for run in members]),
         steps=members[0].steps,
     )
+
+
+def _iqm_interval(success: Sequence[float]) -> Interval | None:
+    if len(success) < _FEWEST_RESAMPLED:  # the interquartile mean is the mean
+        return student_interval(success)
+    return stratified_bootstrap(success, interquartile_mean)
 
 
 def mean_of(values: Sequence[float]) -> float:
@@ -166,13 +176,13 @@ def _comparison(results: StudyResults, members: list[RunResult], base: list[RunR
     differences = _table([run for run, _ in pairs]) - _table([run for _, run in pairs])
     ours, theirs = ([run.success["test"] for run in runs] for runs in (members, base))
     difference, interval = float(differences.mean()), crossed_bootstrap(differences)
-    p_value = interval_p_value(difference, interval)
+    p_value = interval_p_value(difference, interval) if len(pairs) >= FEWEST_PAIRS else None
     return Comparison(
         difference=difference,
         interval=interval,
         pairs=len(pairs),
-        p_better=probability_of_improvement(ours, theirs),
-        p_better_interval=probability_of_improvement_interval(ours, theirs),
+        p_better=None if p_value is None else probability_of_improvement(ours, theirs),
+        p_better_interval=None if p_value is None else probability_of_improvement_interval(ours, theirs),
         p_value=p_value,
         p_corrected=p_value,
     )
@@ -194,11 +204,10 @@ def _curve(members: Sequence[RunResult]) -> tuple[StudyCurvePoint, ...]:
     steps, table = _curves(members)
     if not steps:
         return ()
-    means = table.mean(axis=0).tolist()
-    if len(members) == 1:
-        return tuple(StudyCurvePoint(step, mean, None, None) for step, mean in zip(steps, means, strict=True))
-    low, high = np.quantile(resampled_means(table), [0.025, 0.975], axis=0).tolist()
-    return tuple(map(StudyCurvePoint, steps, means, low, high))
+    return tuple(
+        StudyCurvePoint(step, float(column.mean()), *(student_interval(column) or (None, None)))
+        for step, column in zip(steps, table.T, strict=True)
+    )
 
 
 def _reached(
@@ -217,7 +226,7 @@ def _reached(
         return np.asarray(places[np.where(hit.any(axis=1), hit.argmax(axis=1), len(steps))])
 
     seen = first(table.mean(axis=0)[None], goal.mean(axis=0)[-1:])[0]
-    if len(members) == 1 or len(base) == 1:
+    if min(len(members), len(base)) < _FEWEST_RESAMPLED:
         return _steps(seen), None
     # The reference's goal and curve use the same resamples.
     goals = resampled_means(goal[:, -1:], seed=0)[:, 0]

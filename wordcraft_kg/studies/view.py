@@ -58,7 +58,6 @@ def view_study(results: StudyResults) -> StudyView:
     cells = _cells(results)
     points = [_point(results, values, runs, reference) for values, runs in cells]
     points = _corrected(points)
-    compared = [entry.comparison for point in points for entry in point.variants if entry.comparison]
     return StudyView(
         format="wordcraft-kg study report 1",
         name=results.name,
@@ -70,7 +69,7 @@ def view_study(results: StudyResults) -> StudyView:
         reference=reference,
         points=tuple(points),
         scatters=tuple(scatters_of(results, points, reference)) if study.drawing == "scatter" else (),
-        comparisons=len(compared),
+        comparisons=len(_p_values(points)),
         claims=view_claims(results),
         missing=results.missing,
         versions=results.versions,
@@ -160,12 +159,16 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     return PointFigures(values, title, tuple(graphs.values()), len(first.won), first.distractor_seeds, tuple(variants))
 
 
+def _p_values(points: Sequence[PointFigures]) -> list[float]:
+    comparisons = [entry.comparison for point in points for entry in point.variants if entry.comparison]
+    return [each.p_value for each in comparisons if each.p_value is not None]
+
+
 def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
-    p_values = [entry.comparison.p_value for point in points for entry in point.variants if entry.comparison]
-    corrected = iter(holm(p_values))
+    corrected = iter(holm(_p_values(points)))
 
     def with_p(entry: VariantFigures) -> VariantFigures:
-        if entry.comparison is None:
+        if entry.comparison is None or entry.comparison.p_value is None:
             return entry
         comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
         return msgspec.structs.replace(entry, comparison=comparison)

@@ -367,6 +367,12 @@ def test_no_queries_have_no_interval():
     assert with_interval(empty, np.array([], dtype=np.int64)) == RankingMetrics(0)
 
 
+@pytest.mark.parametrize("recipes", [1, 4, 5])
+def test_an_mrr_over_fewer_than_five_recipes_has_no_interval(recipes):
+    ranks = pd.DataFrame({"rank": [1.0, 2.0] * recipes, "candidates": 9})
+    assert (with_interval(ranks, np.repeat(np.arange(recipes), 2)).mrr_ci is None) == (recipes < 5)
+
+
 def answers(confidence: list[float], right: list[bool]) -> pd.DataFrame:
     top = [1 if is_right else 2 for is_right in right]
     return pd.DataFrame({"confidence": confidence, "side": "tail", "head": 0, "tail": 1, "top": top})

@@ -7,16 +7,20 @@ settings out of range.
 
 from wordcraft_kg.base.statistics.comparisons import correlation, holm, interval_p_value
 from wordcraft_kg.base.statistics.runs import (
+    FEWEST_PAIRS,
     interquartile_mean,
     probability_of_improvement,
     probability_of_improvement_interval,
     resampled_means,
     stratified_bootstrap,
+    student_interval,
 )
-from wordcraft_kg.base.statistics.samples import Interval, bootstrap, interval, standardised
+from wordcraft_kg.base.statistics.samples import RESAMPLES, Interval, bootstrap, interval, standardised
 from wordcraft_kg.base.statistics.tasks import crossed_bootstrap, paired_difference, task_bootstrap, wilson_interval
 
 __all__ = [
+    "FEWEST_PAIRS",
+    "RESAMPLES",
     "Interval",
     "bootstrap",
     "correlation",
@@ -31,6 +35,7 @@ __all__ = [
     "resampled_means",
     "standardised",
     "stratified_bootstrap",
+    "student_interval",
     "task_bootstrap",
     "wilson_interval",
 ]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import one_of
-from wordcraft_kg.base.statistics.samples import Interval, Scores, check_level, finite, generator, interval
+from wordcraft_kg.base.statistics.samples import RESAMPLES, Interval, Scores, check_level, finite, generator, interval
 
 _FEWEST = 3  # points: any two lie on a line
 
@@ -57,7 +57,7 @@ def correlation(
     kind: Literal["pearson", "spearman"] = "pearson",
     *,
     level: float = 0.95,
-    draws: int = 2000,
+    draws: int = RESAMPLES,
     seed: int = 0,
 ) -> Interval | None:
     """Compute the correlation of paired values x and y, both of shape (N,), and a bootstrap interval.

@@ -13,10 +13,12 @@ from wordcraft_kg.base.settings import MAX_SIZE, refuse, whole
 Interval = tuple[float, float, float]
 """An estimate and its interval: value, lower bound, upper bound."""
 Scores = NDArray[np.float64]
+RESAMPLES = 2_000
+"""Bootstrap resamples, and with seed 0 the same everywhere: a metric has the same interval in every report."""
 CHUNK = 2**20  # values held at once while resampling, 8 MB
 
 
-def bootstrap(values: Scores, clusters: NDArray[np.int64], *, resamples: int = 1_000, seed: int = 0) -> Scores:
+def bootstrap(values: Scores, clusters: NDArray[np.int64], *, resamples: int = RESAMPLES, seed: int = 0) -> Scores:
     """Return bootstrap means of ``values``, shape (resamples,), resampling whole clusters (such as a recipe's queries).
 
     ``values`` and ``clusters``, the cluster id of each value, have shape (N,).

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import samples
-from wordcraft_kg.base.statistics.samples import Interval, by_task, check_level, finite, generator, interval
+from wordcraft_kg.base.statistics.samples import RESAMPLES, Interval, by_task, check_level, finite, generator, interval
 
 
 def wilson_interval(successes: float, n: int, level: float = 0.95) -> tuple[float, float]:
@@ -38,7 +38,7 @@ def wilson_interval(successes: float, n: int, level: float = 0.95) -> tuple[floa
 
 
 def task_bootstrap(
-    successes: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0
+    successes: ArrayLike, *, level: float = 0.95, draws: int = RESAMPLES, seed: int = 0
 ) -> tuple[float, float]:
     """Return a bootstrap interval for a mean success rate; ``successes`` has shape (N tasks, D attempts), 0 and 1.
 
@@ -62,7 +62,9 @@ def task_bootstrap(
     return interval(rng.multinomial(n, tasks / n, size=draws) @ totals / (n * attempts), level)
 
 
-def paired_difference(x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0) -> Interval:
+def paired_difference(
+    x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws: int = RESAMPLES, seed: int = 0
+) -> Interval:
     """Return the mean difference between two players' success on the same tasks, and its bootstrap interval.
 
     With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Tasks are resampled in
@@ -92,7 +94,7 @@ def paired_difference(x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws:
 
 
 def crossed_bootstrap(
-    scores: ArrayLike, *, level: float = 0.95, draws: int = 2000, seed: int = 0
+    scores: ArrayLike, *, level: float = 0.95, draws: int = RESAMPLES, seed: int = 0
 ) -> tuple[float, float]:
     """Return the interval of a mean over seeds and tasks, ``scores`` of shape (S seeds, K tasks), resampling both.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.statistics import bootstrap, interval
+from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
@@ -19,6 +19,7 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 MIN_TRIPLES = 30
 """Minimum number of test triples for meaningful figures."""
+_FEWEST_CLUSTERS = 5
 BATCH = 1_024
 """Maximum number of queries scored at once: (BATCH, E) floats."""
 CELLS = 2**23
@@ -229,10 +230,13 @@ def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
     return pairs[np.searchsorted(keys, triple_keys(triples, graph.num_entities))]
 
 
-def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = 1_000, seed: int = 0) -> RankingMetrics:
-    """Return :func:`ranking_metrics` with ``mrr_ci``, a 95 % bootstrap interval that resamples ``clusters``."""
+def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = RESAMPLES, seed: int = 0) -> RankingMetrics:
+    """Return :func:`ranking_metrics` with ``mrr_ci``, a 95 % bootstrap interval that resamples ``clusters``.
+
+    ``mrr_ci`` is None below 5 clusters (recipes), too few to resample.
+    """
     metrics = ranking_metrics(ranks)
-    if not metrics.queries:
+    if len(np.unique(clusters)) < _FEWEST_CLUSTERS:
         return metrics
     means = bootstrap(1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed)
     return msgspec.structs.replace(metrics, mrr_ci=interval(means))

@@ -131,7 +131,9 @@ class Play:
 
     @classmethod
     def open(cls, graph: str, settings: GameSettings, **rules: Any) -> Self:
-        """Prepare the games on a graph (folder, recipe book or built-in book); ``rules`` are further recorded settings.
+        """Prepare the games on a graph (folder, recipe book or built-in book).
+
+        ``rules`` are further fields of :class:`~wordcraft_kg.apps.text_agents.records.PlayedSettings` to record.
 
         Raises:
             ConfigError: for settings that do not fit the graph.
@@ -153,11 +155,7 @@ class Play:
         return cls(tasks, PlayedSettings.of(tasks.world, opened.split, **rules), knowledge)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
-        """Begin a game: a task by index, with the distractors for this seed.
-
-        Raises:
-            ConfigError: if the task does not exist.
-        """
+        """Begin a game on a task (index) with the distractors for this seed; a ConfigError if there is no such task."""
         rules = self.settings
         game = self.games.begin(task, distractor_seed)
         return Conversation(game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups)

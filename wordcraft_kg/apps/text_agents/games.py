@@ -93,13 +93,15 @@ class Game(ABC):
 class TaskGame(Game):
     """A game for a crafting task: make the goal from the entities on an evaluation table.
 
+    An attempt takes two actions, the choices of two entities. An attempt lost by invalid messages takes one action.
+
     Attributes:
         distractor_seed: seed for the distractors on the table.
         start: labels on the table at the start.
         attempts: number of attempts in the game.
         is_made: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
-        actions: actions so far: two in an attempt, one in a lost attempt.
+        actions: actions so far.
         last: labels of the last combined pair; None initially and after a lost attempt.
     """
 
@@ -170,11 +172,7 @@ class TaskGames:
         self._env, self._tables = WordCraftEnv(world), EvaluationTables(world)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
-        """Begin a game: a task by index, with the distractors for this seed.
-
-        Raises:
-            ConfigError: if the task does not exist.
-        """
+        """Begin a game on a task (index) with the distractors for this seed; a ConfigError if there is no such task."""
         return TaskGame(copy.copy(self._env), self._tables, task, distractor_seed)
 
 

@@ -22,7 +22,6 @@ _MOST_GAMES = 1_000
 """Remembered games: ten per player for a hundred players."""
 _MOST_CHARACTERS = 200_000
 """Recorded characters per game: all games stay below about 200 MiB."""
-_OVERHEAD = 50  # characters' worth of memory for a message
 
 
 class HostedGame:
@@ -82,7 +81,7 @@ class HostedGame:
             raise
 
     def _note(self, message: str, answer: str) -> None:
-        self._room -= len(message) + len(answer) + 2 * _OVERHEAD
+        self._room -= len(message) + len(answer) + 100  # for two objects
         if self._room > 0:
             self.messages += [message, answer]
 
@@ -108,12 +107,11 @@ class HostedGames:
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
-        """Begin a game: a task by index, with the distractors for this seed.
+        """Begin a game, see :meth:`Play.begin`; if there are too many games, forget the least recent.
 
-        If there are too many games, the server forgets the least recent game, a finished one if possible.
+        Finished games are forgotten first; an unfinished game ends and is recorded.
 
         Raises:
-            ConfigError: if the task does not exist.
             EpisodeError: if a forgotten game cannot be recorded.
         """
         name = secrets.token_urlsafe(9)  # unguessable

@@ -81,14 +81,8 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
         assert isinstance(play.games, TaskGames)
         tasks = play.games.world.tasks
         samples = [
-            _sample(
-                f"{rules.part}-{number}-{distractor_seed}",
-                play,
-                task=number,
-                distractor_seed=distractor_seed,
-                goal=tasks[number].goal,
-            )
-            for distractor_seed in range(rules.distractor_seeds)
+            _sample(f"{rules.part}-{number}-{seed}", play, task=number, distractor_seed=seed, goal=tasks[number].goal)
+            for seed in range(rules.distractor_seeds)
             for number in chosen_tasks(play.games.world, rules.tasks).tolist()
         ]
         return _task(play, samples, f"{rules.graph}, {rules.part}", goal_made())

@@ -114,12 +114,10 @@ class _Server(MCPServer[Any]):
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
         """Call a tool; reject unknown arguments, and reword errors for players."""
-        known = next(
-            (tool.input_schema["properties"] for tool in await self.list_tools() if tool.name == name), arguments
-        )
-        if unknown := [argument for argument in arguments if argument not in known]:
+        known = {tool.name: tool.input_schema["properties"] for tool in await self.list_tools()}.get(name, arguments)
+        for unknown in arguments.keys() - known:
             expected = ", ".join(known) or "no arguments"
-            reason = f"unknown argument '{unknown[0][:_LONGEST]}': expected {expected}."
+            reason = f"unknown argument '{unknown[:_LONGEST]}': expected {expected}."
             raise ToolError(prompt_text("invalid", reason=reason))
         try:
             return await super().call_tool(name, arguments, context)
@@ -182,13 +180,8 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
 @lru_cache(1)
 def tools_hash() -> str:
     """Return the SHA-256 of all MCP prompts: game texts, instructions, tool lists for tasks and open-ended games."""
-    lists = []
-    for last, has_scorer in ((0, False), (None, True)):
-        listing = _server("", last, 2, has_scorer).list_tools()
-        try:
-            listing.send(None)  # the coroutine awaits nothing, so no event loop is needed
-        except StopIteration as done:
-            lists.append([tool.model_dump(mode="json") for tool in done.value])
+    servers = [_server("", last, 2, has_scorer) for last, has_scorer in ((0, False), (None, True))]
+    lists = [[tool.model_dump(mode="json") for tool in anyio.run(server.list_tools)] for server in servers]
     prompts = [prompt_hash(), _TOOLS, _INSTRUCTIONS, lists]
     return hashlib.sha256(json.dumps(prompts, sort_keys=True).encode()).hexdigest()
 
@@ -215,7 +208,7 @@ def _server(
     @server.tool(title="Combine two items", description=_TOOLS["combine"], annotations=_PLAYS)
     async def combine(game: _GameName, first: _Item, second: _Item) -> Annotated[CallToolResult, Combined]:
         playing = hosted().game(game)
-        before = set(playing.talk.game.labels)
+        before = playing.talk.game.labels
         result = playing.combine(first, second)
         new = [label for label in playing.talk.game.labels if label not in before]
         return _result(f"{result}\n\n{playing.talk.game.state}", Combined.of(playing, result=result, new=new))

@@ -1,7 +1,7 @@
 """Text agents' results as rows for the table that the command ``reference`` prints."""
 
 from collections.abc import Sequence
-from itertools import count, product
+from itertools import count
 from pathlib import Path
 from typing import Any, get_args
 
@@ -64,15 +64,15 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
         if not played:
             raise ConfigError(f"'{path}' holds no finished game.")
         return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=len(played)), played)
-    tasks = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
-    world = World(opened, tasks.environment)
+    games = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
+    tasks = set(chosen_tasks(World(opened, games.environment), settings.tasks).tolist())
     first = {(one.task, one.distractor_seed): one for one in reversed(played) if isinstance(one, PlayedTask)}
     seeds = 1 + max((distractor_seed for _, distractor_seed in first), default=0)
-    needed = set(product(chosen_tasks(world, settings.tasks).tolist(), range(seeds)))
-    if set(first) != needed:
+    needed, held = len(tasks) * seeds, sum(task in tasks for task, _ in first)  # seeds may be too many for a set
+    if not len(first) == held == needed:
         raise ConfigError(
-            f"'{path}' holds {len(needed & set(first)):,} / {len(needed):,} games for the {settings.part} tasks: "
-            "expected each task with each distractor seed, because selected tasks are not representative."
+            f"'{path}' holds {held:,} / {needed:,} games for the {settings.part} tasks: expected each task with each "
+            "distractor seed, because selected tasks are not representative."
         )
     return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=seeds), [*first.values()])
 
@@ -112,15 +112,8 @@ def _task_rows(
                 f"{','.join(map(str, columns))}; add {amount} to --distractors."
             )
         figures = figures_of({amount: (success.mean, success.ci_low, success.ci_high)})
-        row = _row(
-            path,
-            result,
-            play,
-            figures,
-            interval=OVER_TASKS,
-            tasks=success.tasks,
-            distractor_seeds=success.distractor_seeds,
-        )
+        amounts = {"tasks": success.tasks, "distractor_seeds": success.distractor_seeds}
+        row = _row(path, result, play, figures, interval=OVER_TASKS, **amounts)
         # A player with several results for the same tasks has a row per result.
         same = result.player, msgspec.structs.replace(settings, distractors=None)
         times = ((*same, time) for time in count())

@@ -91,12 +91,9 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
     tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
-    distractor_seeds = sorted({one.distractor_seed for one in played})
-    shape = len(tasks), len(distractor_seeds)
+    shape = len(tasks), len({one.distractor_seed for one in played})
     if len(played) != shape[0] * shape[1]:
-        raise ValueError(
-            f"{len(played)} games of {shape[0]} tasks with {shape[1]} distractor seeds: expected each combination"
-        )
+        raise ValueError(f"{len(played)} games: expected {shape[0]} tasks with {shape[1]} distractor seeds each")
     games = sorted(played, key=lambda one: (one.task, one.distractor_seed))
     return Evaluation(
         tasks,

@@ -185,8 +185,7 @@ def test_a_folder_in_which_another_process_plays_is_left_alone(play, games):
 
 
 @pytest.mark.parametrize(
-    ("name", "folder"),
-    [("lab/model-1.5", "lab-model-1.5"), ("../../up", "-..-up"), ("..", "player"), ("été", "été")],
+    ("name", "folder"), [("lab/model-1.5", "lab-model-1.5"), ("../../up", "-..-up"), ("..", "player"), ("été", "été")]
 )
 def test_a_name_with_slashes_names_one_folder_and_none_elsewhere(play, tmp_path, name, folder):
     assert play("--tasks", "1", "--name", name, out=None).code == 0

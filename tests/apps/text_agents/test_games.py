@@ -112,9 +112,6 @@ def test_a_game_that_is_given_up_takes_no_attempt_more(games: TaskGames):
         game.combine(0, 1)
 
 
-# --- the open-ended world --------------------------------------------------------------------------------------------
-
-
 def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitchen: OpenedGraph):
     games = DiscoveryGames(kitchen, attempts=4)
     base = len(games.env.discovery.base)
@@ -134,9 +131,6 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
     settings = PlayedSettings.of(games.env, kitchen.split)
     result = result_of("somebody", settings, [played, msgspec.structs.replace(played, known_after=())])
     assert result.known == {1: (known + base) / 2, 4: (played.known_after[-1] + base) / 2}
-
-
-# --- knowledge -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("part", ["test", "train"])
@@ -175,19 +169,23 @@ def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
 
 
 def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games: TaskGames, kitchen: OpenedGraph):
-    talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, max_invalid=0)
+    talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, max_invalid=1)
+    unknown = "Invalid answer: unknown item 'unicorn': expected an item name, or the start of a name."
+    assert (talk.hear("look up unicorn").startswith(unknown), talk.look_ups) == (True, 0)
     assert "look up water. A look-up does not use up an attempt. You have 2 look-ups." in talk.opening
     assert talk.hear("Look up: the Bread").startswith("Known recipes with bread:\n")
     talk.hear("look up bread")
-    assert (talk.look_ups, talk.game.attempts_left, talk.invalid_actions) == (2, 1, 0)
-    assert "You have no look-ups left" in talk.hear("look up bread")
-    assert talk.is_over
+    assert (talk.look_ups, talk.game.attempts_left, talk.invalid_actions) == (2, 1, 1)
+    replies = [talk.hear("look up bread") for _ in range(2)]
+    assert (all("You have no look-ups left" in reply for reply in replies), talk.is_over) == (True, True)
 
 
 def test_without_knowledge_nothing_can_be_looked_up(games: TaskGames):
     talk = Conversation(games.begin(0))
     assert "look up" not in talk.opening
     assert talk.hear("look up bread").startswith("Invalid answer")
+    with pytest.raises(ActionError, match="You have no look-ups left"):
+        talk.look_up(0)
 
 
 def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGames, kitchen: OpenedGraph):
@@ -205,19 +203,6 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGa
     train = TaskGames(World(kitchen, WordCraftConfig(part="train"))).begin(0)
     with pytest.raises(LeakError):
         knowledge.facts(entity, train)
-
-
-def test_look_ups_are_refused_without_knowledge_and_for_unknown_things(games: TaskGames, kitchen: OpenedGraph):
-    talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split))
-    with pytest.raises(ActionError, match="You have no look-ups left"):
-        Conversation(games.begin(0)).look_up(0)
-    assert talk.hear("look up unicorn").startswith(
-        "Invalid answer: unknown item 'unicorn': expected an item name, or the start of a name."
-    )
-    assert talk.look_ups == 0
-
-
-# --- files of games ---------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -44,6 +44,7 @@ MODES = ("legacy", "auto")
 COMMAND = ["-m", "wordcraft_kg", "mcp", "kitchen", "--distractors", "3"]
 CLIENT = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
 HELLO = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "initialize", "params": CLIENT}).encode()
+PING = b'{"jsonrpc": "2.0", "id": 8, "method": "ping"}'
 Reply = tuple[str, dict[str, Any] | None]
 Call = Callable[..., Awaitable[Reply]]
 
@@ -95,9 +96,6 @@ def served(host: HostedGames) -> Iterator[str]:
         web.should_exit = True
         thread.join()
         listening.close()
-
-
-# --- playing ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -249,9 +247,6 @@ def test_messages_of_a_game_have_a_limit_and_are_gone_with_the_record(monkeypatc
     assert (game.messages, kept) == ([], [])
 
 
-# --- keeping ---------------------------------------------------------------------------------------------------------
-
-
 def header_of(host: HostedGames) -> GamesHeader:
     return GamesHeader(player="clients", settings=host.play.settings)
 
@@ -316,9 +311,6 @@ def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path: Path):
     assert [(one.game, len(one.known_after)) for one in games_of(path)] == [(0, 2), (1, 2)]
 
 
-# --- transports ------------------------------------------------------------------------------------------------------
-
-
 async def transcript(call: Call, task: int) -> list[Any]:
     """Play a task and return all replies without the game's id."""
     text, begun = await call("begin", task=task, distractor_seed=1)
@@ -372,42 +364,31 @@ def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path
     assert connect(command, transcripts((0, 40)), "legacy") == played_alone((0, 40))
 
 
-@pytest.mark.slow
-def test_malformed_messages_on_stdin_are_passed_over_and_ctrl_c_ends_the_server():
-    lines = (b"nonsense", b'{"jsonrpc": "2.0"}', b'"\xff\xfe"', b"[" * 100_000, b"x" * 3_000_000, HELLO)
+def test_malformed_messages_on_stdin_are_passed_over_and_the_last_ones_answered_though_the_input_ends():
+    malformed = (b"nonsense", b'{"jsonrpc": "2.0"}', b'"\xff\xfe"', b"[" * 100_000, b"x" * 3_000_000)
+    ready = b'{"jsonrpc": "2.0", "method": "notifications/initialized"}'
     with running() as process:
-        process.stdin.write(b"".join(line + b"\n" for line in lines))
-        process.stdin.flush()
-        begun = json.loads(process.stdout.readline())
-        assert (begun["id"], begun["result"]["serverInfo"]["name"]) == (7, "wordcraft-kg")
-        process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=20)[0] == b""
-        assert process.returncode == -signal.SIGINT
-
-
-@pytest.mark.parametrize("end", ["", "\n"])
-def test_the_last_messages_are_answered_though_the_input_ends(end: str):
-    messages = [{"method": "notifications/initialized"}, *({"id": number, "method": "ping"} for number in range(8, 12))]
-    lines = [HELLO.decode(), "nonsense", *(json.dumps({"jsonrpc": "2.0", **message}) for message in messages)]
-    with running() as process:
-        out, err = process.communicate(("\n".join(lines) + end).encode(), timeout=20)
-    assert ([json.loads(line).get("id") for line in out.splitlines()], err) == ([7, 8, 9, 10, 11], b"")
+        out, err = process.communicate(b"\n".join((*malformed, HELLO, ready, PING, PING)), timeout=20)
+    begun, *answers = map(json.loads, out.splitlines())
+    assert (begun["id"], begun["result"]["serverInfo"]["name"]) == (7, "wordcraft-kg")
+    assert ([answer["id"] for answer in answers], err, process.returncode) == ([8, 8], b"", 0)
 
 
 @pytest.mark.slow
-def test_a_server_whose_client_does_not_read_ends_on_sigterm():
-    lines = [HELLO, *(b'{"jsonrpc": "2.0", "id": 8, "method": "ping"}' for _ in range(5_000))]
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number: signal.Signals):
     with running() as process:
 
         def write() -> None:
             with suppress(BrokenPipeError):
-                process.stdin.write(b"\n".join(lines))
+                process.stdin.write(b"\n".join([HELLO] + [PING] * 5_000))
 
         writing = threading.Thread(target=write)
         writing.start()
         writing.join(3)
-        process.terminate()
-        assert process.wait(5) == -signal.SIGTERM
+        process.send_signal(number)
+        assert process.wait(5) == -number
+        writing.join()
 
 
 def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_server_goes_on():
@@ -439,9 +420,6 @@ def test_over_http_a_game_goes_on_in_another_connection(mode: str):
         _, begun = connect(address, lambda client: called(client, "begin", task=0), mode)
         _, state = connect(address, lambda client: called(client, "state", game=begun["game"]), mode)
     assert (state["game"], state["attempts_left"]) == (begun["game"], 1)
-
-
-# --- the command -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

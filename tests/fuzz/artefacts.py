@@ -62,11 +62,13 @@ STUDY = (
     ("people", "summary", "{}", "--export", "out"),
     (*("people", "serve", "in/graph", "--tasks", "3", "--forms", "2", "--distractors", "1,2", "--out", "{}"), *SERVED),
 )
+PLAYED = ("evaluate-text", "in/graph", "--player", "cat", "--distractors", "2", "--tasks", "4")
+TEXT = (("reference", "in/graph", "--distractors", "2", "--external-results", "{}"), (*PLAYED, "--out", "{}"))
 READERS = {
     "graph": GRAPH,
     **dict.fromkeys(("model", "model-table", "model-interrupted"), MODEL),
     **dict.fromkeys(("agent", "agent-interrupted"), AGENT),
-    **{"session": SESSION, "study": STUDY},
+    **{"session": SESSION, "study": STUDY, "text": TEXT},
 }
 """By kind of folder: the commands that read it; ``{}`` is the spoilt one."""
 

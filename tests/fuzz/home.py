@@ -41,6 +41,8 @@ def make_home(home: Path) -> Path:
     assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
     game = ("play", "graph", "--protocol", "paper", "--distractors", "2", "--out", "session/human.jsonl", "--quiet")
     assert call(game, home, b"1\n2\n" * 6).code == 0
+    played = ("evaluate-text", "graph", "--player", "cat", "--distractors", "2", "--tasks", "4", "--out", "text")
+    assert call((*played, "--quiet"), home).code == 0
     _make_study(home)
     return home
 

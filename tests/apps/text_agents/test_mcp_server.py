@@ -381,7 +381,11 @@ def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number: signa
 
         def write() -> None:
             with suppress(BrokenPipeError):
-                process.stdin.write(b"\n".join([HELLO] + [PING] * 5_000))
+                process.stdin.write(b"\n".join([PING] * 5_000))
+
+        process.stdin.write(HELLO + b"\n")
+        process.stdin.flush()
+        assert process.stdout.readline()
 
         writing = threading.Thread(target=write)
         writing.start()

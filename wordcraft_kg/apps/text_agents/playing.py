@@ -47,6 +47,8 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
     )
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "written"):
+        if path.is_symlink():
+            raise ArtefactError(f"{path} is a link; expected a file. Choose another `out`.")
         played = open_games(path, GamesHeader(player=player, settings=settings))
         for line, one in enumerate(played, 2):
             key = (one.task, one.distractor_seed) if isinstance(one, PlayedTask) else (0, one.game)

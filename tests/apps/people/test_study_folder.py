@@ -5,7 +5,7 @@ import math
 import shutil
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +16,7 @@ import pytest
 from refusals import refuses
 
 from tests.apps.people.stored import at_once, contents, go_on, lines_of, other_world, unchanged
+from wordcraft_kg.apps.people import answers_database
 from wordcraft_kg.apps.people.answers_database import ANSWERS_FILE, AnswersDatabase, Cell, Participant, read_answers
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
@@ -217,9 +218,11 @@ def killed(study: Study, folder: Path, answers: AnswersDatabase, tmp_path: Path)
     return Path(shutil.copytree(folder, tmp_path / "killed"))
 
 
-def test_what_was_stored_is_there_after_a_kill(study: Study, killed: Path):
-    assert (killed / f"{ANSWERS_FILE}-wal").exists()
-    assert [len(session.answers) for session in read_study(killed).sessions()] == [4]
+def test_what_was_stored_is_there_after_a_kill(study: Study, killed: Path, caplog):
+    (killed / f"{ANSWERS_FILE}-shm").unlink()
+    with unchanged(killed):  # as on a read-only medium
+        assert [len(session.answers) for session in read_study(killed).sessions()] == [4]
+    assert not caplog.records
     with closing(opened(killed)) as answers:
         person = answers.find("0" * 64)
         assert person is not None
@@ -227,6 +230,64 @@ def test_what_was_stored_is_there_after_a_kill(study: Study, killed: Path):
         go_on(answers, study, person)
     assert sorted(contents(killed)) == FILES
     assert read_study(killed).sessions()[0].is_finished
+
+
+LOGS: dict[str, Callable[[bytes], bytes]] = {
+    "cut after an answer": lambda log: log[: 32 + 15 * 4_120],
+    "cut within an answer": lambda log: log[:-20_000],
+    "cut to nothing": lambda log: b"",
+    "cut within the header": lambda log: log[:20],
+    "zeros": lambda log: bytes(len(log)),
+    "zeros within": lambda log: log[:70_000] + bytes(4_120) + log[74_120:],
+    "zeros at the end": lambda log: log[:70_000] + bytes(len(log) - 70_000),
+    "another header": lambda log: b"\x01" + log[1:],
+    "another byte": lambda log: log[:50_000] + bytes([log[50_000] ^ 1]) + log[50_001:],
+}
+
+
+@pytest.mark.parametrize("damage", LOGS)
+def test_a_damaged_log_of_a_killed_server_is_warned_of(study: Study, killed: Path, caplog, damage: str):
+    log = killed / f"{ANSWERS_FILE}-wal"
+    log.write_bytes(LOGS[damage](log.read_bytes()))
+    for reads in (1, 2):
+        with unchanged(killed):
+            assert sum(len(session.answers) for session in read_study(killed).sessions()) < 4
+        assert caplog.text.count("answers may be missing") == reads
+    with kept_answers(killed, study):
+        assert caplog.text.count("answers may be missing") == 3
+
+
+def test_a_withdrawn_answer_is_in_no_file_while_the_study_goes_on(study: Study, folder: Path, answers: AnswersDatabase):
+    leaves, stays = (answers.begin(code, study.cells) for code in ("0" * 64, "1" * 64))
+    for person in (leaves, stays):
+        go_on(answers, study, person)
+    tables = {person: [task.table for task in study.tasks(person.cell)] for person in (leaves, stays)}
+    private = [json.dumps(table, ensure_ascii=False) for table in tables[leaves] if table not in tables[stays]]
+
+    def found() -> set[bool]:
+        return {text.encode() in b"".join(contents(folder).values()) for text in (*private, "0" * 64)}
+
+    assert (len(private), found()) == (6, {True})
+    answers.withdraw(leaves)
+    assert found() == {False}
+
+
+def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    connect = sqlite3.connect
+
+    def read_only(path: object, **options: Any) -> sqlite3.Connection:
+        return connect(path if "uri" in options else f"{Path(str(path)).as_uri()}?mode=ro", **options | {"uri": True})
+
+    monkeypatch.setattr(sqlite3, "connect", read_only)
+    with pytest.raises(ArtefactError, match="cannot be read or written"):
+        opened(folder)
+
+
+def test_a_study_that_begins_on_a_full_disk_leaves_nothing(study: Study, tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(answers_database, "TABLES", ("PRAGMA max_page_count = 2", *answers_database.TABLES))
+    with pytest.raises(ArtefactError, match="database or disk is full"), kept_answers(tmp_path / "study", study):
+        pass
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,14 @@
 """A study's pages as a browser gets them: consent, tasks, answers once, and nothing about the person."""
 
+import asyncio
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from html import unescape
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
@@ -15,7 +18,8 @@ from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers
-from wordcraft_kg.apps.people.web_app import code_hash, make_study_app
+from wordcraft_kg.apps.people.web_app import code_hash, make_study_app, steady_clock
+from wordcraft_kg.apps.web import guard
 from wordcraft_kg.apps.web.guard import HEADERS
 from wordcraft_kg.graphs import RecipeGraph
 
@@ -28,8 +32,8 @@ class Browser:
 
     def __init__(self, study: Study, answers: AnswersDatabase, folder: Path):
         self.study, self.answers, self.folder, self.now = study, answers, folder, 1_000.0
-        app = make_study_app(study, answers, clock=lambda: self.now)
-        self.client = TestClient(app, base_url="http://localhost:8766")
+        self.app = make_study_app(study, answers, clock=lambda: self.now)
+        self.client = TestClient(self.app, base_url="http://localhost:8766")
         self.place = self.page = ""
         self.status = 0
 
@@ -384,7 +388,37 @@ def test_an_error_within_shows_nothing_of_itself(browser: Browser, code: str, mo
     assert "Your answers are safe" in page
 
 
-def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitchen: RecipeGraph, tmp_path: Path):
+def test_the_machine_s_time_does_not_count(monkeypatch: pytest.MonkeyPatch):
+    clock = steady_clock()
+    began = clock()
+    assert abs(began - time.time()) < 5
+    for now in (0.0, 1e9, 1e10):
+        monkeypatch.setattr(time, "time", lambda now=now: now)
+        assert 0 <= clock() - began < 5
+
+
+@pytest.mark.parametrize(("ends", "status"), [("late", 408), ("cancelled", 503)])
+def test_a_half_sent_form_is_refused_after_a_while_and_at_the_end(browser: Browser, monkeypatch, caplog, ends, status):
+    monkeypatch.setattr(guard, "LONGEST_WAIT", 0.05 if ends == "late" else 60)
+    headers = [(b"host", b"localhost"), (b"content-length", b"100")]
+    scope = {"type": "http", "method": "POST", "path": "/begin", "query_string": b"", "headers": headers}
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def serve() -> None:
+        running = asyncio.create_task(browser.app(scope, asyncio.Event().wait, send))
+        await asyncio.sleep(0)
+        if ends == "cancelled":
+            running.cancel()
+        await running
+
+    asyncio.run(serve())
+    assert (sent[0]["status"], caplog.records) == (status, [])
+
+
+def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitchen, tmp_path: Path, caplog):
     study = Study(kitchen, StudyConfig(tasks=40, forms=1))
     with browsing(study, tmp_path / "study") as browser:
         connection, code = browser.answers._connection, browser.begin()
@@ -398,6 +432,7 @@ def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitc
                 acknowledged += browser.status != 500
             assert acknowledged < 80
         assert "Something went wrong" in browser.page
+        assert [(record.exc_info, "disk is full" in record.message) for record in caplog.records] == [(None, True)]
         assert len(browser.lines()) == acknowledged
         connection.execute("PRAGMA max_page_count = 1000000")
         browser.take(code, 1, 2)

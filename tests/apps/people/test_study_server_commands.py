@@ -15,7 +15,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from tests.apps.people.stored import go_on, refused, unchanged
@@ -25,7 +25,7 @@ from wordcraft_kg.apps.people.session_file import append_answer, open_session
 from wordcraft_kg.apps.people.study import Study, kept_answers, read_study
 
 Run = Callable[..., Any]
-CLIENT = httpx.Client(follow_redirects=True, timeout=30)
+CLIENT = httpx2.Client(follow_redirects=True, timeout=30)
 ROOT = Path(__file__).parents[3]
 SETTINGS = {"--tasks": "2", "--distractors": "1,8", "--forms": "2"}
 SMALL = ("--no-browser", *(word for option in SETTINGS.items() for word in option))
@@ -103,7 +103,7 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
 def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(tmp_path: Path):
     with served(tmp_path / "study", "--verbose") as (process, address):
         code = begin(address)
-        with pytest.raises(httpx.HTTPStatusError):
+        with pytest.raises(httpx2.HTTPStatusError):
             page(address, f"/s/{code}/nothing")
         process.send_signal(signal.SIGTERM)
         said, log = process.communicate(timeout=20)
@@ -268,7 +268,7 @@ def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_dou
                 for task in range(4):
                     answer(address, code, task)
                     acknowledged.append((code, task))
-        except httpx.TransportError as error:  # the server is away
+        except httpx2.TransportError as error:  # the server is away
             failed.append(error)
 
     with served(out) as (process, address):

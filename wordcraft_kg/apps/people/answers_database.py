@@ -4,19 +4,24 @@ SQLite in write-ahead mode with full synchronisation: commits survive a killed p
 """
 
 import json
+import logging
 import os
+import shutil
 import sqlite3
+import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from wordcraft_kg.apps.people.protocol import Answer
 from wordcraft_kg.base.artefacts import check_file
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_record
+from wordcraft_kg.runs.folder import locked
 
 ANSWERS_FILE = "answers.sqlite"
 APPLICATION = 0x57434B47
@@ -39,6 +44,7 @@ ON a.session = s.number WHERE s.code NOT LIKE 'withdrawn %' GROUP BY s.form, s.d
 """
 BUSY = 10
 """Seconds to wait for a reader."""
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, order=True)
@@ -82,7 +88,7 @@ class AnswersDatabase:
         """Open or create the database of a study.
 
         Args:
-            path: the file; damaged and different files are an ArtefactError and stay unchanged.
+            path: the file; damaged, different and read-only files are an ArtefactError and stay unchanged.
             study: hash of the study record.
             turns: tasks per person.
         """
@@ -90,27 +96,36 @@ class AnswersDatabase:
             _make(path, study)
         with _reading(path, study):
             pass
-        self._turns, self._lock = turns, threading.Lock()
+        self._path, self._turns, self._lock = path, turns, threading.Lock()
         self._connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None, check_same_thread=False)
         try:
-            # Withdrawn answers are overwritten.
-            for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "secure_delete = ON"):
+            # Withdrawn answers are overwritten; writing the version again fails in a read-only folder.
+            settings = "journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "secure_delete = ON"
+            for pragma in (*settings, f"user_version = {VERSION}"):
                 self._connection.execute(f"PRAGMA {pragma}")
         except sqlite3.Error as error:
             self.close()
-            raise _damaged(path, error) from None
+            raise _failed(path, error) from None
+        self._empty_log()
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
         with self._lock:
-            self._connection.execute("BEGIN IMMEDIATE")
             try:
+                self._connection.execute("BEGIN IMMEDIATE")
                 yield self._connection
                 self._connection.execute("COMMIT")
-            except BaseException:
-                if self._connection.in_transaction:  # a full disk has ended the transaction already
+            except sqlite3.Error as error:
+                raise _failed(self._path, error) from None
+            finally:
+                if self._connection.in_transaction:  # a full disk ends the transaction
                     self._connection.execute("ROLLBACK")
-                raise
+
+    def _empty_log(self) -> None:
+        with self._lock, suppress(sqlite3.Error):
+            if not self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
+                return
+        _LOG.warning("%s-wal keeps withdrawn answers until the server stops or starts again.", self._path)
 
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
         """Start a session in the cell with the fewest sessions; ties: fewest finished sessions, then order.
@@ -184,6 +199,7 @@ class AnswersDatabase:
             for table in ("answers", "showings"):
                 connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
             connection.execute("UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?", (person.number,))
+        self._empty_log()
 
     def stored(self) -> Stored:
         """Return counts for people and answers."""
@@ -222,10 +238,8 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
 @contextmanager
 def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
     check_file(path)
-    # Without a log there is no writer, so no lock is needed.
-    mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
     try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True, timeout=BUSY)) as connection:
+        with _address(path) as address, closing(sqlite3.connect(address, uri=True, timeout=BUSY)) as connection:
             connection.execute("BEGIN")
             kind = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
             if kind != [APPLICATION, VERSION]:
@@ -243,14 +257,54 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
                 )
             yield connection
     except sqlite3.Error as error:
-        raise _damaged(path, error) from None
+        raise _failed(path, error) from None
+
+
+@contextmanager
+def _address(path: Path) -> Iterator[str]:
+    """Yield the address for reading: after a kill a copy, because SQLite would write to the log."""
+    address, log, index = path.resolve().as_uri(), *(path.with_name(f"{path.name}-{end}") for end in ("wal", "shm"))
+    if not log.exists() and not index.exists():
+        yield f"{address}?immutable=1"  # without a log there is no writer, so no lock is needed
+    elif _is_served(path.parent):
+        yield f"{address}?mode=ro"
+    else:
+        with TemporaryDirectory() as folder:
+            copy = Path(shutil.copy(path, folder))
+            entries, shared = (part.read_bytes() if part.exists() else b"" for part in (log, index))
+            copy.with_name(log.name).write_bytes(entries)
+            with closing(sqlite3.connect(copy)) as connection:
+                read = connection.execute("PRAGMA wal_checkpoint").fetchone()[1]
+            if read < (written := _pages(entries, shared)):
+                lost = f"{written - max(read, 0)} of its {written} pages cannot be read, so answers may be missing"
+                _LOG.warning("%s is damaged or ends in an unfinished answer: %s. Compare with a copy.", log, lost)
+            yield copy.as_uri()
+
+
+def _is_served(folder: Path) -> bool:
+    try:
+        with locked(folder):
+            return False
+    except ArtefactError:
+        return True
+
+
+def _pages(log: bytes, index: bytes) -> int:
+    """Return the number of pages that a write-ahead log should have (sqlite.org/walformat.html)."""
+    size, salt = 24 + int.from_bytes(log[8:12], "big"), log[16:24]
+    starts = range(32, len(log), size)
+    # Pages from before the last checkpoint follow with another salt.
+    is_current = [log[at + 8 : at + 16] in (salt, bytes(8)) or at + size > len(log) for at in starts]
+    found = max((number for number, is_one in enumerate(is_current, 1) if is_one), default=len(log) not in (0, 32))
+    committed, saved = (int.from_bytes(index[at : at + 4], sys.byteorder) for at in (16, 96))
+    return max(found, committed if committed > saved and (len(log) <= 32 or index[32:40] == salt) else 0)
 
 
 def _make(path: Path, study: str) -> None:
     """Create the database under a temporary name first, so that no partial file appears."""
     new = path.with_name(f".{path.name}.new")
-    new.unlink(missing_ok=True)
     try:
+        new.unlink(missing_ok=True)
         with closing(sqlite3.connect(new, isolation_level=None)) as connection:
             connection.execute("BEGIN IMMEDIATE")
             for statement in (*TABLES, f"PRAGMA application_id = {APPLICATION}", f"PRAGMA user_version = {VERSION}"):
@@ -258,6 +312,8 @@ def _make(path: Path, study: str) -> None:
             connection.execute("INSERT INTO study VALUES (?)", (study,))
             connection.execute("COMMIT")
         os.replace(new, path)
+    except sqlite3.Error as error:
+        raise _failed(path, error) from None
     finally:
         new.unlink(missing_ok=True)
     if os.name == "posix":  # the new name is on disk, too
@@ -279,6 +335,12 @@ def _answer(row: Sequence[Any], path: Path | str = ANSWERS_FILE) -> StoredAnswer
     return StoredAnswer(
         session, as_record(dict(zip(Answer.__struct_fields__, values, strict=True)), Answer, path), loads
     )
+
+
+def _failed(path: Path, error: sqlite3.Error) -> ArtefactError:
+    if not isinstance(error, sqlite3.OperationalError):
+        return _damaged(path, error)
+    return ArtefactError(f"{path} cannot be read or written: {error}. Expected a writable folder with free space.")
 
 
 def _damaged(path: Path, error: object) -> ArtefactError:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -122,16 +123,21 @@ def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
         ArtefactError: if another server uses the folder, a file is damaged, or this version poses different tasks.
         GraphMismatchError, ConfigError, OutputExistsError: see :func:`check_study_folder`. The folder is unchanged.
     """
-    check_study_folder(folder, study.record)
+    if check_study_folder(folder, study.record) and (folder / ANSWERS_FILE).exists():
+        _check_tasks(folder, study)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "served"):
-        if not check_study_folder(folder, study.record):
-            write_atomically(folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True)
-        _, identity = read_study_record(folder)
-        path = folder / ANSWERS_FILE
-        if path.exists():
-            _check_tasks(folder, study)
-        with closing(AnswersDatabase(path, identity, len(HUMAN_PARTS) * study.record.tasks)) as answers:
+        is_new = not check_study_folder(folder, study.record)
+        try:
+            if is_new:
+                write_atomically(folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True)
+            _, identity = read_study_record(folder)
+            answers = AnswersDatabase(folder / ANSWERS_FILE, identity, len(HUMAN_PARTS) * study.record.tasks)
+        except BaseException:
+            if is_new:  # such as a full disk
+                shutil.rmtree(folder)
+            raise
+        with closing(answers):
             yield answers
 
 

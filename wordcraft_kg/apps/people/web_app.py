@@ -43,10 +43,10 @@ def make_study_app(
     host: str = "127.0.0.1",
     more_hosts: Collection[str] = (),
     *,
-    clock: Callable[[], float] = time.time,
+    clock: Callable[[], float] | None = None,
 ) -> ASGIApp:
-    """Return the application for a host and further host names; the clock counts seconds across restarts."""
-    server = _Server(study, answers, clock)
+    """Return the application for a host and further host names; the clock counts seconds, even across restarts."""
+    server = _Server(study, answers, clock or steady_clock())
     routes = [
         Route("/", server.first),
         Route("/begin", server.begin, methods=["POST"]),
@@ -63,6 +63,12 @@ def make_study_app(
     ]
     router = Router(routes, redirect_slashes=False, default=server.not_found)
     return Guard(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
+
+
+def steady_clock() -> Callable[[], float]:
+    """Return a clock in seconds since 1970 that ignores later changes of the machine's time."""
+    began = time.time() - time.monotonic()
+    return lambda: began + time.monotonic()
 
 
 def new_code() -> str:

@@ -1,5 +1,6 @@
 """The guard for web applications: permitted hosts and sites, request sizes, and error pages."""
 
+import asyncio
 import logging
 from collections.abc import Callable, Collection
 from urllib.parse import SplitResult, urlsplit
@@ -7,6 +8,8 @@ from urllib.parse import SplitResult, urlsplit
 from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from wordcraft_kg.base.errors import WordCraftKGError
 
 POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -25,6 +28,8 @@ LONGEST_ADDRESS = 8_192
 """Bytes for path and query."""
 LONGEST_BODY = 65_536
 """Bytes."""
+LONGEST_WAIT = 60.0
+"""Seconds until the body of a request must be complete."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 ErrorPage = Callable[[int, str], str]
 """Renders an error page from a status and a message."""
@@ -65,8 +70,15 @@ class Guard:
             try:
                 await self.app(scope, _limited(receive), with_headers)
                 return
-            except _TooLong:
-                refusal = 413, f"The request is too large (limit: {LONGEST_BODY:,} bytes)."
+            except _Refused as error:
+                refusal = error.status, str(error)
+            except asyncio.CancelledError:
+                if has_begun:
+                    return
+                refusal = 503, "The server is stopping. Please reload the page later."
+            except WordCraftKGError as error:
+                logging.getLogger(__name__).error("%s", error)
+                refusal = 500, "Something went wrong. See the terminal for details."
             except Exception:
                 logging.getLogger(__name__).exception("error in request %s", scope["path"][:200])
                 if has_begun:
@@ -92,19 +104,27 @@ class Guard:
         return None
 
 
-class _TooLong(Exception):
-    """A body exceeds the limit."""
+class _Refused(Exception):
+    def __init__(self, status: int, message: str):
+        super().__init__(message)
+        self.status = status
 
 
 def _limited(receive: Receive) -> Receive:
-    received = 0
+    received, deadline = 0, asyncio.get_running_loop().time() + LONGEST_WAIT
+    is_whole = False
 
     async def limited() -> Message:
-        nonlocal received
-        message = await receive()
+        nonlocal received, is_whole
+        try:
+            async with asyncio.timeout_at(None if is_whole else deadline):
+                message = await receive()
+        except TimeoutError:
+            raise _Refused(408, f"The request is incomplete (limit: {LONGEST_WAIT:g} seconds).") from None
         received += len(message.get("body", b""))
+        is_whole = not message.get("more_body", False)
         if received > LONGEST_BODY:
-            raise _TooLong
+            raise _Refused(413, f"The request is too large (limit: {LONGEST_BODY:,} bytes).")
         return message
 
     return limited

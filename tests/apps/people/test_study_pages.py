@@ -138,6 +138,7 @@ def test_each_first_page_has_a_code_of_its_own(browser: Browser):
 
 def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: Browser, code: str):
     assert f">{code}<" in browser.page
+    assert "The second selection is final" in browser.page
     browser.take(code, 1, 2)
     page = browser.post("/return", {"code": code.upper().replace("-", " ")})
     assert browser.place == f"/s/{code}"

@@ -295,9 +295,9 @@ def _pages(log: bytes, index: bytes) -> int:
     starts = range(32, len(log), size)
     # Pages from before the last checkpoint follow with another salt.
     is_current = [log[at + 8 : at + 16] in (salt, bytes(8)) or at + size > len(log) for at in starts]
-    found = max((number for number, is_one in enumerate(is_current, 1) if is_one), default=len(log) not in (0, 32))
+    recorded = max((number for number, is_one in enumerate(is_current, 1) if is_one), default=len(log) not in (0, 32))
     committed, saved = (int.from_bytes(index[at : at + 4], sys.byteorder) for at in (16, 96))
-    return max(found, committed if committed > saved and (len(log) <= 32 or index[32:40] == salt) else 0)
+    return max(recorded, committed if committed > saved and (len(log) <= 32 or index[32:40] == salt) else 0)
 
 
 def _make(path: Path, study: str) -> None:

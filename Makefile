@@ -4,9 +4,12 @@ BIN := .venv/bin
 DEMO := demo
 # A third of the paper's steps: the curves are nearly flat by then.
 AGENT := --steps 1000000
+# The studies of `make results`, with their options, and its time limit.
+STUDY := all
+MINUTES := 30
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow browser lint format docs site clean
+.PHONY: help install demo test slow browser lint format docs results site clean
 
 help:
 	@echo "make demo     set up, then book -> graph -> scorers -> agents -> reports, on the book everyday"
@@ -16,6 +19,7 @@ help:
 	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, directions of imports, generated pages, language"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/terms.md from the glossary"
+	@echo "make results  train the next missing cells of docs/results/cells for MINUTES=30; of some studies with STUDY='splits'"
 	@echo "make site     the guides, the Python reference and the book everyday in the explorer as a website, in site/"
 	@echo "make clean    remove what was built; .venv stays"
 
@@ -76,6 +80,11 @@ docs: install
 	$(BIN)/python docs/make_terms.py
 	$(BIN)/python docs/make_partial_graph.py
 	$(BIN)/python docs/make_results.py
+
+# 124: the time is over. All finished cells are stored, and the next call resumes the unfinished trainings.
+results: install
+	timeout --foreground --signal=INT $(MINUTES)m nice -n 19 $(BIN)/wordcraft-kg reproduce $(STUDY) \
+		--store docs/results/cells --out results --keep figures || [ $$? = 124 ]
 
 site: install
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"

@@ -26,6 +26,7 @@ from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.scatter import ScorerScatter
 from wordcraft_kg.studies.store import studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
+from wordcraft_kg.studies.tables import origin_in_words
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
@@ -94,10 +95,11 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
     if not found:
         yield "No study has been run yet: this page fills itself from the files in `docs/results/`."
         return
-    yield "| study | book | steps | seeds | trainings | missing | hours of one core |"
-    yield "|---|---|---|---|---|---|---|"
+    has_gaps = any(results.missing for results in found)
+    yield f"| study | book | steps | seeds | trainings |{' missing |' * has_gaps} hours of one core |"
+    yield f"|---|---|---|---|---|{'---|' * has_gaps}---|"
     for results, view in zip(found, views, strict=True):
-        trainings = f"{len(results.runs)} | {len(results.missing) or ''}"
+        trainings = f"{len(results.runs)}" + f" | {len(results.missing) or ''}" * has_gaps
         yield (
             f"| [{current(results).title}](#{anchor(results)}) | {shown_book(results)} | {steps_of(view)} | "
             f"{seeds_of(view)} | {trainings} | {results.hours:.1f} |"
@@ -190,9 +192,18 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
         yield f"Missing: {missing_text(results)}."
         yield ""
     graphs = [f"{of.name} `{of.hash[:12]}` ({of.kind}, split `{of.split[:12]}`)" for of in results.graphs]
-    versions = ", ".join(f"{name} {version}" for name, version in results.versions.items())
-    yield f"Made with `{results.command}`: {results.hours:.1f} core hours, on {', '.join(graphs)}; {versions}."
+    how = f"{results.hours:.1f} core hours, on {', '.join(graphs)}; {origins_of(results)}"
+    yield f"Made with `{results.command}`: {how}."
     yield ""
+
+
+def origins_of(results: StudyResults) -> str:
+    """Return the platforms and versions of the trainings."""
+    made = [(f"{origin_in_words(of)}, {of.platform}: ", of.versions) for of in results.origins] or [
+        ("", results.versions)
+    ]
+    texts = (who + ", ".join(f"{name} {version}" for name, version in versions.items()) for who, versions in made)
+    return "; ".join(texts)
 
 
 def point_table(view: StudyView, point: PointFigures) -> Iterator[str]:

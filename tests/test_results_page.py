@@ -57,7 +57,7 @@ def test_the_page_has_the_figures_of_each_variant_the_claims_and_a_picture(scrip
     lines = text.splitlines()
     guided = lines.index("| guided | 2 | .255 | .600 [.502, .691] | +.400 [+.400, +.400] | .300 | .500 |")
     assert "8 distractors, 100 test tasks:" in lines[guided - 5]
-    row = "| [A fabricated study](#fabricated-everyday) | `everyday` | 2,000 | 2 | 4 |  | 0.5 |"
+    row = "| [A fabricated study](#fabricated-everyday) | `everyday` | 2,000 | 2 | 4 | 0.5 |"
     assert lines.index(row) < lines.index("## Claims")
     assert "Of the paper: 1 reproduced, 1 not run. Of this project: none." in text
     figures = "*guided* .600 against *none* .200: +.400 [+.400, +.400] (2 seeds, 100 tasks)"
@@ -68,6 +68,7 @@ def test_the_page_has_the_figures_of_each_variant_the_claims_and_a_picture(scrip
 def test_what_is_missing_is_named_with_the_reason(script):
     lost = tuple(Missing("guided", {"distractors": 1}, seed, "the disk was full") for seed in range(3))
     text = text_of(script, results_of(SOME, missing=lost))
+    assert "| 2,000 | 2 | 4 | 3 | 0.5 |" in text
     assert "Missing: 3 trainings (the disk was full), the first guided, 1 distractor, seed 0." in text
     assert "**not run**: no runs for 'guided', distractors 1: the disk was full" in text
 

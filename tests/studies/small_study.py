@@ -46,13 +46,14 @@ HALF = {
 RUN_FIGURES = RunFigures(
     **HALF,
     seconds=1.0,
-    versions={},
+    versions={"torch": "2"},
+    platform="here",
     graph=PlayedGraph("nowhere", "0" * 64, "by-recipe", 0, "0" * 64),
     curve=((0, 0.0), (10, 0.5)),
     steps=10,
     steps_per_second=10,
 )
-SCORER_FIGURES = ScorerFigures(seconds=1.0, versions={}, mrr=0.5, kg="partial")
+SCORER_FIGURES = ScorerFigures(seconds=1.0, versions={"torch": "2"}, platform="here", mrr=0.5, kg="partial")
 
 
 def pretend(task: Task, root: Path) -> Outcome:
@@ -89,8 +90,13 @@ class Inline:
         self.stopped = True
 
 
-def run_small(root: Path, plan: Plan | None = None, work: Callable[[Task, Path], Outcome] = perform) -> Inline:
+def run_small(
+    root: Path,
+    plan: Plan | None = None,
+    work: Callable[[Task, Path], Outcome] = perform,
+    store: Path | None = None,
+) -> Inline:
     """Run a study inline; return the workers, which know what was begun."""
     workers = Inline(root, work)
-    run_plan(plan or small_plan(), root, lambda: workers)
+    run_plan(plan or small_plan(), root, lambda: workers, store=store)
     return workers

@@ -131,13 +131,13 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
         except RecipeFileError:  # the published book is missing; the built-in book has about the same size
             plan = make_plan(adapted(study, book="everyday"), name)
         tasks |= plan.tasks
-        hours = estimated_hours(plan, engine.out) / plan.jobs(engine.jobs)
+        hours = estimated_hours(plan, engine.out, engine.store) / plan.jobs(engine.jobs)
         trainings = len(cells_of(study))
         listed[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
         about = f"{study.title}: {trainings} trainings, about {hours:.1f} hours left on this machine"
         rows += [(name, about), ("", study.source)]
     everything = replace(plan, tasks=tasks)
-    hours = estimated_hours(everything, engine.out) / everything.jobs(engine.jobs)
+    hours = estimated_hours(everything, engine.out, engine.store) / everything.jobs(engine.jobs)
     rows.append((ALL, f"about {hours:.1f} hours left: shared trainings run once"))
     following = "run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3"
     output.result({"studies": listed, "hours": round(hours, 2)}, [*aligned(rows), following])

@@ -35,6 +35,8 @@ class EngineOptions:
         jobs: parallel trainings of the local engine. Default: the number of cores.
         address: Ray cluster: auto, or host:port. Default: a new cluster on this machine.
         keep: all run files, or figures: without weights and episodes (tens of megabytes).
+        store: folder of finished cells (docs/results/cells in the repository): its results are taken, missing cells are
+            trained and added.
         dry_run: list the tasks and the run time without running anything.
     """
 
@@ -43,6 +45,7 @@ class EngineOptions:
     jobs: int | None = None
     address: str | None = None
     keep: Literal["all", "figures"] = "all"
+    store: Path | None = None
     dry_run: Flag = False
 
     def make_workers(self, plan: "Plan") -> "Callable[[], Workers]":
@@ -80,7 +83,8 @@ def run_studies(studies: dict[str, Study], options: EngineOptions, output: Outpu
             command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
             with sigterm_as_interrupt():
                 workers = options.make_workers(plan)
-                state = run_plan(plan, options.out, workers, command=command, watch=_watch(plan, output))
+                watch = _watch(plan, output)
+                state = run_plan(plan, options.out, workers, command=command, watch=watch, store=options.store)
             values[plan.name], lines = _reported(plan, state, options)
             failed |= bool(state.failed) or values[plan.name]["report"] is None
         text += lines
@@ -91,7 +95,7 @@ def run_studies(studies: dict[str, Study], options: EngineOptions, output: Outpu
 def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
     from wordcraft_kg.studies.engine import estimated_hours
 
-    hours, jobs = estimated_hours(plan, options.out), plan.jobs(options.jobs)
+    hours, jobs = estimated_hours(plan, options.out, options.store), plan.jobs(options.jobs)
     kinds = Counter(task.kind for task in plan.tasks.values())
     counts = ", ".join(f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items())
     about = f"{counts}; about {hours:.1f} core hours, {hours / jobs:.1f} hours with {jobs} jobs"
@@ -111,7 +115,8 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
     results = collect_study(options.out, plan.name)
     folder, page = options.out / "reports" / plan.name, None
     failures = {plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()}
-    text = [f"{state.done:,} tasks done, {state.kept:,} already done, {len(failures):,} failed"]
+    from_store = f" ({state.taken:,} of them in '{options.store}')" if state.taken else ""
+    text = [f"{state.done:,} tasks done, {state.kept:,} already done{from_store}, {len(failures):,} failed"]
     text += _first([f"  {title}: {error}" for title, error in failures.items()], f"in {options.out / 'failed'}/")
     try:
         if results.runs:
@@ -123,7 +128,13 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
     except ConfigError as error:  # figures cannot be averaged; continue with the next study
         text.append(f"no report: {error}")
     report = None if page is None else str(folder)
-    return {"done": state.done, "kept": state.kept, "failed": failures, "report": report}, text
+    return {
+        "done": state.done,
+        "kept": state.kept,
+        "from_store": state.taken,
+        "failed": failures,
+        "report": report,
+    }, text
 
 
 def _first(lines: list[str], rest: str) -> list[str]:

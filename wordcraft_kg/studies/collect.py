@@ -11,6 +11,7 @@ from wordcraft_kg.studies.plan import CONFIG_OF, DEFAULTS_OF_AGENT, DEFAULTS_OF_
 from wordcraft_kg.studies.results import (
     FIGURES_FILE,
     Missing,
+    Origin,
     RunFigures,
     RunResult,
     ScorerFigures,
@@ -118,6 +119,7 @@ def _results(
     graphs: dict[PlayedGraph, int] = {}
     versions: dict[str, str] = {}
     scorers: dict[str, ScorerFigures] = {}
+    origins: dict[str, tuple[int, Origin]] = {}
     runs, missing, seconds = [], [], {}
     for cell, address, scorer in rows:
         try:
@@ -129,6 +131,7 @@ def _results(
             continue
         versions |= figures.versions
         seconds[address] = figures.seconds
+        origin = _origin(origins, figures)
         runs.append(
             RunResult(
                 variant=cell.variant,
@@ -136,6 +139,7 @@ def _results(
                 seed=cell.seed,
                 run=address,
                 graph=graphs.setdefault(figures.graph, len(graphs)),
+                origin=origin,
                 mrr=scorers[scorer].mrr if scorer is not None else None,
                 success=_rounded(figures.success),
                 by_plan=_rounded(figures.by_plan),
@@ -155,7 +159,16 @@ def _results(
         runs=tuple(runs),
         missing=tuple(missing),
         hours=round(sum(seconds.values()) / 3600, 4),
+        origins=tuple(origin for _, origin in origins.values()),
     )
+
+
+def _origin(origins: dict[str, tuple[int, Origin]], figures: RunFigures) -> int:
+    key = repr((figures.stored, figures.platform, figures.versions))
+    number, before = origins.get(key, (len(origins), None))
+    runs = before.runs + 1 if before else 1
+    origins[key] = number, Origin(figures.stored, figures.platform, figures.versions, runs)
+    return number
 
 
 def _run_figures(root: Path, address: str) -> RunFigures:

@@ -13,6 +13,8 @@ from statistics import median
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.runs.record import RUN_FILE
+from wordcraft_kg.studies.cells import exchange_cells, keep_cell, read_cell
 from wordcraft_kg.studies.collect import collect_study
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
@@ -31,13 +33,14 @@ class State:
     """The progress of a running study, in numbers of tasks.
 
     Attributes:
-        kept: tasks that were finished before the start.
+        kept: tasks that were finished before the start; ``taken`` of them in the store of cells.
         failed: outcomes for failed tasks and for tasks with failed inputs, by task folder.
         running: start time of each running task by :func:`time.monotonic`, by task folder.
     """
 
     total: int
     kept: int = 0
+    taken: int = 0
     done: int = 0
     failed: dict[str, Outcome] = field(default_factory=dict)
     running: dict[str, float] = field(default_factory=dict)
@@ -56,7 +59,13 @@ class FullDiskError(WordCraftKGError, OSError):
 
 
 def run_plan(
-    plan: Plan, root: Path, make_workers: Callable[[], Workers], *, command: str = "", watch: Watch | None = None
+    plan: Plan,
+    root: Path,
+    make_workers: Callable[[], Workers],
+    *,
+    command: str = "",
+    watch: Watch | None = None,
+    store: Path | None = None,
 ) -> State:
     """Perform the missing tasks in a study and return the final state.
 
@@ -68,6 +77,7 @@ def run_plan(
         make_workers: function that starts the workers; called only if there are tasks.
         command: the command line, for the record.
         watch: function to call regularly with the plan and its state.
+        store: folder of finished cells to take results from, and to add results to.
 
     Raises:
         ArtefactError: if a different study runs in the folder.
@@ -76,12 +86,14 @@ def run_plan(
     """
     with own_results(root):
         write_plan(root, plan, command)
-        return _Engine(plan, root, watch).run(make_workers)
+        engine = _Engine(plan, root, watch, store)
+        engine.state.taken = exchange_cells(plan, root, store) if store else 0
+        return engine.run(make_workers)
 
 
 class _Engine:
-    def __init__(self, plan: Plan, root: Path, watch: Watch | None):
-        self.plan, self.root, self.watch = plan, root, watch
+    def __init__(self, plan: Plan, root: Path, watch: Watch | None, store: Path | None):
+        self.plan, self.root, self.watch, self.store = plan, root, watch, store
         self.state = State(len(plan.tasks))
         self._present: set[str] = set()
         self._waiting: dict[str, Task] = {}
@@ -120,9 +132,9 @@ class _Engine:
                 missing[task.address] = task
         return missing
 
-    def _is_present(self, task: Task, check: Callable[[Task, Path], bool | None]) -> bool:
+    def _is_present(self, task: Task, check: Callable[[Task, Path], bool]) -> bool:
         try:
-            return check(task, self.root) is not False
+            return check(task, self.root)
         except ArtefactError as error:
             logging.getLogger(__name__).warning("%s The task is repeated now.", error)
             return False
@@ -158,6 +170,8 @@ class _Engine:
             self._present.add(task.address)
             self.state.done += 1
             forget_failure(self.root, task.address)
+            if self.store:
+                keep_cell(task, self.root, self.store)
             return
         self._fail(task, outcome)
         for other in [other for other in self._waiting.values() if task.address in other.needs]:
@@ -184,20 +198,26 @@ _START = 3.0
 """Seconds for opening the graph and for the final evaluation."""
 
 
-def estimated_hours(plan: Plan, root: Path) -> float:
-    """Estimate a study's remaining core hours, scaled by the durations of its finished tasks in ``root``."""
-    left: list[Task] = []
+def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
+    """Estimate a study's remaining core hours, scaled by the durations of its finished tasks in ``root``.
+
+    Cells in ``store`` count as finished, except scorers that a missing agent needs.
+    """
+    left: dict[str, Task] = {}
     measured = defaultdict(list)
     for task in plan.tasks.values():
         try:
             seconds = read_figures(task.folder(root), FIGURES[task.kind]).seconds
         except ArtefactError:
-            left.append(task)
+            if store is None or task.kind == "graphs" or read_cell(task, store) is None:
+                left[task.address] = task
             continue
         if seconds:
             measured[_sort(task)].append(seconds / _usual(task))
+    needed = {address for task in left.values() for address in task.needs}
+    left |= {address: plan.tasks[address] for address in needed if not (root / address / RUN_FILE).exists()}
     factors = {sort: median(ratios) for sort, ratios in measured.items()}
-    return sum(_usual(task) * factors.get(_sort(task), 1.0) for task in left) / 3600
+    return sum(_usual(task) * factors.get(_sort(task), 1.0) for task in left.values()) / 3600
 
 
 def _sort(task: Task) -> str:
@@ -226,6 +246,7 @@ def run_study(
     jobs: int | None = None,
     keep_all: bool = True,
     watch: Watch | None = None,
+    store: Path | None = None,
 ) -> StudyResults:
     """Perform the missing tasks in a study and return its results; failed trainings are listed as missing.
 
@@ -236,6 +257,7 @@ def run_study(
         jobs: number of parallel trainings, each in a process. Default: as many as the cores allow.
         keep_all: keep run weights and episodes, tens of megabytes each.
         watch: called regularly with the plan and its state.
+        store: folder of finished cells to take results from, and to add results to.
 
     Raises:
         ConfigError: for a study fault, or ``jobs`` out of range.
@@ -251,5 +273,5 @@ def run_study(
     check_study(study)
     root, plan = Path(out), make_plan(study, name)
     number, work = plan.jobs(jobs), partial(perform, keep_all=keep_all)
-    run_plan(plan, root, lambda: LocalWorkers(root, number, work, plan.threads), watch=watch)
+    run_plan(plan, root, lambda: LocalWorkers(root, number, work, plan.threads), watch=watch, store=store)
     return collect_study(root, name)

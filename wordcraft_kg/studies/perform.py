@@ -1,5 +1,6 @@
 """Performing a task in its folder: train, resume, or return the finished task."""
 
+import platform
 import shutil
 import time
 import traceback
@@ -8,6 +9,8 @@ from errno import EDQUOT, ENOSPC
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError, WordCraftKGError, reason
 from wordcraft_kg.evaluation.reference import PlayedGraph
@@ -41,15 +44,36 @@ def is_done(task: Task, root: Path) -> bool:
     return True
 
 
-def check_whole(task: Task, root: Path) -> None:
-    """Check the files in the folder of a finished graph or scorer; ArtefactError for a missing or damaged file."""
+def check_whole(task: Task, root: Path) -> bool:
+    """Return whether a finished graph or scorer has files besides its results, which may be from a store of cells.
+
+    Raises:
+        ArtefactError: for a missing or damaged file.
+    """
     folder = task.folder(root)
     if task.kind == "graphs":
         open_graph(str(folder))
-        return
+        return True
+    if read_figures(folder, ScorerFigures).stored:
+        return False
     files = RunFiles(folder, read_run(folder))
     for name in files.run.outputs:
         files.bytes(name)
+    return True
+
+
+def platform_of(device: str) -> str:
+    """Return what decides rounding besides package versions: system, machine, and instruction set or GPU.
+
+    Example:
+        >>> platform_of("cpu")
+        'Linux x86_64 AVX512'
+    """
+    import torch
+
+    cuda = device.startswith("cuda")
+    unit = torch.cuda.get_device_name(device) if cuda else torch.backends.cpu.get_cpu_capability()
+    return f"{platform.system()} {platform.machine()} {unit}"
 
 
 def make_graph(task: Task, root: Path, book: str) -> None:
@@ -132,7 +156,7 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
     config = agent_config(task.settings["settings"], graph, scorer[0] if scorer else None)
     if _trained(AgentTraining, config, folder).interrupted:
         return False
-    write_figures(folder, _run_figures(folder, open_graph(graph)))
+    write_figures(folder, replace(_run_figures(folder, open_graph(graph)), platform=platform_of(task.device)))
     if not keep_all:
         for name in _LARGE:
             (folder / name).unlink()
@@ -183,7 +207,8 @@ def _scorer(task: Task, root: Path) -> bool:
     else:
         shutil.rmtree(folder, ignore_errors=True)
         _save_plain(folder, graph, command, settings)
-    write_figures(folder, _scorer_figures(folder, time.perf_counter() - began))
+    figures = _scorer_figures(folder, time.perf_counter() - began)
+    write_figures(folder, replace(figures, platform=platform_of(task.device)))
     return True
 
 

@@ -30,10 +30,14 @@ from wordcraft_kg.studies.study import (
     cells_of,
     split_of,
 )
-from wordcraft_kg.studies.tasks import Task
+from wordcraft_kg.studies.tasks import Kind, Task
 
-DEFAULTS = 1
-"""Version number for all default settings; a changed default changes results and therefore addresses."""
+VERSIONS: dict[Kind, int] = {"graphs": 1, "scorers": 1, "runs": 1}
+"""Version of the code and the default settings that decide the results of graphs, scorers and agents.
+
+A part of every address: raise the number when results change, so that earlier results no longer count. A test repeats
+some trainings and compares their results to the bit.
+"""
 BOOK = "everyday"
 """A study's default book."""
 _CURVE_POINTS = 20
@@ -143,8 +147,12 @@ class _Planner:
                     f"the split of '{source}' has no test tasks to compare agents on. Use a `split` such as by-recipe, "
                     "and a large enough book."
                 )
-            described = {"defaults": DEFAULTS, "graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
-            task = Task("graphs", described, f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}")
+            described = {"graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
+            task = Task(
+                "graphs",
+                _versioned("graphs", described),
+                f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}",
+            )
             self._made[key] = self._add(task)
             self.books[task.address] = source
         return self._made[key]
@@ -173,10 +181,10 @@ class _Planner:
             config = CONFIG_OF[command](**settings)  # type: ignore[arg-type]
             threads, device = config.threads, config.device
             settings = _not_default(settings, CONFIG_OF[command])
-        described = {"defaults": DEFAULTS, "graph": graph, "command": command, "settings": settings}
+        described = {"graph": graph, "command": command, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{command}{_values(settings)} on {self.tasks[graph].title}"
-        return self._add(Task("scorers", described, title, (graph,), threads, device))
+        return self._add(Task("scorers", _versioned("scorers", described), title, (graph,), threads, device))
 
     def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
         given = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
@@ -190,11 +198,13 @@ class _Planner:
         settings: dict[str, Any] = {}
         for kind in _PART_OF_AGENT.values():
             settings |= _not_default(given, kind)
-        described = {"defaults": DEFAULTS, "graph": graph, "scorer": scorer, "settings": settings}
+        described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
         needs = (graph,) if scorer is None else (graph, scorer)
-        return self._add(Task("runs", described, title, needs, config.trainer.threads, config.trainer.device))
+        return self._add(
+            Task("runs", _versioned("runs", described), title, needs, config.trainer.threads, config.trainer.device)
+        )
 
     def _content(self, features: Value | None) -> dict[str, str]:
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
@@ -210,6 +220,10 @@ class _Planner:
             hashes = [sha256_of(file) for file in (path, *labels) if file.is_file()]
             self._files[spec.source] = " ".join(hashes)
         return {"content": self._files[spec.source]}
+
+
+def _versioned(kind: Kind, described: dict[str, Any]) -> dict[str, Any]:
+    return {"version": VERSIONS[kind], **described}
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:

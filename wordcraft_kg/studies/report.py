@@ -14,7 +14,7 @@ from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.scatter import Correlation, ScorerScatter
-from wordcraft_kg.studies.tables import as_csv, notes, tables_of, with_bounds
+from wordcraft_kg.studies.tables import as_csv, notes, origin_in_words, tables_of, with_bounds
 from wordcraft_kg.studies.variants import PointFigures
 from wordcraft_kg.studies.view import StudyView, title_of
 
@@ -43,6 +43,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
         shown={
             "tables": tables_of(view),
             "notes": notes(view),
+            "origin_in_words": origin_in_words,
             "correlation": _correlation_in_words,
             "title": title_of,
             "words": in_words,

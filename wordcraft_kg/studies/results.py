@@ -34,8 +34,9 @@ class RunResult(Record, frozen=True):
         curve: success on test tasks during training.
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has seen these triples.
         steps: environment steps.
-        seconds: training time.
+        seconds: training time; 0 for results from a store.
         steps_per_second: environment steps per second of acting and learning, without evaluation.
+        origin: position in :attr:`StudyResults.origins`.
     """
 
     variant: str
@@ -53,6 +54,7 @@ class RunResult(Record, frozen=True):
     steps: Count
     seconds: Annotated[float, msgspec.Meta(ge=0)]
     steps_per_second: Count
+    origin: Count = 0
 
     @property
     def rates(self) -> NDArray[np.float64]:
@@ -69,6 +71,15 @@ class Missing(Record, frozen=True):
     why: str
 
 
+class Origin(Record, frozen=True):
+    """Where agents were trained: in this results folder or, ``stored``, elsewhere; platform and package versions."""
+
+    stored: bool
+    platform: str
+    versions: dict[str, str]
+    runs: Count
+
+
 class StudyResults(Record, frozen=True):
     """A study and the results of all its trainings (``results.json``).
 
@@ -77,7 +88,8 @@ class StudyResults(Record, frozen=True):
         study: the study with all command line changes.
         versions: versions of the packages that the trainings used.
         runs: results of finished trainings, by grid point, variant and seed.
-        hours: total training time.
+        hours: training time in this results folder.
+        origins: platforms of the trainings, and whether their results are from a store of cells.
     """
 
     format: Literal["wordcraft-kg results 1"]
@@ -89,6 +101,7 @@ class StudyResults(Record, frozen=True):
     runs: tuple[RunResult, ...]
     missing: tuple[Missing, ...]
     hours: Annotated[float, msgspec.Meta(ge=0)]
+    origins: tuple[Origin, ...] = ()
 
 
 def results_text(results: StudyResults) -> str:
@@ -103,10 +116,18 @@ F = TypeVar("F", bound="Figures")
 
 
 class Figures(Record, frozen=True, kw_only=True):
-    """Results of a graph, a scorer or a run: training time (0 for a graph) and package versions."""
+    """Results of a graph, a scorer or a run.
+
+    Attributes:
+        seconds: training time; 0 for a graph, and for results from a store (``stored``).
+        versions: versions by package.
+        platform: system, machine, and instruction set or GPU.
+    """
 
     seconds: float
     versions: dict[str, str]
+    platform: str = ""
+    stored: bool = False
 
 
 class ScorerFigures(Figures, frozen=True, kw_only=True):
@@ -133,7 +154,7 @@ class RunFigures(Figures, frozen=True, kw_only=True):
 def write_figures(folder: Path, figures: Figures) -> None:
     """Write a task's results with a hash to ``figures.json`` in the task's folder; the file marks the task as done."""
     values = as_values(figures)
-    write_atomically(folder / FIGURES_FILE, dump_json({"sha256": _hash(values), "figures": values}), durable=True)
+    write_atomically(folder / FIGURES_FILE, dump_json({"sha256": hash_of(values), "figures": values}), durable=True)
 
 
 def read_figures(folder: Path, kind: type[F]) -> F:
@@ -148,12 +169,13 @@ def read_figures(folder: Path, kind: type[F]) -> F:
         raise ArtefactError(
             f"{path} is damaged: expected 'sha256' and 'figures'. Repeat the command to repair the file."
         )
-    if _hash(values["figures"]) != values["sha256"]:
+    if hash_of(values["figures"]) != values["sha256"]:
         raise ArtefactError(
             f"{path} is damaged or was changed: the hash does not fit. Repeat the command to repair the file."
         )
     return as_record(values["figures"], kind, path)
 
 
-def _hash(values: Any) -> str:
+def hash_of(values: Any) -> str:
+    """Return the SHA-256 of JSON values."""
     return hashlib.sha256(json.dumps(values, sort_keys=True, ensure_ascii=False).encode()).hexdigest()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.results import Origin
 from wordcraft_kg.studies.study import Metric
 from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of
@@ -197,10 +198,18 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
             yield f"  {claim.verdict:<{width}}  {claim.text}"
             for measured in claim.measured:
                 yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
+    for origin in (origin for origin in view.origins if origin.stored):
+        versions = ", ".join(f"{name} {version}" for name, version in origin.versions.items())
+        yield f"{origin_in_words(origin)}: {origin.platform}; {versions}"
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
         yield f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
+
+
+def origin_in_words(origin: Origin) -> str:
+    """Format the number of trainings of an origin, and their place: here, or a store of cells."""
+    return f"{counted(origin.runs, 'training')} {'from the store' if origin.stored else 'in this folder'}"
 
 
 def _share(share: float | None) -> str:

@@ -10,7 +10,7 @@ from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.statistics import holm
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
-from wordcraft_kg.studies.results import Missing, RunResult, StudyResults
+from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
 from wordcraft_kg.studies.scatter import ScorerScatter, scatters_of
 from wordcraft_kg.studies.study import Drawing, Value, Values
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures, figures_of
@@ -41,6 +41,7 @@ class StudyView(Record):
     missing: tuple[Missing, ...]
     versions: dict[str, str]
     hours: float
+    origins: tuple[Origin, ...] = ()
 
 
 Runs = dict[str, list[RunResult]]
@@ -74,6 +75,7 @@ def view_study(results: StudyResults) -> StudyView:
         missing=results.missing,
         versions=results.versions,
         hours=results.hours,
+        origins=results.origins,
     )
 
 

@@ -200,6 +200,16 @@ def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_pa
     assert run("tasks", "kitchen", "--config", config).code == 0
 
 
+@pytest.mark.parametrize("name", ["train-complex", "evaluate-text", "mcp", "describe", "build-graph", "people serve"])
+def test_a_nul_character_in_an_option_or_a_config_file_is_refused(refused, tmp_path, name):
+    refused(*name.split(), "kitchen", "--out", "\0", says=r"holds a NUL character. Remove this character.")
+    refused(*name.split(), "kitchen", "--config", "a\0b", says=r"holds a NUL character. Remove this character.")
+    for value in ('"\\u0000"', '["a", "b\\u0000"]', '{ c = "\\u0000" }'):
+        (tmp_path / "nul.toml").write_text(f"[{name.replace(' ', '.')}]\nout = {value}\n")
+        says = f"--config {tmp_path / 'nul.toml'}: "
+        assert "NUL" in refused(*name.split(), "kitchen", "--config", tmp_path / "nul.toml", says=says)
+
+
 @pytest.mark.parametrize("command", ["train-complex", "train-links", "train-agent"])
 def test_an_output_that_exists_is_refused_before_torch_is_imported(refused, command, tmp_path, monkeypatch):
     for module in ("wordcraft_kg.models.links.training", "wordcraft_kg.agents.training"):

@@ -4,16 +4,15 @@ import errno
 import io
 import json
 import os
+import re
 import subprocess
 import sys
-import urllib.error
-import urllib.request
 from pathlib import Path
 
 import pytest
 from quick import build, contents
 
-from wordcraft_kg.graphs import SPLITS, SplitConfig, make_split, open_book, open_graph
+from wordcraft_kg.graphs import SPLITS, SplitConfig, library, make_split, open_book, open_graph
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 
 TABLE = "ingredient_a,ingredient_b,result\n"
@@ -337,13 +336,43 @@ def test_base_entities_come_from_options_and_a_file(built, book):
     assert sorted(opened.graph.base) == ["earth", "fire", "seed", "stone", "water"]
 
 
-def test_entities_that_cannot_be_made_are_warned_about(run, home, book, caplog):
+@pytest.mark.parametrize(
+    "command", ["build-graph book.csv --split none --out out", "describe out", "describe book.csv"]
+)
+def test_an_inferred_base_and_entities_that_cannot_be_made_are_warned_about(
+    printed, run, built, home, book, caplog, monkeypatch, command
+):
     path = book("book.csv", TABLE + "a,b,c\na,c,b\nd,c,e\n")
-    assert run("build-graph", path, "--split", "none", "--out", home / "out").code == 0
-    [record] = caplog.records
-    assert record.levelname == "WARNING"
-    assert "3 of 5 entities cannot be made from the base (a, d), which was inferred" in record.getMessage()
-    assert "name it with --base" in record.getMessage()
+    monkeypatch.chdir(home)
+    if command == "describe out":
+        built(path, "--split", "none", name="out")
+        caplog.clear()
+    assert printed(*command.split())["base_is_inferred"]
+    inferred, unreachable = caplog.messages
+    assert inferred.startswith("no base is named, so the base is the 2 entities without a recipe: a, d. Name the base")
+    assert unreachable == "3 of 5 entities cannot be made from the base (a, d): b, c, e"
+    caplog.clear()
+    assert "base_is_inferred" not in printed(
+        "build-graph", path, "--base", "a,b,d", "--split", "none", "--out", "named"
+    )
+    assert not caplog.messages
+    finding = (
+        "note [base] no base is named, so the base is the 2 entities without a recipe: a, d. Name the base: # base:"
+    )
+    assert (finding in run("check-book", path).out, finding in run("check-book", path, "--base", "a").out) == (
+        True,
+        False,
+    )
+
+
+def test_shares_of_a_split_that_differ_from_the_settings_are_named_with_the_remedy(run, home):
+    assert "note: split" not in run("describe", "kitchen").out
+    text = run("build-graph", "kitchen", "--train-ratio", 0.4, "--out", home / "out").out
+    counts = re.search(r"\nnote: split (\d+)%/(\d+)% instead of 40%/60%: (\d+) recipes were moved to train", text)
+    train, test = (len(open_graph(home / "out").split.recipes(part)) for part in ("train", "test"))
+    assert [round(100 * train / 326), round(100 * test / 326)] == [int(counts[1]), int(counts[2])]
+    assert open_graph(home / "out").split.moved_for_coverage == int(counts[3])
+    assert "--split by-recipe-plain" in text
 
 
 @pytest.mark.parametrize(("options", "recipes", "dropped"), [([], 1, 1), (["--keep-self-results"], 2, 0)])
@@ -433,10 +462,10 @@ def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
 
 
 def test_fetch_reports_the_real_book_that_the_cache_holds(printed, run, home, alchemy_path, monkeypatch):
-    monkeypatch.setattr(urllib.request, "urlopen", lambda url, **options: io.BytesIO(alchemy_path.read_bytes()))
+    monkeypatch.setattr(library._OPENER, "open", lambda url, **options: io.BytesIO(alchemy_path.read_bytes()))
     result = printed("books", "--fetch", "little-alchemy-2")
     assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
-    monkeypatch.delattr(urllib.request, "urlopen")
+    monkeypatch.setattr(library._OPENER, "open", None)
     assert "next: wordcraft-kg build-graph little-alchemy-2" in run("books", "--fetch", "little-alchemy-2").out
     assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
 
@@ -503,12 +532,25 @@ def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused,
     assert not (home / "third").exists()
 
 
+def test_shortened_lists_of_describe_count_all_and_invisible_characters_are_shown(run, book):
+    rows = "".join(f"thing {i},thing  {i},x{i}\nx{i},lost{i},y\nlost{i},y,lost{i}y\n" for i in range(25))
+    path = book("book.csv", "# base: thing 0\n" + TABLE + rows + "caf\u00e9,cafe\u0301,zero\u200bwidth\n")
+    text = run("describe", path).out
+    assert re.search(r"alike +26\n +alike labels .* and 16 more", text)
+    unreachable = int(re.search(r"unreachable +(\d+)\n", text)[1])
+    assert f" and {unreachable - 10} more\n" in text
+    assert "zero<U+200B>width" in run("describe", path, "--entity", "zero\u200bwidth").out
+    assert "zero<U+200B>widt'" in run("describe", path, "--entity", "zero\u200bwidt").err
+    note = "note [invisible] line 78: 'zero<U+200B>width' holds an invisible character"
+    assert note in run("check-book", path, "--all").out
+
+
 @pytest.mark.parametrize(("setting", "partner"), [("self", "sand"), ("furnace", "furnace")])
 def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built(run, book, built, not_built, setting, partner):
     path = book("furnace.csv", TABLE + "sand,,glass\nglass,glass,pane\n")
     not_built(path, says="furnace.csv, line 2: 'sand' is the only ingredient")
     not_built(path, says="--single-ingredient self")
-    assert run("check-book", path).code == 1
+    assert "--single-ingredient self" in run("check-book", path).out
     options = ["--single-ingredient", setting]
     graph = built(path, "--split", "none", *options).graph
     assert graph.labels(graph.results("sand", partner)) == ("glass",)

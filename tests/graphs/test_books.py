@@ -2,15 +2,16 @@ import hashlib
 import http.client
 import io
 import json
+import threading
 import urllib.error
-import urllib.request
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
 from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
-from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, open_book
+from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, library, open_book
 from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE
 
 NAME = "little-alchemy-2"
@@ -49,7 +50,7 @@ def server(monkeypatch):
             raise answer
         return io.BytesIO(answer)
 
-    monkeypatch.setattr(urllib.request, "urlopen", urlopen)
+    monkeypatch.setattr(library._OPENER, "open", urlopen)
 
     def serve(*given):
         answers.extend(given)
@@ -166,6 +167,31 @@ def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, s
     assert f"save {published.url} as {cache_folder('books') / 'alchemy2.json'}" in message
     assert DATA_VARIABLE in message
     assert not cache_folder("books").exists()
+
+
+@pytest.mark.parametrize(
+    ("limit", "value", "says"), [("_MAX_BYTES", 9, "more than 9 bytes"), ("_DEADLINE", -1, "not complete after")]
+)
+def test_a_download_is_bounded_in_size_and_time(home, published, server, monkeypatch, limit, value, says):
+    server(PUBLISHED)
+    monkeypatch.setattr(library, limit, value)
+    with pytest.raises(FetchError, match=says):
+        fetch_book(NAME)
+
+
+def test_a_redirect_is_not_followed(home, published, monkeypatch):
+    class Elsewhere(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(302)
+            self.send_header("Location", "/elsewhere")
+            self.end_headers()
+
+    monkeypatch.setenv("no_proxy", "*")
+    with HTTPServer(("127.0.0.1", 0), Elsewhere) as host:
+        monkeypatch.setitem(FETCHABLE, NAME, replace(published, url=f"http://127.0.0.1:{host.server_port}/"))
+        threading.Thread(target=host.handle_request, daemon=True).start()
+        with pytest.raises(FetchError, match="Found"):
+            fetch_book(NAME)
 
 
 def test_a_file_placed_in_the_data_folder_by_hand_is_known_by_the_published_name(data, published):

@@ -147,7 +147,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     manual = manual_of(name) if name else None
     output = Output(json="--json" in tokens)  # until the options are parsed
     try:
-        _check_decodable(tokens)
+        for token in tokens:
+            _check_text(token, repr(token))
         app = make_app()
         path = _config_path(tokens)
         options = [] if path is None else [Dict(_read_toml(path, name), source=path)]
@@ -169,13 +170,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return failure.show(output)
 
 
-def _check_decodable(tokens: Sequence[str]) -> None:
-    """Refuse file names that are not UTF-8, because records and reports are UTF-8."""
-    for token in tokens:
+def _check_text(value: Any, where: str) -> None:
+    """Refuse text that no file name or record may hold: not UTF-8, or with a NUL character."""
+    if isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            _check_text(one, where)
+    elif isinstance(value, str):
+        if "\0" in value:
+            raise ConfigError(f"{where}: {value!r} holds a NUL character. Remove this character.")
         try:
-            token.encode()
+            value.encode()
         except UnicodeEncodeError:
-            raise ConfigError(f"{token!r} is not UTF-8. Rename the file or folder, or correct the text.") from None
+            raise ConfigError(f"{value!r} is not UTF-8. Rename the file or folder, or correct the text.") from None
 
 
 def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
@@ -194,11 +200,12 @@ def _config_path(tokens: Sequence[str]) -> str | None:
 
 def _read_toml(path: str, command: str | None) -> dict[str, Any]:
     try:
-        if not Path(path).is_file():
+        if "\0" in path or not Path(path).is_file():
             raise ConfigError(f"--config {path}: no such file.")
         content = tomllib.loads(read_small_file(Path(path)).decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"--config {path}: not a TOML file ({error}).") from None
+    _check_text(content, f"--config {path}")
     tables = dict(_tables(content))
     for name, options in tables.items():
         if name not in ALL or not isinstance(options, dict):

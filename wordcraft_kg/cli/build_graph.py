@@ -1,19 +1,16 @@
 """``wordcraft-kg build-graph``."""
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Flag, Output, lines_of, names, split_labels
+from wordcraft_kg.cli.console import Flag, Output, lines_of, split_labels
+from wordcraft_kg.cli.describe import note_of_shares, warn_of_base
 from wordcraft_kg.cli.options import Base, Book, Force, SingleIngredient
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
 
 if TYPE_CHECKING:
-    from wordcraft_kg.graphs.audit import Reachability
-    from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-
     SplitName = str
 else:
     SplitName = Literal[tuple(SPLITS)]
@@ -72,20 +69,11 @@ def build_graph(
     graph.name = book_name(folder.resolve() / "graph.json") if name is None else check_label(name, "`name`")
     drawn = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
     audited = write_graph_folder(folder, recipes, drawn, force=force)
-    if audited.reachability.unreachable:
-        _warn(graph, audited.reachability, inferred=base is None and base_file is None and recipes.base is None)
+    warn_of_base(audited)
     view = view_build(audited, folder)
     full = " --kg full" if split == "none" else ""
     following = f"wrote {folder}/   next: wordcraft-kg train-recipes {folder}{full}"
-    output.result(view, [*lines_of(view), following])
-
-
-def _warn(graph: "RecipeGraph", reachability: "Reachability", *, inferred: bool) -> None:
-    which = f"{reachability.unreachable:,} of {graph.num_entities:,} entities"
-    reason = ", which was inferred as the entities without a recipe; name it with --base" if inferred else ""
-    base = f"the base ({names(graph.base, len(graph.base))}){reason}"
-    unreachable = names(reachability.unreachable_entities, reachability.unreachable)
-    logging.getLogger(__name__).warning("%s cannot be made from %s: %s", which, base, unreachable)
+    output.result(view, [*lines_of(view), *note_of_shares(audited.split), following])
 
 
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:

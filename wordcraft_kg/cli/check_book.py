@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, lines_of, split_labels
+from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.cli.options import Base, Book, SingleIngredient
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
         if limit is None or counts[kind] <= limit:
             lines = ", ".join(map(str, finding.lines))
             where = f"line{'s' * (len(finding.lines) > 1)} {lines}: " if lines else ""
-            yield f"{kind} {where}{finding.message}"
+            yield f"{kind} {where}{with_options(finding.message)}"
     for kind, number in counts.items():
         if limit is not None and number > limit:
             yield f"{kind} and {number - limit:,} more; --all shows them"

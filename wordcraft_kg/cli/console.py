@@ -15,6 +15,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError, OutputExistsError
 from wordcraft_kg.base.progress import listening
+from wordcraft_kg.base.wording import with_visible
 from wordcraft_kg.cli.progress import Progress, Stages
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class Output:
             print(json.dumps(as_values(view), ensure_ascii=False))
         else:
             for line in text:
-                print(line)
+                print(with_visible(line))
 
     def progress(self, what: str, unit: str = "epoch") -> Progress:
         """Return a reporter that shows progress of the work ``what`` on stderr, in epochs or another unit."""
@@ -68,7 +69,7 @@ class _Stderr(logging.Handler):
     """Writes to the current ``sys.stderr``: a bar on the terminal moves down."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(f"{record.levelname.lower()}: {self.format(record)}", file=sys.stderr)
+        print(with_visible(f"{record.levelname.lower()}: {self.format(record)}"), file=sys.stderr)
 
 
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
@@ -156,8 +157,9 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
             yield label, ""
             yield from _rows(value, f"{indent}  ")
         elif isinstance(value, list):
-            if value:
-                yield label, names([_cell(one) for one in value], len(value))
+            if value:  # a record counts the elements of a shortened list, such as unreachable and unreachable_entities
+                total = values.get({"examples": "pairs_with_several_results"}.get(name) or name.rpartition("_")[0])
+                yield label, names([_cell(one) for one in value], total if isinstance(total, int) else len(value))
         elif value is not None:
             yield label, _cell(value)
 

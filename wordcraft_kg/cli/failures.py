@@ -19,6 +19,7 @@ from cyclopts import (
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
 from wordcraft_kg.base.extras import missing_package
+from wordcraft_kg.base.wording import with_visible
 from wordcraft_kg.cli.console import Output
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
@@ -112,7 +113,7 @@ class Failure:
         console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False, emoji=False)
         if self.code != INTERRUPTED:
             console.print("error: ", style="bold red", end="")
-        console.print("\n".join([self.message, *self.hints]))
+        console.print(with_visible("\n".join([self.message, *self.hints])))
         return self.code
 
 

@@ -27,6 +27,7 @@ class Progress:
     INTERVAL = 5.0  # seconds between plain lines
     _current: ClassVar["Progress | None"] = None
     _printed: ClassVar[float] = 0.0  # time of the last plain line
+    _named: ClassVar[set[str]] = set()  # work on plain lines of this session
 
     def __init__(self, what: str, *, unit: str = "", hidden: bool = False, is_stage: bool = False):
         """Prepare a reporter; nothing is shown yet."""
@@ -60,6 +61,9 @@ class Progress:
             return
         Progress._printed = now
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
+        if total == 1 and self.what in Progress._named:  # a short stage that is repeated, such as ranking
+            return
+        Progress._named.add(self.what)
         print(", ".join(filter(None, [f"{self.what}: {place}", " ".join(figures)])), file=sys.stderr, flush=True)
 
     def _draw(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
@@ -96,6 +100,7 @@ class Progress:
     def session(cls) -> Iterator[None]:
         """Close any open bar at the end of a ``with`` block, even after an error."""
         cls._printed = time.monotonic()
+        cls._named.clear()
         try:
             yield
         finally:

@@ -10,13 +10,14 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
 
-class BuiltGraph(Record):
+class BuiltGraph(Record, omit_defaults=True, kw_only=True):
     """The main counts of a new recipe graph, its triples and its split, and the path to the graph folder."""
 
     entities: Count
     recipes: Count
     pairs: Count
     base: tuple[str, ...]
+    base_is_inferred: bool = False
     reachable: Count
     rounds: Count
     dropped_self_results: Count | None

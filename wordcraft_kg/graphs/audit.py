@@ -11,7 +11,7 @@ from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers, rounds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook
+from wordcraft_kg.graphs.recipes import RecipeBook, spelling_key
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, Relation, is_in
 
@@ -79,7 +79,7 @@ class Degrees(Record):
 
 
 class AlikeLabels(Record):
-    """Groups of entity labels that differ only in case or blanks, probably typos; at most 20 groups are listed."""
+    """Groups of entity labels with the same spelling key, probably typos; at most 20 groups are listed."""
 
     alike: Count
     alike_labels: tuple[tuple[str, ...], ...]
@@ -149,6 +149,7 @@ class Audit(Record, omit_defaults=True, kw_only=True):
     recipes: Count
     pairs: Count
     base: tuple[str, ...]
+    base_is_inferred: bool = False
     hash: Hash
     triples: TripleCounts
     ambiguity: Ambiguity
@@ -170,6 +171,7 @@ def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> A
         recipes=graph.num_recipes,
         pairs=graph.num_pairs,
         base=graph.base,
+        base_is_inferred=graph.base_is_inferred,
         hash=graph.hash,
         triples=_triple_counts(graph),
         ambiguity=_ambiguity(graph),
@@ -290,6 +292,6 @@ def _degrees(graph: RecipeGraph) -> Degrees:
 def _labels(graph: RecipeGraph) -> AlikeLabels:
     groups: dict[str, list[str]] = {}
     for label in graph.entities:
-        groups.setdefault(" ".join(label.casefold().split()), []).append(label)
+        groups.setdefault(spelling_key(label), []).append(label)
     alike = [tuple(labels) for labels in groups.values() if len(labels) > 1]
     return AlikeLabels(len(alike), tuple(alike[:SHOWN]))

@@ -4,7 +4,6 @@
 """
 
 import io
-import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,11 +16,11 @@ from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, with_visible
 from wordcraft_kg.graphs.book_files import DELIMITERS, Fault, Table, book_name, read_book, read_bytes, unknown_base
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, spelling_key
 
 LISTED = 15  # lines or names in a finding, at most
 MAX_FINDINGS = 10_000
@@ -114,8 +113,8 @@ def check_book(
 
     Problems are: bytes that are not UTF-8, a byte order mark, line ends other than LF, labels with commas, bad rows,
     recipes listed twice or made from themselves, labels in two spellings, unused base entities, entities out of reach
-    from the base, and cycles of entities that need each other. Notes are: singular and plural forms of a word, entities
-    in only one recipe, and listed entities without a recipe.
+    from the base, and cycles of entities that need each other. Notes are: an inferred base, invisible characters,
+    singular and plural forms of a word, entities in only one recipe, and listed entities without a recipe.
 
     Args:
         path: a ``.csv``, ``.tsv`` or ``.json`` file. Only CSV and TSV findings have line numbers; for an unreadable
@@ -148,7 +147,13 @@ def check_book(
     for recipe, numbers in lines_of.items():
         for label in recipe:
             line_of[label] = min(line_of.get(label, numbers[0]), numbers[0])
-    findings += [*_commas(graph, line_of), *_spellings(graph, line_of), *_idle(graph, wanted)]
+    if graph.base_is_inferred:
+        message = (
+            f"no base is named, so the base is the {counted(len(graph.base), 'entity', 'entities')} without a recipe"
+        )
+        findings.append(_note("base", f"{message}: {listed(graph.base)}. Name the base: # base: a, b"))
+    findings += [*_commas(graph, line_of), *_invisible(graph, line_of), *_spellings(graph, line_of)]
+    findings += _idle(graph, wanted)
     findings += [*_unreachable(graph, line_of, lines_of), *_plurals(graph, line_of), *_lonely(graph, line_of)]
     return BookCheck(_sorted(findings), _figures(graph), graph)
 
@@ -162,7 +167,7 @@ def _decoded(data: bytes) -> tuple[str, list[Finding]]:
     returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
     if returns:
         message = f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
-        findings.append(_problem("line-ends", message, returns))
+        findings.append(_problem("line-ends", message, returns if len(returns) < len(lines) // 2 else ()))
     try:
         data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -230,6 +235,13 @@ def _commas(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
             yield _problem("comma", message, _at([label], line_of))
 
 
+def _invisible(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
+    for label in graph.entities:
+        if (visible := with_visible(label)) != label:
+            message = f"'{visible}' holds an invisible character; remove it, or replace it by a space"
+            yield _note("invisible", message, _at([label], line_of))
+
+
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
     """Find entities without a recipe: a problem in an explicit base, otherwise a note."""
     idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
@@ -245,8 +257,7 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
     """Find labels that differ only in case, blanks, hyphens or Unicode composition."""
     groups: dict[str, list[str]] = {}
     for label in graph.entities:
-        key = unicodedata.normalize("NFKC", label).casefold()
-        groups.setdefault("".join(char for char in key if char not in " -_'.\u2019") or key, []).append(label)
+        groups.setdefault(spelling_key(label), []).append(label)
     for labels in groups.values():
         if len(labels) > 1:
             message = f"{' and '.join(map(repr, labels))} count as different entities; use one spelling"

@@ -229,14 +229,14 @@ class Table:
         if is_plain and max(map(len, cells)) <= MAX_LABEL_LENGTH:
             return number, cells
         one, other, result = cells
+        faults = []
         if bool(one) != bool(other):
             one = one or other
             if self._single is None:
-                return Fault(number, "label", _alone(one))
-            other = one if self._single == _SELF else self._single
-        for fault in filter(None, map(label_fault, (one, other, result))):
-            return Fault(number, "label", fault)
-        return number, (one, other, result)
+                faults.append(_alone(one))
+            other = one if self._single in (None, _SELF) else self._single
+        faults += filter(None, map(label_fault, (one, other, result)))
+        return Fault(number, "label", " ".join(dict.fromkeys(faults))) if faults else (number, (one, other, result))
 
     def _not_three(self, cells: Sequence[str]) -> str:
         count = len(cells) - 1

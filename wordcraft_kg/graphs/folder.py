@@ -56,6 +56,8 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
     graph = split.graph
     with staged_folder(out, force=force) as folder:
         source = {name: getattr(book, name) for name in ("sha256", "dropped_self_results", "merged_duplicates")}
+        if graph.base_is_inferred:
+            source["base_is_inferred"] = True
         of_graph = RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base, book.idle)
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
@@ -104,6 +106,8 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
         if not isinstance(name, str):
             raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {again}")
         graph = RecipeGraph.from_book(replace(book, name=name))
+        source_book = recorded.get("source")
+        graph.base_is_inferred = isinstance(source_book, dict) and source_book.get("base_is_inferred") is True
         if recorded.get("hash") != graph.hash:
             raise ArtefactError(f"{damaged}: its content does not match its hash. {again}")
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))

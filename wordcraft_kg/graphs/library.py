@@ -2,11 +2,13 @@
 
 import hashlib
 import os
+import time
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from http.client import HTTPException
 from pathlib import Path
+from typing import Any
 
 from wordcraft_kg.base.artefacts import sha256_of, write_atomically
 from wordcraft_kg.base.cache import cache_folder
@@ -20,8 +22,19 @@ DATA_VARIABLE = "WORDCRAFT_KG_DATA"
 """Environment variable for the data folder, which holds the user's recipe books."""
 ENDINGS = (".csv", ".tsv", ".json")
 _BUILT_IN = Path(__file__).parent / "books"
-_TIMEOUT = 30  # seconds without a byte from the server
+_SILENCE = 30  # seconds without a byte from the server
+_DEADLINE = 300  # seconds for the whole download
 _MAX_BYTES = 64 * 2**20
+
+
+class _NoRedirects(urllib.request.HTTPRedirectHandler):
+    """Refuses redirects: the address of a pinned file does not move."""
+
+    def redirect_request(self, *arguments: Any) -> None:
+        """Return no further request, so that the redirect is an error."""
+
+
+_OPENER = urllib.request.build_opener(_NoRedirects)
 
 
 @dataclass(frozen=True)
@@ -157,8 +170,7 @@ def fetch_book(name: str) -> Path:
         return target
     by_hand = f"Or place the file by hand: save {book.url} as {target}, or into the folder that {DATA_VARIABLE} names."
     try:
-        with urllib.request.urlopen(book.url, timeout=_TIMEOUT) as response:
-            data = response.read(_MAX_BYTES)
+        data = _downloaded(book.url)
     except (OSError, HTTPException, ValueError) as error:
         reason = getattr(error, "reason", error)
         raise FetchError(f"could not download '{name}' ({reason}). Try again when online. {by_hand}") from None
@@ -170,6 +182,18 @@ def fetch_book(name: str) -> Path:
     target.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(target, data)
     return target
+
+
+def _downloaded(url: str) -> bytes:
+    ends, data = time.monotonic() + _DEADLINE, bytearray()
+    with _OPENER.open(url, timeout=_SILENCE) as response:
+        while chunk := response.read1(2**16):
+            data += chunk
+            if len(data) > _MAX_BYTES:
+                raise ValueError(f"more than {_MAX_BYTES:,} bytes")
+            if time.monotonic() > ends:
+                raise TimeoutError(f"not complete after {_DEADLINE} seconds")
+    return bytes(data)
 
 
 def _books_in(folder: Path | None) -> Iterator[Path]:

@@ -29,6 +29,8 @@ class RecipeGraph:
         base_ids: shape (num_base,), int64, ascending: the base entities, known at the start of play.
         recipes: shape (num_recipes, 3), int64, rows ``(ingredient, ingredient, result)`` with ascending ingredients;
             sorted, unique.
+        base_is_inferred: whether no base was given, so that the base is the entities without a recipe; not part of the
+            content.
 
     Example:
         >>> graph = RecipeGraph.from_book(open_book("kitchen"))
@@ -51,6 +53,7 @@ class RecipeGraph:
             GraphError: if labels are not sorted and unique, or an id is out of range.
         """
         self.name = name
+        self.base_is_inferred = False
         self.entities = tuple(entities)
         if any(left >= right for left, right in zip(self.entities, self.entities[1:], strict=False)):
             raise GraphError("entity labels must be sorted and unique.")
@@ -89,7 +92,9 @@ class RecipeGraph:
                     f"base entity '{unknown[0]}' is not in {book.name}.{nearest(unknown[0], entities)}"
                 )
             base_ids = np.array([index[label] for label in labels], dtype=np.int64)
-        return cls(entities, recipes, base_ids, book.name)
+        graph = cls(entities, recipes, base_ids, book.name)
+        graph.base_is_inferred = labels is None
+        return graph
 
     @classmethod
     def from_recipes(

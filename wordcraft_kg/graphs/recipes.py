@@ -1,5 +1,6 @@
 """Recipes, recipe books and the rules for labels; :mod:`~wordcraft_kg.graphs.book_files` reads and writes files."""
 
+import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -116,6 +117,12 @@ def check_label(label: Any, where: str) -> str:
     if fault is not None:
         raise RecipeFileError(f"{where}: {fault}")
     return str(label)
+
+
+def spelling_key(label: str) -> str:
+    """Return a label without differences in case, blanks, hyphens, apostrophes, points and Unicode composition."""
+    key = unicodedata.normalize("NFKC", label).casefold()
+    return "".join(char for char in key if char not in " -_'.\u2019") or key
 
 
 def shown(value: Any) -> str:

@@ -133,7 +133,9 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
             if report:
-                report(0, settings.epochs * (1 + (settings.folds or 0)), {"choosing weights": done / total})
+                report(
+                    0, settings.epochs * (1 + (settings.folds or 0)), {"choosing settings, percent": 100 * done / total}
+                )
 
         choice = choose(self.opened, settings, after_epoch, recipes=self.train_sample.recipes)
         if choice:
@@ -192,7 +194,9 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 raise KeyboardInterrupt
             if report and done not in reported:
                 reported.add(done)
-                report(everything - total + done, everything, {"of the folds": done / total})
+                count = self.folds.count if self.folds else 0
+                fold = min(1 + done * count // total, count)
+                report(everything - total + done, everything, {"fold": fold, "of": count})
 
         settings = replace(settings, epochs=ended)
         train_folds(run.path, self.folds, settings, seconds=metrics.seconds, after_epoch=after_epoch)

@@ -27,7 +27,7 @@ def with_visible(text: str) -> str:
         >>> with_visible("onion\u00a0ring")
         'onion<U+00A0>ring'
     """
-    return _INVISIBLE.sub(lambda found: f"<U+{ord(found[0]):04X}>", text)
+    return _INVISIBLE.sub(lambda match: f"<U+{ord(match[0]):04X}>", text)
 
 
 def approximate(number: int) -> str:

@@ -31,8 +31,8 @@ def main() -> None:
     scorer = AlikeScorer(opened)
     print(f"water is most like {scorer.top('water', 'combinesWith', None, limit=4)[1:]}")
 
-    # It has seen no recipe at all, so it is no more than a scorer of the partial graph.
-    save_scorer("models/alike", scorer, opened, kg="partial", origin="cosine of GloVe vectors")
+    # The scorer has seen no recipe at all, so its scores for train tasks are not in-sample.
+    save_scorer("models/alike", scorer, opened, kg="none", origin="cosine of GloVe vectors")
     metrics = make_link_report(scorer, opened).view.metrics["all"]
     print(f"MRR on unseen triples: {metrics.mrr:.3f}")
 

@@ -9,6 +9,7 @@ import pytest
 from quick import SMALL, same
 
 from wordcraft_kg.agents.impala import Impala
+from wordcraft_kg.base.artefacts import TEMPORARY
 
 MOMENT = ("--steps", 96, "--batch-size", 8, "--eval-every", 0, "--quiet")
 
@@ -94,6 +95,7 @@ def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):
     text = run("explain", world / "guided", "--goal", goal).out
     assert f"make {goal}" in text
     assert "λv·v" in text
+    assert text.startswith("α  What the agent's own network gives")
 
 
 def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(printed, refused, world, tmp_path):
@@ -110,8 +112,11 @@ def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(printed
 
 def test_a_report_that_was_not_written_any_more_is_written_by_the_same_command(run, world, tmp_path):
     shutil.copytree(world / "plain/seed-0", tmp_path / "run", ignore=shutil.ignore_patterns("report"))
+    (tmp_path / f"run/.report.killed{TEMPORARY}").mkdir()
     outcome = run("train-agent", world / "graph", *SMALL, "--distractors", 2, "--out", tmp_path / "run")
     assert outcome.code == 0, outcome.err
+    left, expected = ({path.name for path in folder.iterdir()} for folder in (tmp_path / "run", world / "plain/seed-0"))
+    assert left == expected
     assert (tmp_path / "run/report/index.html").is_file()
 
 

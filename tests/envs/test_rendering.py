@@ -1,5 +1,6 @@
 """Pictures of the environments."""
 
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,14 @@ def test_without_pygame_the_error_names_the_extra(kind: Any, monkeypatch: pytest
     monkeypatch.setenv("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     with pytest.raises(MissingExtraError, match=r"pip install 'pygame>="):
         kind(GRAPH, render_mode="rgb_array")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_pygame_gymnasiums_checker_accepts_the_other_modes(name: str):
+    code = "import sys; sys.modules['pygame'] = None\nimport gymnasium, wordcraft_kg\n"
+    code += "from gymnasium.utils.env_checker import check_env\n"
+    code += f"check_env(gymnasium.make({name!r}, graph='kitchen').unwrapped)"
+    subprocess.run([sys.executable, "-W", "error::UserWarning", "-c", code], check=True, timeout=60)
 
 
 @pytest.mark.parametrize("make", [lambda: WordCraftEnv(GRAPH, part="all", num_distractors=0, render_mode="ansi"), None])

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .harness import CONTINUED, IN, Trial
-from .home import copied, linked, mended
+from .home import copied, linked, mended, records_of
 from .spoiling import ODD_VALUES, as_json, spoilt_bytes, spoilt_lines, spoilt_value, toml_of
 
 GRAPH = (
@@ -211,7 +211,7 @@ def _mend(folder: Path, name: str) -> None:
     try:
         if name == "graph.json":
             _mend_graph(folder)
-        elif all((folder / one).is_file() and (folder / one).stat().st_size < 2**30 for one in ("run.json", name)):
+        elif all(path.is_file() and path.stat().st_size < 2**30 for path in records_of(folder, name)):
             mended(folder, name)
     except Exception:
         return

@@ -71,6 +71,13 @@ def copied(home: Path, kind: str, to: Path) -> Path:
     return Path(shutil.copytree(home / kind, to, symlinks=True))
 
 
+def records_of(folder: Path, name: str) -> set[Path]:
+    """Return a run's file, and the files with its hash."""
+    path = folder / name
+    is_checkpoint = path.parent.name == "checkpoints" and path.suffix == ".safetensors"
+    return {path, path.with_suffix(".json") if is_checkpoint else folder / "run.json"}
+
+
 def mended(folder: Path, name: str) -> None:
     """Record the hash that a run's file has now, wherever it is on record, as somebody would who hides a change."""
     path = folder / name

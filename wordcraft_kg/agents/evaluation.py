@@ -122,7 +122,11 @@ class Evaluator:
         self._parts = _right_parts(world)[self.tasks]
 
     def __call__(self, player: Player) -> Evaluation:
-        """Play all tasks with all distractor seeds; return the outcomes."""
+        """Play all tasks with all distractor seeds; return the outcomes.
+
+        A player maps a batched state and a random generator to slots, shape (N,): see
+        :mod:`wordcraft_kg.agents.players`.
+        """
         shape = (len(self.tasks), self.distractor_seeds)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
         actions, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)

@@ -43,7 +43,19 @@ def explain(
     whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
     view = view_explanation(run, agent, part, distractors, goal, episodes)
-    output.result(view, [line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)])
+    lines = [line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)]
+    output.result(view, [*_legend(view.episodes[0].steps[0]), "", *lines])
+
+
+def _legend(step: "ExplainedStep") -> Iterator[str]:
+    from wordcraft_kg.models.policies.sources import label_of
+
+    labels = [label_of(name) for name in step.slots[0].sources]
+    rows = [(label.symbol, label.meaning or label.words) for label in labels]
+    if step.lambdas:
+        rows.append(("λ", "mixing weights of these scores; each product, such as λα·α, is a contribution to β"))
+    rows += [("β", "the slot's logit"), ("π", "the action's probability"), ("V", "the value of the state")]
+    yield from aligned([*rows, (">", "the action"), ("*", "an ingredient for the goal in a plan")])
 
 
 def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
@@ -51,8 +63,7 @@ def _text(number: int, episode: "ExplainedEpisode") -> Iterator[str]:
     yield f"Episode {number}: make {episode.goal}   ({plans})"
     for step in episode.steps:
         yield from _step(step)
-    ending = "made it" if episode.outcome == "goal" else "did not make it"
-    yield from (f"  {ending}   (> action, * needed for the goal in a plan)", "")
+    yield from ("  made it" if episode.outcome == "goal" else "  did not make it", "")
 
 
 def _step(step: "ExplainedStep") -> Iterator[str]:

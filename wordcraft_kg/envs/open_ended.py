@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
 from wordcraft_kg.envs.config import IllegalAction
-from wordcraft_kg.envs.rendering import MODES, Picture, Scene, Tile, check_mode, rendered
+from wordcraft_kg.envs.rendering import METADATA, Picture, Scene, Tile, check_mode, rendered
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
@@ -113,7 +113,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 4}  # noqa: RUF012 - as gymnasium declares it
+    metadata = METADATA
 
     def __init__(
         self,

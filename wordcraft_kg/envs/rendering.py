@@ -6,6 +6,7 @@ An environment describes its state as a :class:`Scene`. pygame is imported when 
 import os
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,6 +16,11 @@ from wordcraft_kg.base.errors import ConfigError, MissingExtraError
 from wordcraft_kg.base.extras import pip_install
 
 MODES = ("ansi", "rgb_array")
+METADATA: dict[str, Any] = {
+    "render_modes": [mode for mode in MODES if mode == "ansi" or find_spec("pygame")],
+    "render_fps": 4,
+}
+"""Metadata for gymnasium, with the render modes that this installation can draw."""
 Mark = Literal["plain", "goal", "held", "new", "empty"]
 Picture = NDArray[np.uint8]
 _Colour = tuple[int, int, int]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.envs.rendering import MODES, Mark, Picture, Scene, Tile, check_mode, rendered
+from wordcraft_kg.envs.rendering import METADATA, Mark, Picture, Scene, Tile, check_mode, rendered
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import Task
@@ -91,7 +91,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     ## Episode end
     *Terminated* when the goal is made or no attempt is left: the budget is observed, so nothing is bootstrapped.
     ``info["outcome"]`` is ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` is true if the last
-    pair of a plan made the goal. Never truncated; add ``gymnasium.wrappers.TimeLimit`` for truncation.
+    pair of a plan made the goal; ``info["goal"]`` is the goal's label. Never truncated; add
+    ``gymnasium.wrappers.TimeLimit`` for truncation.
 
     ## Arguments
     ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; further arguments are the
@@ -103,7 +104,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     v0: first version. docs/environment.md lists the differences from the environment of Jiang et al. 2020.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 4}  # noqa: RUF012 - as gymnasium declares it
+    metadata = METADATA
 
     def __init__(self, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
         """Open the graph and prepare its tasks.
@@ -201,7 +202,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         fresh = [result for result in results if result not in state.table]
         state.table += fresh
         if not results:
-            return -rewards.wrong_pair_penalty, False
+            return 0.0 - rewards.wrong_pair_penalty, False  # never -0.0
         intermediates = self._made[state.task]
         reward = rewards.intermediate_reward * sum(result in intermediates for result in fresh)
         if state.goal in results:
@@ -320,4 +321,5 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     def _info(self, *, illegal: bool, by_plan: bool) -> dict[str, Any]:
         state = self.state
-        return {"outcome": state.outcome, "by_plan": by_plan, "illegal_action": illegal, "task": state.task}
+        facts = {"outcome": state.outcome, "by_plan": by_plan, "illegal_action": illegal, "task": state.task}
+        return facts | {"goal": self.world.graph.entities[state.goal]}

@@ -4,6 +4,7 @@ import base64
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -13,12 +14,14 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import jinja2
 from markupsafe import Markup
 
-from wordcraft_kg.base.artefacts import dump_json, staged_folder, write_atomically
+from wordcraft_kg.base.artefacts import drop_temporary, dump_json, staged_folder, write_atomically
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
 from wordcraft_kg.reports.charts import plot
 from wordcraft_kg.reports.charts.standalone import resolved
 from wordcraft_kg.reports.glossary import Term, find_term
+from wordcraft_kg.runs.folder import locked
+from wordcraft_kg.runs.record import RUN_FILE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -127,6 +130,14 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
         ValueError: before anything is written, if a number in the view is not finite or out of bounds.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
+    in_run = (out.parent / RUN_FILE).is_file()
+    with locked(out.parent, "used") if in_run else nullcontext():
+        if in_run:
+            drop_temporary(out.parent)
+        _write(report, out, force=force)
+
+
+def _write(report: Report[Any], out: Path, *, force: bool) -> None:
     with staged_folder(out, force=force) as folder:
         write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
         write_atomically(folder / "index.html", render(report))

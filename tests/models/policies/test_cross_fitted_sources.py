@@ -39,8 +39,10 @@ from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_p
 from wordcraft_kg.models.policies.sources import registry
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
+from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers import cross_fitting
 from wordcraft_kg.models.scorers import folder as scorer_folder
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.scales import scaled_table
@@ -299,6 +301,14 @@ def test_a_run_on_memory_says_so(folder, tmp_path: Path, caplog, in_sample: bool
     assert "cross_fitted" not in json.loads((done / "run.json").read_text())
     assert "the scores were in-sample" in (done / "README.md").read_text()
     assert not load_policy(done).reads_task
+
+
+def test_an_agent_with_a_scorer_that_has_seen_no_recipe_is_not_warned_of_memory(opened, tmp_path: Path, caplog):
+    scorer = FrequencyScorer(opened.graph, opened.split.partial)
+    folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")
+    trainer = ImpalaConfig(steps=64, batch_size=32, eval_every=0)
+    train_agent(AgentConfig("kitchen", str(folder), policy=PolicyConfig(**SMALL), trainer=trainer), tmp_path / "run")
+    assert "in-sample" not in caplog.text + (tmp_path / "run/README.md").read_text()
 
 
 def test_in_sample_needs_a_scorer():

@@ -216,7 +216,7 @@ def _may_stay(outcome: Outcome, out: Path) -> bool:
     """Return whether an output of a command that failed is whole nevertheless, or a run that can be resumed."""
     if "CHECK FAILED" in outcome.err or (outcome.code == 1 and (out / "report.json").is_file()):
         return True
-    if out.suffix == ".jsonl":  # the answers of a person are kept one by one
+    if out.suffix == ".jsonl" or (out / "games.jsonl").is_file():  # answers and games are kept one by one
         return True
     try:
         return bool(json.loads((out / "run.json").read_text())["status"] in ("interrupted", "failed", "done"))

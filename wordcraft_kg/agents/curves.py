@@ -70,7 +70,7 @@ class MetricsFile:
 
 
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
-    """Return an evaluator for each part of the split with tasks (train, test); learning curves use fewer tasks."""
+    """Return evaluators for train and test tasks, by part; ``curve`` takes fewer tasks, for learning curves."""
     result = {}
     for part in EVALUATED:
         with suppress(TaskError):  # without held-out recipes, a graph has no test tasks

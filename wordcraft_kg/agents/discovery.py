@@ -122,7 +122,7 @@ class OracleDiscoverer(Discoverer):
 
     @abstractmethod
     def worth(self, entities: Ids) -> Floats:
-        """Return the worth of each given unknown entity (ids): positive numbers."""
+        """Return how useful it is to make each unknown entity, given ids: positive numbers."""
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
         graph = self.graph

@@ -85,7 +85,7 @@ class ExplainedStep(Record):
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
     def best_evidence(self, limit: int = _MAX_PAIRS) -> list[tuple[str, SlotEvidence]]:
-        """Return up to ``limit`` entities with the highest logits and their evidence; each pair occurs once."""
+        """Return up to ``limit`` entities with the highest logits, each with evidence; no entity-partner pair twice."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
             if slot.evidence is not None and slot.evidence.because:
@@ -154,10 +154,10 @@ class _Query(NamedTuple):
 
 
 class Explainer:
-    """Explains a policy's actions in a world by splitting logits into source contributions; thread-safe.
+    """Explains a policy's actions by splitting logits into contributions by attention and scores; thread-safe.
 
     Explanations use double precision, so contributions add up to the logit, and probabilities to 1, within 1e-9.
-    Parameters are copied, and sources are bound to tasks independently.
+    The policy is copied, so other tasks may be set in the original.
 
     Example:
         >>> agent = open_agent("runs/kitchen")
@@ -211,7 +211,7 @@ class Explainer:
         return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
-        """Explain an episode and name the model behind the scores; see :meth:`episode`."""
+        """Return an :meth:`episode`'s explanation with the plans at its table and the model behind its scores."""
         return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def table(

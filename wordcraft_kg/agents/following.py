@@ -43,7 +43,7 @@ class FollowedRun:
         self._explainers: OrderedDict[WordCraftConfig, Explainer] = OrderedDict()
 
     def records(self) -> AgentRun:
-        """Return the run's current records.
+        """Return the run's settings, status, learning curves and checkpoints, as the files are now.
 
         Raises:
             ArtefactError: if the run does not exist or a file is damaged.
@@ -115,7 +115,6 @@ class FollowedRun:
         return self._once("episodes", stamp, read)
 
     def _stamp(self, *names: str) -> tuple[Hashable, ...]:
-        """Return modification times and file sizes."""
         stamps: list[Hashable] = []
         for name in names:
             try:
@@ -127,7 +126,6 @@ class FollowedRun:
         return tuple(stamps)
 
     def _once(self, name: str, stamp: Hashable, make: Callable[[], T]) -> T:
-        """Return a cached value, recomputed if the stamp differs."""
         with self._lock:
             if name not in self._kept or self._kept[name][0] != stamp:
                 self._kept[name] = stamp, make()

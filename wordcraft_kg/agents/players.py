@@ -167,7 +167,7 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return the players in the reference table by name, including players from other packages."""
+    """Return scripted players by name: chance, triples as facts, votes, an oracle, and players in :data:`PLAYERS`."""
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])

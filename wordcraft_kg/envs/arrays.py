@@ -63,7 +63,7 @@ class Arrays:
         return values.take(rows, axis=0)  # several times as fast as an index
 
     def rows(self, mask: Array) -> Array:
-        """Return the row indices to compute: where the mask is True, or all rows on a device."""
+        """Return the indices of True rows in a mask; on a CUDA device all rows, because a count would wait."""
         return mask.nonzero()[0]
 
 

@@ -106,7 +106,7 @@ class State(NamedTuple):
         return {name: self.engine.arrays.numpy(getattr(self, name)) for name in _SAVED}
 
     def restored(self, saved: Mapping[str, NDArray[Any]]) -> "State":
-        """Return the :meth:`saved` state, from an equal engine and seed; a :class:`ConfigError` for other shapes."""
+        """Return the environments' state from :meth:`saved` arrays; ConfigError if shapes differ from this state's."""
         for name in _SAVED:
             expected = tuple(getattr(self, name).shape)
             if name not in saved or tuple(saved[name].shape) != expected:
@@ -224,7 +224,6 @@ class BatchEngine:
         return State._make((self, keys, ahead, 1, *self._begun(*ahead.take(self._rows, episode)), episode + 1))
 
     def _begun(self, tables: Array, tasks: Array) -> Sequence[Array]:
-        """Return a state's arrays at the start of episodes, from the goal to the count."""
         full, size = self.arrays.full, (len(tables),)
         wide = full((len(tables), self.num_slots + 1), self.nothing)
         wide[:, : tables.shape[1]] = tables

@@ -118,7 +118,7 @@ class WordCraftConfig:
         return cls(**settings)
 
     def variant(self, **changes: Any) -> "WordCraftConfig":
-        """Return a copy with changed settings."""
+        """Return a copy with new values for the settings named in ``changes``."""
         mine = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}
         return self.of(mine | changes)
 

@@ -57,7 +57,7 @@ class Draws:
         return mixed(self.arrays.array(np.arange(first, first + count) * _STRIDE + words))
 
     def keys(self, env_keys: Array, episodes: Array) -> Array:
-        """Return episode keys, from :meth:`env_keys` and episode numbers in equal shapes."""
+        """Return each episode's random seed, a hash of :meth:`env_keys` and episode numbers in equal shapes."""
         return mixed(env_keys + episodes * _EPISODE_STRIDE)
 
     def _numbers(self, keys: Array, first: int, count: int) -> Array:
@@ -71,7 +71,7 @@ class Draws:
         return numbers[:count]
 
     def tasks(self, keys: Array) -> Array:
-        """Draw a task index for each key, by task weights: shape (R,)."""
+        """Draw a task index for each of R episode :meth:`keys`, by task weights: shape (R,)."""
         number, amount = self._numbers(keys, 0, 1)[0], len(self.world.tasks)
         if self.world.config.task_weighting == "task":
             return (number * amount) >> 31
@@ -79,7 +79,7 @@ class Draws:
         return self.arrays.xp.searchsorted(self._task_ends, share, side="right").clip(max=amount - 1)
 
     def tables(self, keys: Array, tasks: Array) -> Array:
-        """Draw a starting table for each key and task: entity ids, shape (R, width), shuffled, empty slots last."""
+        """Draw starting tables for R episode :meth:`keys` and tasks: ids, (R, width), shuffled, empty slots last."""
         size = len(keys) if self.arrays.on_device else _CHUNK
         pieces = [self._tables(keys[i : i + size], tasks[i : i + size]) for i in range(0, len(keys), size)]
         return self.arrays.xp.concatenate(pieces)
@@ -129,7 +129,6 @@ class Draws:
         return drawn
 
     def _candidates(self, keys: Array, amount: int) -> Array:
-        """Return entities drawn by weight, with replacement: shape (amount, R)."""
         return self._lots[(self._numbers(keys, 1, amount) * len(self._lots)) >> 31]
 
     def _clashes(self, candidates: Array, tasks: Array, taken: Array) -> Array:
@@ -143,7 +142,6 @@ class Draws:
         return clash
 
     def _pick(self, keys: Array, tasks: Array, taken: Array, amount: int) -> Array:
-        """Take the first allowed distractors among ``amount`` candidates."""
         arrays, wanted = self.arrays, self.world.config.num_distractors
         candidates = self._candidates(keys, amount)
         allowed = arrays.full(tuple(candidates.shape), 1, "bool")

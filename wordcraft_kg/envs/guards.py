@@ -13,7 +13,7 @@ _ROOM = 32  # places in the filter per ingredient: more give fewer false alarms,
 
 
 class Guards:
-    """A check whether distractors complete a guarded recipe for the goal, by bit marks on ingredients.
+    """A check whether distractors complete a guarded recipe (one that tables must not offer) for the goal.
 
     The *marks* of an entity are an integer: bit k is set if the entity is the first ingredient of the goal's guarded
     recipe k, bit k + 31 for the second ingredient; marks combine with a bitwise or. One look-up per entity checks up to
@@ -69,7 +69,7 @@ class Guards:
         return bool(self._tables)
 
     def at_risk(self, candidates: Array, tasks: Array) -> Array:
-        """Return whether all candidates of a table together may complete a guarded recipe, shape (R,), bool."""
+        """Return for R tables whether their candidates may complete a guarded recipe for the goal, shape (R,), bool."""
         if not self:
             return self.arrays.full((candidates.shape[1],), 0, "bool")
         marks = self._filter[(self._rows[tasks] + candidates) & self._mask]
@@ -79,9 +79,9 @@ class Guards:
         return _completed(theirs, self._near_folded[tasks], _FILTER_BITS) != 0
 
     def refuse(self, candidates: Array, allowed: Array, tasks: Array) -> Array:
-        """Refuse, in order, candidates that complete a guarded recipe with the starting ingredients or products.
+        """Refuse candidate distractors that complete a guarded recipe with a starting ingredient or a product.
 
-        ``allowed``, shape (K, R), bool, is set to False for refused candidates in place, and returned.
+        ``allowed`` marks K candidates in R tables, shape (K, R), bool; refused ones become False in place.
         """
         keys = self._rows[tasks] + candidates
         places = _find(self.arrays.xp, self._keys, keys)

@@ -123,7 +123,7 @@ class World:
 
     @_derived_from()
     def search(self) -> PlanSearch:
-        """The search for plans in the graph."""
+        """The graph's :class:`~wordcraft_kg.graphs.task_search.PlanSearch`."""
         return PlanSearch(self.graph)
 
     @_derived_from("distractor_policy")
@@ -167,7 +167,7 @@ class World:
 
     @_derived_from("distractor_policy", "part")
     def guarded_recipes(self) -> NDArray[np.bool_]:
-        """A mask of recipes that no distractor may complete if the result is the goal, shape (num_recipes,).
+        """A mask of guarded recipes: no distractor may complete one that makes the goal. Shape (num_recipes,).
 
         With the policy ``no_shortcut`` all recipes are guarded, with ``no_train_shortcut`` the train recipes. In the
         train part the held-out recipes are always guarded, so that training never shows a test pair with the goal.
@@ -179,9 +179,9 @@ class World:
 
     @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
     def makeable(self) -> Ids:
-        """Ids makeable from each task's starting ingredients before the last attempt, shape (N, W), padded.
+        """Ids makeable from N tasks' starting ingredients before the last attempt, padded to the longest list.
 
-        The array is empty if no recipe is guarded.
+        Without :attr:`guarded_recipes` nothing needs the ids, and the lists are empty.
         """
         rows: list[list[int]] = []
         outcomes = self.outcomes
@@ -207,7 +207,7 @@ class World:
         return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
 
     def check_tries(self, tries: int, task: int) -> None:
-        """Raise a :class:`ConfigError` after too many samples of distractors with a shortcut."""
+        """Raise a ConfigError after too many samples of distractors that open an additional way to the goal."""
         if tries > SHORTCUT_TRIES:
             raise ConfigError(
                 f"`num_distractors` {self.config.num_distractors}: found no distractors without a shortcut to "

@@ -132,7 +132,7 @@ class KGScoreObservation(_Ids):
         self.observation_space = spaces.Dict({**_id_spaces(env), **self._scores.spaces((world.num_slots,))})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Add the scores to an observation."""
+        """Add each source's slot scores to an observation, under the source's name, shape (num_slots,)."""
         return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("state").task)}
 
 

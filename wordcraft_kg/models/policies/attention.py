@@ -134,7 +134,7 @@ class TableAttention(nn.Module):
 
 
 class Slots:
-    """The entity vectors on a table batch (B, A), by vectors for all ids (E + 1, F); None for one-hot vectors."""
+    """Entity vectors at B tables of A ids, from ``vectors`` for all ids (E + 1, F), or one-hot vectors if None."""
 
     def __init__(self, vectors: Tensor | None, table: Tensor):
         self.table = table

@@ -179,7 +179,7 @@ class Policy(nn.Module):
         return Action(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
 
     def id_of(self, entity: Entity | None) -> int:
-        """Return the id for a label or id, E for None. UnknownEntityError names the nearest labels."""
+        """Return the id for a label or id (None: the id of nothing). UnknownEntityError names the nearest labels."""
         if entity is None:
             return self.num_entities
         if isinstance(entity, str):

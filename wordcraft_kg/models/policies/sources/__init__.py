@@ -44,7 +44,7 @@ class Label:
 
     @property
     def needs_selection(self) -> bool:
-        """Whether the scores are meaningful only with a selected entity."""
+        """Whether the source scores slots only with a selected entity, as u does."""
         return "{selection}" in self.about
 
     @property
@@ -83,18 +83,18 @@ LABELS = dict(BUILT_IN)
 
 @cache
 def installed_sources() -> dict[str, EntryPoint]:
-    """Return the entry points of sources in installed packages, by name."""
+    """Return installed packages' entry points for slot scores (sources) that a policy may mix, by name."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def source_names() -> tuple[str, ...]:
-    """Return all source names in mixing order: built-in sources, then installed and registered sources by name."""
+    """Return the names of all slot scores (sources) that policies mix: u, v, w, then plug-ins by name."""
     plug_ins = {*LABELS, *installed_sources()} - BUILT_IN.keys()
     return (*BUILT_IN, *sorted(plug_ins))
 
 
 def label_of(name: str) -> Label:
-    """Return the label (all names) for a source or ``alpha``; KeyError for unknown names."""
+    """Return the label for a source's name, or for ``alpha``, the attention's logits; KeyError for unknown names."""
     if name == ALPHA.name:
         return ALPHA
     if name in LABELS:

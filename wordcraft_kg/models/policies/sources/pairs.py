@@ -30,8 +30,8 @@ class PairSource(FoldedSource):
 
     Attributes:
         scores: buffer, shape (E + 1, E + 1): score table by key and slot's entity; 0 for empty slots.
-        left, right, shift, dropped, itself: factor buffers, see
-            :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`, with a zero row for empty slots.
+        left, right, shift, dropped, itself: buffers with the matrix factors, as in
+            :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`, and a zero row for empty slots.
     """
 
     scores: Tensor
@@ -49,7 +49,7 @@ class PairSource(FoldedSource):
 
     @classmethod
     def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
-        """Make the source from a scorer's scores in a relation: head is the slot's entity, tail the key."""
+        """Make slot scores from a scorer's triples (slot's entity, relation, key entity), scaled as ``view`` says."""
         size = len(scorer.entities)
         constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
         folded = folds_of(scorer)

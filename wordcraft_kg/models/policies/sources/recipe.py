@@ -143,7 +143,6 @@ class BestRecipe(FoldedSource):
     def _with_absent(
         self, goal: Tensor, selection: Tensor, table: Tensor, model: Tensor | None, best: Tensor
     ) -> Tensor:
-        """Return scores with a selection missing from the table; ``best`` without selection."""
         used = torch.zeros_like(goal) if model is None else model.clamp(max=len(self.knowledge.bias) - 1)
         wider = torch.cat([table, selection[:, None]], dim=1)
         scores = self.knowledge(goal, wider, used)[:, -1, :-1]

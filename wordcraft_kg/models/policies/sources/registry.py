@@ -22,7 +22,7 @@ _CLASSES: dict[str, type[Source]] = {kind.label.name: kind for kind in (Combines
 
 
 def register_source(kind: _SourceT) -> _SourceT:
-    """Register a source class under its label's name, in this process only; a class decorator.
+    """Register a class of slot scores under ``kind.label.name``, in this process only; a class decorator.
 
     Commands and worker processes find sources by entry points in the group ``wordcraft_kg.sources``.
 
@@ -37,7 +37,7 @@ def register_source(kind: _SourceT) -> _SourceT:
 
 
 def source_class(name: str) -> type[Source]:
-    """Return the source class with a name. Raises ConfigError for unknown names."""
+    """Return the class of slot scores with a name, such as u. Raises ConfigError for unknown names."""
     if name not in _CLASSES:
         point = installed_sources().get(name)
         if point is None:
@@ -78,10 +78,10 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
 def make_sources(
     names: Iterable[str], scorer: TripleScorer, view: ScoreView = AS_IS, *, tasks: TaskSet | None = None
 ) -> list[Source]:
-    """Make sources by name from a scorer; ``view`` selects the common scale and the treatment of self edges.
+    """Make sources, functions that score table slots, by name from a scorer, on the scale in ``view``.
 
-    ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, sources from cross-fitted scorers serve
-    only test tasks.
+    ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, cross-fitted scorers score only test
+    tasks.
 
     Raises:
         ConfigError: if the scorer cannot serve a source, or would need a table that is too large.

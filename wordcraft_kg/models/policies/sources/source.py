@@ -21,12 +21,12 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 
 @dataclass(frozen=True)
 class ScoreView:
-    """Settings for the scores that a source reads from a scorer; by default raw scores.
+    """Settings that turn a scorer's triple scores into slot scores; by default raw scores.
 
     Attributes:
         scale: common scale, see :func:`~wordcraft_kg.models.scorers.scales.scaled_table`.
-        self_edges: scores of an entity with itself, see there.
-        observed: the scorer's training triples, shape (T, 3), for ``self_edges`` ``observed``.
+        self_edges: keep or drop scores of an entity with itself, or keep only ``observed`` triples.
+        observed: the scorer's training triples, shape (T, 3).
         by_factors: use the scorer's matrix factors, for graphs too large for a score table.
         tasks: tasks to score, required by scorers with a model per left-out fold, see :meth:`Source.bind`.
     """
@@ -68,7 +68,7 @@ class Source(nn.Module, ABC):
     @classmethod
     @abstractmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Source":
-        """Make the source from a scorer; ConfigError if the scorer lacks the needed scores."""
+        """Make slot scores from a scorer, as ``view`` says; ConfigError if the scorer lacks the needed scores."""
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Source":
@@ -95,7 +95,7 @@ class Source(nn.Module, ABC):
     def evidence(
         self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
     ) -> "tuple[Evidence | None, ...]":
-        """Return each slot's evidence in a single state (B = 1), up to ``limit`` recipes; None without evidence."""
+        """Return up to ``limit`` recipes that support each slot's score in a single state (B = 1); None without any."""
         return (None,) * table.shape[1]
 
 
@@ -150,7 +150,7 @@ class FoldedSource(Source):
 
     @staticmethod
     def num_folds(constants: Mapping[str, Tensor]) -> int | None:
-        """Return the number of left-out folds in saved constants; None for a single model."""
+        """Return the number of left-out folds in a policy folder's tensors by name; None for a single model."""
         if "fold_of_recipe" not in constants:
             return None
         check_constants(constants, {"fold_of_recipe": "recipes int64"})
@@ -159,14 +159,14 @@ class FoldedSource(Source):
 
     @staticmethod
     def fold_numbers(scorer: CrossFitted, view: ScoreView) -> Tensor:
-        """Return the fold of each recipe; empty for sources made without tasks."""
+        """Return each recipe's fold in a cross-fitted scorer; empty if ``view`` has no tasks."""
         if view.tasks is None:
             return torch.empty(0, dtype=torch.int64)
         check_scorer(scorer, view.tasks.graph)
         return torch.from_numpy(scorer.of_recipe.copy())
 
     def bound(self, view: ScoreView) -> Self:
-        """Call :meth:`bind` with the view's tasks, if any, and return the source."""
+        """Choose each task's model by :meth:`bind` if ``view`` has tasks; return this object."""
         if view.tasks is not None:
             self.bind(view.tasks)
         return self

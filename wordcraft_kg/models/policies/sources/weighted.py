@@ -22,10 +22,10 @@ class WeightedRecipes(TripleScorer, Protocol):
 
 
 class BestWeighted(Source):
-    """The source w, ``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)``.
+    """Slot scores w from a list of weighted recipes: ``w_i = S(e_i, e_s -> e_g)``, the weight of the slot's recipe.
 
-    Slot i, selection s and goal g form a recipe; j runs over the table. S is the recipe's weight in the list, 0 for
-    unlisted recipes. The list uses no graph recipe, so nothing can leak.
+    Slot i, selection s and goal g form a recipe; S is 0 for unlisted recipes. Without selection,
+    ``w_i = max_j S(e_i, e_j -> e_g)``, with j over the table. The list uses no graph recipe, so nothing can leak.
 
     Attributes:
         keys: buffer, shape (n + 1,), see :func:`recipe_keys`; the last key equals no recipe's key.

@@ -1,6 +1,9 @@
 """Bad input to any command: one sentence that names the setting, exit code 1, and nothing is written."""
 
+import errno
+import os
 import shlex
+import tempfile
 
 import pytest
 
@@ -136,3 +139,33 @@ REFUSED = [
 def test_what_a_command_cannot_do_is_one_line_that_says_why(refused, empty, home, command, says):
     assert refused(*empty(command), says=says).count("\n") == 1
     assert not list((home / "empty").iterdir())
+
+
+TORN = {
+    "build-graph kitchen": (1, 2, 5, 8),
+    "train-complex kitchen --dim 8 --epochs 3 --n3 0.1 --folds 2": (1, 4, 6, 14),
+    "train-recipes kitchen --train-fraction 0.1 --folds 3": (1, 6, 16),
+    "train-agent kitchen --steps 320 --batch-size 16 --eval-every 160 --checkpoint-every 160": (1, 4, 9, 16),
+}
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+@pytest.mark.parametrize(("command", "write"), [(line, write) for line, writes in TORN.items() for write in writes])
+def test_a_disk_that_takes_no_more_files_is_one_line_and_the_same_command_goes_on(
+    run, refused, home, monkeypatch, command, write, number
+):
+    make, made = tempfile.mkstemp, []
+
+    def fail_late(**options):
+        made.append(options)
+        if len(made) >= write:
+            raise OSError(number, os.strerror(number), "disk")
+        return make(**options)
+
+    command = (*command.split(), "--out", home / "out", "--quiet")
+    with monkeypatch.context() as patch:
+        patch.setattr(tempfile, "mkstemp", fail_late)
+        error = refused(*command, says=os.strerror(number))
+    assert error.count("\n") == 1
+    assert ("Nothing was changed" in error) == (list(home.iterdir()) == [])
+    assert run(*command).code == 0

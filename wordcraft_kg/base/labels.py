@@ -67,7 +67,7 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
 
 
 class LabelIndex:
-    """An index of labels for many texts: :func:`read_label` without numbers and label prefixes."""
+    """An index of entity labels for many texts; case, articles and plurals may differ."""
 
     def __init__(self, labels: Sequence[str]):
         """Index ``labels``, which must be distinct."""

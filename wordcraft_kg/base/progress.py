@@ -44,5 +44,5 @@ def steps(stage: str, items: Collection[T]) -> Iterator[T]:
 
 @contextmanager
 def stage(name: str) -> Iterator[None]:
-    """Report this ``with`` block, or the decorated function, as a stage with a single step."""
+    """Report the start and the end of this ``with`` block, or the decorated function, to the listener."""
     yield from steps(name, [None])

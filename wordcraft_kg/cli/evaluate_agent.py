@@ -28,7 +28,7 @@ class RunOptions:
     """Options for a trained agent.
 
     Attributes:
-        agent: player: the trained agent, chance, the recipe oracle, or the run's scorer without the agent's network.
+        agent: trained, random (chance), oracle (knows all recipes), or kg-only (the run's scorer without the network).
     """
 
     agent: Literal["trained", "random", "oracle", "kg-only"] = "trained"
@@ -63,7 +63,7 @@ def evaluate_agent(
 ) -> None:
     """Evaluate an agent or scripted players on all tasks of a split part, with fixed distractor seeds.
 
-    Agents act greedily. On a graph, evaluate baselines: chance, votes, symbolic graphs, scorer, oracle.
+    Agents act greedily. For a graph, baselines play: chance, votes of similar recipes, graphs, a scorer, the oracle.
 
     Args:
         run: run folder (the last checkpoint is evaluated if training is unfinished); or graph, book file or known

@@ -9,13 +9,7 @@ from inspect import signature
 from types import ModuleType
 from typing import Any
 
-from cyclopts import (
-    CycloptsError,
-    MissingArgumentError,
-    UnknownCommandError,
-    UnknownOptionError,
-    UnusedCliTokensError,
-)
+from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnknownOptionError, UnusedCliTokensError
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
 from wordcraft_kg.base.extras import missing_package
@@ -118,7 +112,7 @@ class Failure:
 
 
 def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
-    """Convert an error into a command's failure; None for an unexpected error (a defect in this package)."""
+    """Convert an error into text and exit code; None for a defect of the package. ``manual`` gives the usage."""
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
         return Failure(kind, _message(error, manual), 2, _hints(error, manual))

@@ -74,7 +74,7 @@ def reproduce(
 ) -> int:
     """Run a study and write the report (build, train, evaluate, plot), or show existing results.
 
-    Each cell is trained with several seeds. To continue an interrupted study, repeat the command.
+    Each combination of settings is trained with several seeds. To continue an interrupted study, repeat the command.
 
     Args:
         study: name of a built-in study, all, or a TOML file (see docs/studies.md). With --show, a study in the results

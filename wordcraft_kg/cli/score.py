@@ -127,13 +127,7 @@ def _score_query(
 
 
 def _score_file(
-    model: "ScoringModel",
-    queries: Any,
-    top: int,
-    new_only: bool,
-    out: Path | None,
-    force: bool,
-    output: Output,
+    model: "ScoringModel", queries: Any, top: int, new_only: bool, out: Path | None, force: bool, output: Output
 ) -> None:
     """Score the queries in a file, all triples or all recipes, and print or write the scores."""
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipeRow, score_recipe_queries

@@ -27,7 +27,7 @@ def train_complex(
     track: Trackers = None,
     output: Output = Output(),
 ) -> int:
-    """Train ComplEx with the paper's objective on the partial or the full knowledge graph.
+    """Train ComplEx with the objective of Jiang et al. (2020) on the train recipes, or on all recipes (--kg full).
 
     Args:
         out: model folder to write. Default: models/<graph name>-<kg>.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, read_seeds
@@ -54,8 +54,16 @@ class TrainingOutput:
     next_command: str = "wordcraft-kg compare {}"
 
     def is_finished(self, folder: Path) -> bool:
-        """Return whether the folder of a finished run has the ``product``, too."""
+        """Return whether the run folder has the ``product``, such as the report."""
         return (folder / self.product).exists()
+
+    def finish_run(self, trained: Any, config: RunConfig) -> None:
+        """Call ``finish``; raise an ArtefactError if the product cannot be written."""
+        try:
+            self.finish(trained, config)
+        except OSError as error:
+            reason = f"the {self.product} of '{trained.folder}' cannot be written ({error.strerror or error})"
+            raise ArtefactError(f"{reason}. The training is complete; make space and repeat the command.") from None
 
 
 def train(
@@ -90,7 +98,7 @@ def train(
     if getattr(trained, "interrupted", False):
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
         raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
-    training.finish(trained, config)
+    training.finish_run(trained, config)
     following = f"next: wordcraft-kg evaluate-links {trained.folder}"
     if training.product:
         following = f"open {trained.folder / training.product / 'index.html'}"
@@ -126,7 +134,7 @@ def _train_seeds(
 
         for seed, trained in train_seeds(trainer, configs, parent, force=force, trackers=trackers, progress=progress):
             if not trained.interrupted and not training.is_finished(trained.folder):
-                training.finish(trained, config)
+                training.finish_run(trained, config)
             yield seed, trained
 
     outcome_of = _until_interrupted(outcomes(), len(configs), force)

@@ -87,7 +87,7 @@ class BookFigures(Record, omit_defaults=True):
 class BookCheck:
     """Result of checking a recipe book: findings (problems first, then by line), statistics, and a graph.
 
-    ``graph`` has all readable recipes; ``figures`` and ``graph`` are None without a readable recipe.
+    ``figures`` and ``graph``, of all readable recipes, are None without a readable recipe.
     """
 
     findings: tuple[Finding, ...]
@@ -100,7 +100,7 @@ class BookCheck:
         return all(finding.severity == "note" for finding in self.findings)
 
     def adding(self, findings: Iterable[Finding], **figures: Any) -> "BookCheck":
-        """Return a copy with additional findings, and with the given :class:`BookFigures` fields."""
+        """Return a copy with more findings, and with new values of ``figures`` by field name."""
         more = None if self.figures is None else msgspec.structs.replace(self.figures, **figures)
         return replace(self, findings=_sorted([*self.findings, *findings]), figures=more)
 

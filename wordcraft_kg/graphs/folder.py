@@ -41,7 +41,7 @@ class OpenedGraph:
         return self.graph.triples if kg == "full" else self.split.partial
 
     def train_sample(self, kg: TrainedOn) -> TrainSample:
-        """Return the recipes for training a model: the train recipes, all recipes, or no recipes."""
+        """Return recipes for training a model: the train recipes (partial), all (full) or no recipes (none)."""
         return TrainSample.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
 
 

@@ -49,7 +49,7 @@ class Folds:
 
     @property
     def is_subsample(self) -> bool:
-        """Whether the train sample lacks train recipes or has wrong results."""
+        """Whether the recipes for training (``train_sample``) are not exactly the split's train recipes."""
         return bool(
             (self.train_sample.is_trained_on != self.split.is_in("train")).any() or self.train_sample.is_wrong.any()
         )
@@ -59,11 +59,11 @@ class Folds:
         return self.train_sample.is_trained_on & ~np.isin(self.of_recipe, list(left_out))
 
     def recipes(self, left_out: Collection[int] = ()) -> Ids:
-        """Return the train sample outside the ``left_out`` folds, with results for training, shape (n, 3)."""
+        """Return the train sample outside the ``left_out`` folds, with any wrong results, shape (n, 3)."""
         return self.train_sample.among(self.seen(left_out))
 
     def recipes_of(self, fold: int) -> Ids:
-        """Return the train sample in a fold, with results for training, shape (n, 3)."""
+        """Return the train sample in a fold, as :meth:`recipes` does."""
         return self.train_sample.among(self.of_recipe == fold)
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:

@@ -31,12 +31,12 @@ Part = Literal["train", "valid", "test"]
 
 @dataclass(frozen=True)
 class SplitConfig:
-    """Split settings.
+    """Settings for a split of recipes into train, validation and test parts.
 
     Attributes:
-        kind: name in :data:`SPLITS`.
-        train_ratio: fraction for training: of the pairs (by-recipe), goals (by-goal) or recipe groups (by-slot);
-            between 0 and 1, 0.8 in the paper.
+        kind: name in :data:`SPLITS`: by-recipe holds out ingredient pairs, by-goal results, by-slot groups of recipes
+            with the same ingredient and result.
+        train_ratio: fraction of the pairs, goals or groups for training; between 0 and 1, 0.8 in the paper.
         valid_ratio: fraction for validation, from 0; the rest is the test part and must not be empty.
         seed: random seed.
 

@@ -83,7 +83,7 @@ class PlanSearch:
         return ways
 
     def ordered(self, ways: Iterable[_Way], goal: int, have: frozenset[int]) -> list[Rows]:
-        """Convert ways to plans (recipe rows in order of execution), sorted."""
+        """Convert ways to make ``goal`` from the entities ``have`` to plans, sorted."""
         return sorted(self._plan(way, goal, have) for way in ways)
 
     def _plan(self, way: _Way, goal: int, have: frozenset[int]) -> Rows:

@@ -108,7 +108,7 @@ class TaskSet:
 
     @cached_property
     def final_pairs(self) -> Ids:
-        """Pair numbers (``graph.pair_of_recipe``) of each task's last attempts, shape (N, F), padded with -1."""
+        """Numbers of the ingredient pairs that make each task's goal in a plan, shape (N, F), padded with -1."""
         pair = self.graph.pair_of_recipe.tolist()
         return frozen(padded([sorted({pair[plan[-1]] for plan in plans}) for plans in self.plans], -1))
 

@@ -153,6 +153,8 @@ class RunFolder(Generic[P]):
         with suppress(OSError):  # the disk may be full
             self._end("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         unit, last = self.kind.unit, self.checkpoints.last
+        if isinstance(error, OSError) and last is None:
+            last = next(iter(self.checkpoints.records()), None)
         if last is None:
             return error
         if isinstance(error, KeyboardInterrupt):

@@ -94,7 +94,7 @@ def finite(name: str, values: ArrayLike) -> Scores:
 
 
 def by_task(name: str, values: ArrayLike, axes: str) -> Scores:
-    """Return a table of scores as an array with two axes; raise a ConfigError for more or fewer axes."""
+    """Return scores as an array with two axes; otherwise a ConfigError names the input and the expected axes."""
     array = finite(name, values)
     if array.ndim != 2:
         raise ConfigError(f"{name} of shape {array.shape}: expected {axes}.")

@@ -34,6 +34,15 @@ NAMES = {
 }
 SHOWN = ("no graph", "ComplEx in-sample, u v", "ComplEx, u v", "recipes, u v w")
 """What the picture shows."""
+LEGEND = (
+    "Pale bars: intervals over trainings; without a bar: one training.",
+    "u: does the pair combine? v: is it part of the goal?",
+    "w: does the pair make the goal?",
+    "In-sample: scores of recipes that the scorer has learned.",
+    "Split by-goal: no train recipe makes the goal; by-slot: no",
+    "train recipe makes it with one of these ingredients.",
+)
+"""Lines in the cell after the last panel."""
 COLOURS = {8: "#0072b2", 1: "#d55e00"}
 Row = dict[str, Any]
 
@@ -76,6 +85,15 @@ def _with_interval(row: Row) -> str:
     return _figure(row["success"]) + ends
 
 
+def mark(x: float, y: float, interval: tuple[float, float], colour: str) -> list[str]:
+    """Return a figure as a line across, and its interval as a pale bar."""
+    low, high = interval
+    return [
+        f'<rect x="{low:.1f}" y="{y - 6}" width="{high - low:.1f}" height="12" fill="{colour}" fill-opacity=".3"/>',
+        f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y - 7}" y2="{y + 7}" stroke="{colour}" stroke-width="1.5"/>',
+    ]
+
+
 def picture(rows: list[Row]) -> str:
     """Return a panel for each book and split: success with 8 and with 1 distractor, a line for each variant."""
     panels = {key: [row for row in of if row["variant"] in SHOWN] for key, of in groups(rows).items()}
@@ -83,6 +101,7 @@ def picture(rows: list[Row]) -> str:
     width, left, top, line, columns = 430, 176, 64, 28, 2
     height = line * len(SHOWN) + 60
     total = top + height * -(-len(panels) // columns)
+    cells = [(width * (n % columns), top + height * (n // columns)) for n in range(len(panels) + 1)]
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width * columns} {total}" '
         'font-family="system-ui, sans-serif" font-size="12">',
@@ -91,11 +110,13 @@ def picture(rows: list[Row]) -> str:
         '<text x="14" y="24" font-size="16" fill="#1b1f24">Success on the tasks of unseen recipes</text>',
     ]
     for place, (amount, colour) in enumerate(COLOURS.items()):
-        x = 18 + 150 * place
-        parts.append(f'<circle cx="{x}" cy="44" r="5" fill="{colour}"/>')
-        parts.append(f'<text x="{x + 10}" y="48" fill="#1b1f24">{amount} distractor{"s" * (amount > 1)}</text>')
-    for number, ((book, split, _), of) in enumerate(panels.items()):
-        x0, y0 = width * (number % columns), top + height * (number // columns)
+        x = 14 + 150 * place
+        parts += mark(x + 6, 44, (x, x + 12), colour)
+        parts.append(f'<text x="{x + 18}" y="48" fill="#1b1f24">{amount} distractor{"s" * (amount > 1)}</text>')
+    for line_number, text in enumerate(LEGEND):
+        x, y = cells[-1]
+        parts.append(f'<text x="{x + 14}" y="{y + 42 + 20 * line_number}" fill="#57606a">{text}</text>')
+    for ((book, split, _), of), (x0, y0) in zip(panels.items(), cells, strict=False):
         scale = width - left - 40
         title = f"{BOOKS[book].strip('`')}, {split}"
         parts.append(f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">{title}</text>')
@@ -106,22 +127,19 @@ def picture(rows: list[Row]) -> str:
             parts.append(f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle" fill="#57606a">{tick:g}</text>')
         for row in of:
             y = y0 + 42 + line * SHOWN.index(row["variant"])
-            colour = COLOURS[row["distractors"]]
-            x = x0 + left + scale * row["success"]
-            if row["interval"]:
-                low, high = (x0 + left + scale * end for end in row["interval"])
-                parts.append(
-                    f'<line x1="{low:.1f}" x2="{high:.1f}" y1="{y}" y2="{y}" stroke="{colour}" stroke-width="2"/>'
-                )
-            parts.append(f'<circle cx="{x:.1f}" cy="{y}" r="5" fill="{colour}"/>')
+            low, high = (x0 + left + scale * end for end in row["interval"] or [row["success"]] * 2)
+            parts += mark(x0 + left + scale * row["success"], y, (low, high), COLOURS[row["distractors"]])
+            others = [other["success"] for other in of if other["variant"] == row["variant"] and other is not row]
+            # The lower figure stands on the left of its mark, so that near figures do not touch.
+            x, anchor = (low - 5, "end") if others and row["success"] < min(others) else (high + 5, "start")
             parts.append(
-                f'<text x="{x:.1f}" y="{y - 7}" text-anchor="middle" font-size="10" fill="{colour}">'
-                f"{_figure(row['success'])}</text>"
+                f'<text x="{x:.1f}" y="{y + 4}" text-anchor="{anchor}" font-size="10" '
+                f'fill="{COLOURS[row["distractors"]]}">{_figure(row["success"])}</text>'
             )
         for place, variant in enumerate(SHOWN):
             name = NAMES[variant].strip("*")
             y = y0 + 46 + line * place
-            parts.append(f'<text x="{x0 + left - 12}" y="{y}" text-anchor="end" fill="#1b1f24">{name}</text>')
+            parts.append(f'<text x="{x0 + left - 24}" y="{y}" text-anchor="end" fill="#1b1f24">{name}</text>')
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 

@@ -126,8 +126,8 @@ def checks(values: Values, key: str = "passed") -> Values:
 
 
 def without_ci(metrics: Values) -> Values:
-    """Return metrics without their interval, which holds the MRR."""
-    low, high = metrics["mrr_ci"]
+    """Return metrics without their interval, which holds the MRR and is left out below five recipes."""
+    low, high = metrics.get("mrr_ci", (0, 1)) if metrics["queries"] < 20 else metrics["mrr_ci"]
     assert low <= metrics["mrr"] <= high
     return {name: value for name, value in metrics.items() if name != "mrr_ci"}
 
@@ -296,11 +296,18 @@ def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill
     assert summary_of(report)["mrr_without_near_synonyms"] is None
 
 
-def test_best_and_worst_are_the_ends_of_the_ranking(values, kitchen_report):
-    ranks = sorted(kitchen_report.tables["ranks.csv"]["rank"])
-    assert [row["rank"] for row in values["best"]] == ranks[: len(values["best"])]
-    assert [row["rank"] for row in values["worst"]] == ranks[::-1][: len(values["worst"])]
-    assert len(values["best"]) == len(values["worst"]) > 0
+@pytest.mark.parametrize(("ends", "choose"), [("best", min), ("worst", max)])
+def test_best_and_worst_are_the_ends_of_the_ranking_with_each_fact_once(values, kitchen_report, ends, choose):
+    def fact(row: Values) -> tuple[str, ...]:
+        pair = (row["head"], row["tail"])
+        return row["relation"], *(sorted(pair) if row["relation"] == "combinesWith" else pair)
+
+    ranks = {}
+    for row in kitchen_report.tables["ranks.csv"].to_dict("records"):
+        ranks[fact(row)] = choose(row["rank"], ranks.get(fact(row), row["rank"]))
+    expected = sorted(ranks.values(), reverse=ends == "worst")[: len(values[ends])]
+    assert [row["rank"] for row in values[ends]] == expected
+    assert len({fact(row) for row in values[ends]}) == len(values[ends]) == 8
 
 
 def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kitchen_model, graph):

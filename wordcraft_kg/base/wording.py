@@ -10,6 +10,18 @@ _INVISIBLE = re.compile(
 )
 
 
+def duration(hours: float) -> str:
+    """Format a duration in hours, or in minutes below one hour.
+
+    Example:
+        >>> duration(0.05), duration(1.25)
+        ('3 minutes', '1.2 hours')
+    """
+    if hours >= 1:
+        return f"{hours:.1f} hours"
+    return counted(max(round(60 * hours), 1), "minute")
+
+
 def counted(number: int, one: str, more: str = "") -> str:
     """Return a number with a noun: ``one`` is the singular, ``more`` the plural (default: the singular with an s).
 

@@ -64,7 +64,7 @@ class Progress:
         if total == 1 and self.what in Progress._named:  # a short stage that is repeated, such as ranking
             return
         Progress._named.add(self.what)
-        print(", ".join(filter(None, [f"{self.what}: {place}", " ".join(figures)])), file=sys.stderr, flush=True)
+        print(", ".join([f"{self.what}: {place}", *figures]), file=sys.stderr, flush=True)
 
     def _draw(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
         count = f"{_short(done)}/{_short(total)}" if total > 1 else ""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.base.wording import duration
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, Words
 from wordcraft_kg.cli.studies import EngineOptions, run_studies
@@ -134,11 +135,11 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
         hours = estimated_hours(plan, engine.out, engine.store) / plan.jobs(engine.jobs)
         trainings = len(cells_of(study))
         listed[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
-        about = f"{study.title}: {trainings} trainings, about {hours:.1f} hours left on this machine"
+        about = f"{study.title}: {trainings} trainings, about {duration(hours)} left on this machine"
         rows += [(name, about), ("", study.source)]
     everything = replace(plan, tasks=tasks)
     hours = estimated_hours(everything, engine.out, engine.store) / everything.jobs(engine.jobs)
-    rows.append((ALL, f"about {hours:.1f} hours left: shared trainings run once"))
+    rows.append((ALL, f"about {duration(hours)} left: shared trainings run once"))
     following = "run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3"
     output.result({"studies": listed, "hours": round(hours, 2)}, [*aligned(rows), following])
     return 0

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.wording import counted, duration
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.studies.study import Study
 
@@ -98,7 +99,7 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
     hours, jobs = estimated_hours(plan, options.out, options.store), plan.jobs(options.jobs)
     kinds = Counter(task.kind for task in plan.tasks.values())
     counts = ", ".join(f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items())
-    about = f"{counts}; about {hours:.1f} core hours, {hours / jobs:.1f} hours with {jobs} jobs"
+    about = f"{counts}; about {duration(hours)} of one core, {duration(hours / jobs)} with {counted(jobs, 'job')}"
     tasks = [{"address": address, "title": task.title} for address, task in plan.tasks.items()]
     listed = _first([f"  {task['address']}  {task['title']}" for task in tasks], "--json lists all")
     return {"core_hours": round(hours, 3), "tasks": tasks}, [f"{plan.study.title}: {about}", *listed]
@@ -116,7 +117,7 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
     folder, page = options.out / "reports" / plan.name, None
     failures = {plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()}
     from_store = f" ({state.taken:,} of them in '{options.store}')" if state.taken else ""
-    text = [f"{state.done:,} tasks done, {state.kept:,} already done{from_store}, {len(failures):,} failed"]
+    text = [f"{counted(state.done, 'task')} done, {state.kept:,} already done{from_store}, {len(failures):,} failed"]
     text += _first([f"  {title}: {error}" for title, error in failures.items()], f"in {options.out / 'failed'}/")
     try:
         if results.runs:
@@ -143,7 +144,7 @@ def _first(lines: list[str], rest: str) -> list[str]:
 
 
 def _watch(plan: "Plan", output: Output) -> "Watch":
-    progress = output.progress(plan.name, unit="task")
+    progress = output.progress(plan.name, unit="done")
 
     def watch(plan: "Plan", state: "State") -> None:
         failed = len(state.failed)

@@ -152,8 +152,11 @@ def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
 
 
 def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
-    """Return the best-ranked (ascending) or worst-ranked queries."""
+    """Return the best-ranked (ascending) or worst-ranked queries, one for each fact: sides and mirrors count once."""
     order = links.ranks.sort_values(["rank", "score"], ascending=[ascending, not ascending], kind="stable")
+    ends, is_mirrored = order[["head", "tail"]].copy(), order["relation"] == COMBINES_WITH
+    ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
+    order = order[~ends.assign(relation=order["relation"]).duplicated()]
     shown = labelled(links.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
     return tuple(RankedTriple(*row) for row in zip(*(shown[name].tolist() for name in shown), strict=True))
 

@@ -47,7 +47,8 @@ def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
     """
     described: dict[str, tuple[Values, Cell, str | None]] = {}
     given: dict[str, None] = {}
-    for plan in [read_plan(root, name) for name in studies_of(root)]:
+    plans = [read_plan(root, name) for name in studies_of(root)]
+    for plan in plans:
         for cell, run, scorer in zip(plan.cells, plan.runs, plan.scorers, strict=True):
             explicit = _explicit(plan, cell, scorer)
             given |= dict.fromkeys(explicit)
@@ -69,7 +70,7 @@ def collect_runs(root: Path, by: Sequence[str]) -> StudyResults:
         seeds=max((cell.seed + 1 for cell, *_ in rows), default=1),
         drawing="bars",
     )
-    return _results(root, "runs", "", study, rows)
+    return _results(root, "runs", " && ".join(dict.fromkeys(plan.command for plan in plans)), study, rows)
 
 
 def _check_known(by: Sequence[str], names: Sequence[str], known: Collection[str], root: Path) -> None:

@@ -34,10 +34,6 @@ def result_in(folder: str | Path) -> TextResult:
     return read_record(Path(folder, RESULT_FILE), TextResult)
 
 
-def result_file(games: Path) -> Path:
-    return games.parent / RESULT_FILE
-
-
 def lines_of(path: Path) -> list[str]:
     return path.read_text(encoding="utf-8").splitlines(keepends=True)
 
@@ -80,7 +76,7 @@ def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(play, game
 def test_an_evaluation_that_was_killed_while_the_header_was_written_begins_anew(play, games, size):
     play("--tasks", "2")
     before = lines_of(games)
-    result_file(games).unlink()
+    (games.parent / RESULT_FILE).unlink()
     games.write_text(before[0][:size], encoding="utf-8")
     outcome = play("--tasks", "2")
     assert (outcome.code, lines_of(games)) == (0, before)
@@ -168,7 +164,7 @@ def test_a_result_that_does_not_follow_from_its_games_is_no_row_of_the_reference
 def test_games_in_another_order_have_the_same_result(play, games):
     play("--tasks", "9")
     before, (header, *lines) = result_in("out"), lines_of(games)
-    result_file(games).unlink()
+    (games.parent / RESULT_FILE).unlink()
     games.write_text("".join([header, *reversed(lines)]), encoding="utf-8")
     assert play("--tasks", "9").code == 0
     assert msgspec.structs.replace(result_in("out"), games_hash=before.games_hash) == before

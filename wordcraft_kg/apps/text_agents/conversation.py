@@ -138,8 +138,7 @@ class Play:
         Raises:
             ConfigError: for settings that do not fit the graph.
             LeakError: if a scorer would reveal its train recipes on train tasks.
-            ArtefactError, RecipeFileError, GraphMismatchError: for an unreadable or
-                mismatched graph or scorer.
+            ArtefactError, RecipeFileError, GraphMismatchError: for an unreadable or mismatched graph or scorer.
         """
         opened = open_graph(graph)
         knowledge = open_knowledge(settings, opened)

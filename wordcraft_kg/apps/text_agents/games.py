@@ -93,15 +93,13 @@ class Game(ABC):
 class TaskGame(Game):
     """A game for a crafting task: make the goal from the entities on an evaluation table.
 
-    An attempt takes two actions, the choices of two entities. An attempt lost by invalid messages takes one action.
-
     Attributes:
         distractor_seed: seed for the distractors on the table.
         start: labels on the table at the start.
         attempts: number of attempts in the game.
         is_made: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
-        actions: actions so far.
+        actions: number of chosen entities: two in an attempt, one in an attempt lost by invalid messages.
         last: labels of the last combined pair; None initially and after a lost attempt.
     """
 

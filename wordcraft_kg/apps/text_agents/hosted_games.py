@@ -33,8 +33,7 @@ class HostedGame:
     Attributes:
         name: the game's id.
         talk: the conversation: the game, and counts of invalid messages and look-ups.
-        messages: prompts and answers in turn, until the record of the game is kept; only the first prompt has rules
-            and state.
+        messages: prompts and answers in turn, until the game is recorded; only the first prompt has rules and state.
     """
 
     def __init__(self, name: str, talk: Conversation, keep: "Callable[[HostedGame], None]"):
@@ -101,18 +100,16 @@ class HostedGames:
     """
 
     def __init__(self, play: Play, *, most: int = _MOST_GAMES):
-        """Prepare to host games; the last ``most`` games are remembered, and forgotten games end."""
+        """Prepare to host games; at most ``most`` games are remembered."""
         self.play, self._most = play, most
         self.keep: Callable[[HostedGame], None] = lambda game: None
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
-        """Begin a game, see :meth:`Play.begin`; if there are too many games, forget the least recent.
+        """Begin a game, see :meth:`Play.begin`.
 
-        Finished games are forgotten first; an unfinished game ends and is recorded.
-
-        Raises:
-            EpisodeError: if a forgotten game cannot be recorded.
+        If there are too many games, end and forget a game: finished games first, then the least recent. An EpisodeError
+        if this game cannot be recorded.
         """
         name = secrets.token_urlsafe(9)  # unguessable
         hosted = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
@@ -146,8 +143,7 @@ def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame
     """Lock a games file (``--out``), and yield a function that appends a finished game to this file.
 
     Raises:
-        ArtefactError: if the file is damaged, is not a games file, or is in use by a server.
-        GraphMismatchError, ConfigError: for games on another graph or with other settings; the file is unchanged.
+        ArtefactError, GraphMismatchError, ConfigError: as ``playing.open_games``, or if a server uses the file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()

@@ -50,9 +50,9 @@ class Knowledge(ABC):
 def hidden_pairs(game: Game) -> set[int]:
     """Return the pairs (``graph.pair_of_recipe``) that look-ups hide in a game; none in the open-ended world.
 
-    Hidden are all pairs in the task's plans, and every pair that makes the goal if both ingredients are on the starting
-    table, or can be made from this table before the last attempt (at most a crafting round per attempt). So no look-up
-    completes a way to the goal.
+    Hidden are all pairs in the task's plans, and every pair for the goal with both ingredients on the starting table or
+    makeable from this table before the last attempt (a crafting round per attempt): no look-up completes a way to the
+    goal.
     """
     if not isinstance(game, TaskGame):
         return set()
@@ -65,7 +65,7 @@ def hidden_pairs(game: Game) -> set[int]:
 
 
 class PartialGraphKnowledge(Knowledge):
-    """Train recipes as facts, without the recipes that lead to the game's goal, see :func:`hidden_pairs`.
+    """Look-ups in the train recipes: a text agent names an entity, and reads its recipes without :func:`hidden_pairs`.
 
     Order: recipes that make the entity, uses with an entity on the table, remaining uses.
     """

@@ -88,7 +88,7 @@ class LinePlayer:
         self._logging.join(1)
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Return a function for a new conversation: send a prompt to the program, and return the answer."""
+        """Return a function that sends a prompt of the conversation ``talk`` to the program, and returns the answer."""
         self._games += 1
         number, is_new = self._games, True
 

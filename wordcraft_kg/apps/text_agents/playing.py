@@ -36,9 +36,8 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
     ``player`` is the player's name; ``speak`` maps a conversation to the function that answers the prompts.
 
     Raises:
-        ArtefactError: for damaged games, or a folder in use by another process.
-        ConfigError: if the folder has games by a different player or settings.
-        GraphMismatchError: if the folder has games on a different graph or split.
+        ArtefactError: for damaged or changed games, or a folder in use by another process.
+        ConfigError, GraphMismatchError: for games by a different player or settings, see :func:`open_games`.
     """
     path, settings = folder / GAMES_FILE, play.settings
     tasks = chosen_tasks(play.games.world, settings.tasks).tolist() if isinstance(play.games, TaskGames) else [0]
@@ -58,9 +57,7 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
                     "Remove the line."
                 )
             del missing[key]
-        if (folder / RESULT_FILE).is_file() and read_record(folder / RESULT_FILE, TextResult).games_hash != sha256_of(
-            path
-        ):
+        if (kept := folder / RESULT_FILE).is_file() and read_record(kept, TextResult).games_hash != sha256_of(path):
             raise ArtefactError(
                 f"{path} was changed after {RESULT_FILE} was written. Restore a copy, or play again with --force."
             )

@@ -48,7 +48,7 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
 
 
 def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
-    """Return the record of a finished conversation's game; ``number`` is the index of an open-ended game."""
+    """Return the record of the finished game in a conversation; ``number`` is the index of an open-ended game."""
     game = talk.game
     counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages)}
     if isinstance(game, DiscoveryGame):
@@ -83,7 +83,7 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Convert the records of N tasks with D distractor seeds to an agent evaluation, without the pairs combined last.
+    """Convert the records of N tasks with D distractor seeds to an evaluation; its last pairs are -1 (not recorded).
 
     Raises:
         ValueError: unless every task has a record for each distractor seed.
@@ -146,11 +146,7 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
 
 
 def read_result(folder: Path) -> TextResult:
-    """Read the result in a folder of ``evaluate-text``; if the folder has the games, check the result against them.
-
-    Raises:
-        ArtefactError: for damaged files, or a result or games that were changed after the evaluation.
-    """
+    """Read the result in a folder; an ArtefactError for damaged files, or for a result that the games do not have."""
     result, path = read_record(folder / RESULT_FILE, TextResult), folder / GAMES_FILE
     if path.is_file():
         header, played, _ = read_games(path)

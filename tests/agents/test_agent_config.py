@@ -66,14 +66,8 @@ def test_steps_are_rounded_up_to_whole_updates(steps, updates):
 @pytest.mark.parametrize(
     ("setting", "value"),
     [
-        ("depth", 0),
-        ("depth", 6),
-        ("distractors", -1),
-        ("max_attempts", 0),
-        ("reward", "dense"),
-        ("distractor_weighting", "usage"),
-        ("distractor_policy", "none"),
-        ("task_weighting", "goals"),
+        *(("depth", 0), ("depth", 6), ("distractors", -1), ("max_attempts", 0), ("reward", "dense")),
+        *(("distractor_weighting", "usage"), ("distractor_policy", "none"), ("task_weighting", "goals")),
         ("ambiguity", "first"),
     ],
 )

@@ -222,6 +222,16 @@ def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(interrup
         resume(folder)
 
 
+def test_a_link_in_the_place_of_the_metrics_is_refused_and_its_target_stays(interrupted, tmp_path):
+    metrics, other = interrupted() / "metrics.jsonl", tmp_path / "other.jsonl"
+    metrics.rename(other)
+    metrics.symlink_to(other)
+    before = other.read_bytes()
+    with pytest.raises(ArtefactError, match="is a link"):
+        resume(metrics.parent)
+    assert other.read_bytes() == before
+
+
 def test_features_without_half_of_the_words_are_refused_before_anything_is_written(config, opened, tmp_path):
     words = tmp_path / "words.txt"
     words.write_text("".join(f"{label} 1.0 2.0\n" for label in opened.graph.entities[::2] if " " not in label))

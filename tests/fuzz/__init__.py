@@ -6,3 +6,7 @@ is done: ``python -m tests.fuzz --replay artefacts:123`` does it again and shows
 
 ``python -m tests.fuzz --books 10000 --artefacts 5000 --values`` runs many of them.
 """
+
+import os
+
+os.environ.setdefault("OMP_STACKSIZE", "512K")  # so that 1,024 threads fit into the memory limit of a command

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
-from wordcraft_kg.base.errors import TaskError
+from wordcraft_kg.base.errors import ArtefactError, TaskError
 from wordcraft_kg.envs.evaluation_tables import MOST_TASKS
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -23,7 +23,7 @@ CURVE_TASKS = 4_000
 
 
 class MetricsFile:
-    """Writer for a run's ``metrics.jsonl``; forwards each line to trackers such as TensorBoard.
+    """Writer for a run's ``metrics.jsonl``, never through a link; forwards each line to trackers such as TensorBoard.
 
     Attributes:
         eval_seconds: seconds spent on learning curves.
@@ -31,6 +31,8 @@ class MetricsFile:
 
     def __init__(self, folder: Path, world: World, log: Log):
         self.path = folder / "metrics.jsonl"
+        if self.path.is_symlink():  # the file may belong to another run
+            raise ArtefactError(f"{self.path} is a link; expected a file. Train again with `force`.")
         self.eval_seconds = 0.0
         self._log = log
         self._evaluators = evaluators(world, curve=True)

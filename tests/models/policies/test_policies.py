@@ -403,11 +403,6 @@ def test_free_coefficients_may_be_negative_and_softmax_ones_may_not():
     torch.testing.assert_close(softmaxed, torch.softmax(free, dim=1))
 
 
-def test_kg_only_without_a_scorer_is_an_error_that_names_both_settings():
-    with refuses("kg_only"):
-        attention(kg_only=True)
-
-
 @pytest.mark.parametrize("num_slots", [SLOTS - 1, SLOTS + 1])
 def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots: int):
     table = torch.zeros(2, num_slots, dtype=torch.int64)

@@ -167,14 +167,6 @@ def test_a_scorer_is_mixed_in_on_the_scale_of_the_settings():
         plain(scorer=SCORER, self_edges="observed", observed=None)
 
 
-@pytest.mark.parametrize(("use", "names"), [("u", ("u",)), ("v", ("v",)), ("v,u", ("u", "v"))])
-@pytest.mark.parametrize("kg_only", [False, True])
-def test_a_policy_mixes_the_sources_of_the_settings_and_alpha(use: str, names: tuple[str, ...], kg_only: bool):
-    policy = plain(scorer=SCORER, use=use, kg_only=kg_only)
-    assert tuple(policy.sources) == names
-    assert tuple(label.name for label in policy.labels) == (names if kg_only else ("alpha", *names))
-
-
 def test_a_scorer_of_another_graph_is_refused():
     other = random_graph(seed=1, num_entities=8, num_recipes=20)
     assert other.num_entities == SIZE

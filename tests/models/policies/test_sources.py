@@ -137,15 +137,6 @@ def test_a_policy_sees_exactly_the_scores_that_observations_show(kitchen: Recipe
     assert min(held, empty) > 0
 
 
-@any_sources
-def test_tables_with_other_strides_are_read_in_the_same_order(names):
-    goal, selection, table = states()
-    knowledge = knowledge_of(names)
-    strided = table.T.contiguous().T
-    assert not strided.is_contiguous()
-    assert torch.equal(knowledge(goal, selection, strided), knowledge(goal, selection, table))
-
-
 def test_scores_are_constants_even_if_the_scorer_is_being_trained():
     assert SCORER.table("combinesWith").requires_grad
     for source in make_sources(["u", "v"], SCORER):

@@ -39,9 +39,7 @@ def test_only_regular_files_are_read(endless: Path, read: Callable[[Path], bytes
 
 
 @pytest.mark.parametrize(("read", "largest"), [(read_small_file, SMALL_FILE), (read_large_file, LARGE_FILE)])
-def test_a_file_larger_than_any_written_is_not_read(
-    tmp_path: Path, read: Callable[[Path], bytes], largest: int
-) -> None:
+def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, read: Callable[[Path], bytes], largest: int) -> None:
     path = tmp_path / "hole"
     path.touch()
     os.truncate(path, largest + 1)

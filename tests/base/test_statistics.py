@@ -294,9 +294,7 @@ def test_crossed_bootstrap_draws_rows_and_columns(transposed: bool) -> None:
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 10**6])
-def test_crossed_bootstrap_does_not_depend_on_the_draws_held_at_once(
-    chunk: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_crossed_bootstrap_does_not_depend_on_the_chunk(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
     table = np.random.default_rng(0).random((4, 30))
     expected = crossed_bootstrap(table)
     monkeypatch.setattr(samples, "CHUNK", chunk * 30)

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from quick import SMALL, same
+from quick import SMALL, same, succeed
 
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.base.artefacts import TEMPORARY
@@ -15,12 +15,11 @@ MOMENT = ("--steps", 96, "--batch-size", 8, "--eval-every", 0, "--quiet")
 
 
 @pytest.fixture
-def train(run, world, tmp_path):
+def train(world, tmp_path):
     """Train on the world's graph into a new folder, and return it."""
 
     def train(*options, name="run"):
-        outcome = run("train-agent", world / "graph", *options, "--out", tmp_path / name)
-        assert outcome.code == 0, outcome.err
+        succeed(("train-agent", world / "graph", *options, "--out", tmp_path / name))
         return tmp_path / name
 
     return train
@@ -110,11 +109,10 @@ def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(printed
     assert alone["agents"].keys() == {"plain-seed-1"}
 
 
-def test_a_report_that_was_not_written_any_more_is_written_by_the_same_command(run, world, tmp_path):
+def test_a_report_that_was_not_written_any_more_is_written_by_the_same_command(world, tmp_path):
     shutil.copytree(world / "plain/seed-0", tmp_path / "run", ignore=shutil.ignore_patterns("report"))
     (tmp_path / f"run/.report.killed{TEMPORARY}").mkdir()
-    outcome = run("train-agent", world / "graph", *SMALL, "--distractors", 2, "--out", tmp_path / "run")
-    assert outcome.code == 0, outcome.err
+    succeed(("train-agent", world / "graph", *SMALL, "--distractors", 2, "--out", tmp_path / "run"))
     left, expected = ({path.name for path in folder.iterdir()} for folder in (tmp_path / "run", world / "plain/seed-0"))
     assert left == expected
     assert (tmp_path / "run/report/index.html").is_file()
@@ -140,11 +138,10 @@ def test_the_same_command_goes_on_with_an_agent(printed, refused, run, world, tm
     refused(*command, kind="OutputExistsError")
 
 
-def test_a_run_s_own_settings_reproduce_it(run, world, tmp_path):
+def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
     config = world / "guided/config.toml"
     assert 'scorer = "../scorer"' in config.read_text()
-    outcome = run("train-agent", "--config", config, "--out", tmp_path / "again", "--quiet")
-    assert outcome.code == 0, outcome.err
+    succeed(("train-agent", "--config", config, "--out", tmp_path / "again", "--quiet"))
     assert same("policy.safetensors", tmp_path / "again", world / "guided")
 
 
@@ -163,7 +160,7 @@ def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(pr
 
 
 @pytest.mark.parametrize("depth", [2, 3])
-def test_agents_with_another_task_weighting_are_compared_only_where_it_does_not_decide_the_tasks(
+def test_agents_with_another_task_weighting_are_compared_only_if_it_does_not_decide_the_tasks(
     train, run, tmp_path, depth
 ):
     small = ("--steps", 64, *MOMENT[2:], "--depth", depth, "--distractors", 1)

@@ -81,7 +81,7 @@ def test_a_former_option_is_refused_with_the_new_one(refused, tmp_path, command)
     [
         ("nowhere", 1, "RecipeFileError"),
         ("", 2, "MissingArgumentError"),
-        ("kitchen --entity bred --quiet", 1, "UnknownEntityError"),
+        ("kitchen --entity x -q", 1, "UnknownEntityError"),
     ],
 )
 def test_a_failure_with_json_is_one_object_on_stdout_that_names_its_kind(run, home, arguments, code, kind):

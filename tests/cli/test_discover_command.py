@@ -1,22 +1,23 @@
 import re
 import xml.etree.ElementTree as ET
 
+from quick import text_of
+
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.graphs import open_graph
 
 QUICK = ("--runs", 3, "--attempts", 12)
 
 
-def test_the_table_has_a_row_for_each_player_and_one_for_people(run):
-    outcome = run("discover", "kitchen", *QUICK)
-    assert outcome.code == 0, outcome.err
-    rows = {line.split("  ")[0]: line for line in outcome.out.splitlines()}
+def test_the_table_has_a_row_for_each_player_and_one_for_people():
+    text = text_of("discover", "kitchen", *QUICK)
+    rows = {line.split("  ")[0]: line for line in text.splitlines()}
     assert rows["entities known after"].split()[-4:] == ["1", "10", "12", "repeated"]
     for name in ("random", "random-no-repeat", "greedy", "empowerment"):
         assert re.search(r"\d\.\d", rows[name])
     assert "empowerment-scorer" not in rows
     assert rows["people, another game"].split()[-2:] == ["5", "9.95"]
-    assert "720 entities" in outcome.out
+    assert "720 entities" in text
 
 
 def test_json_holds_the_same_figures_and_the_setting(printed):
@@ -46,11 +47,9 @@ def test_a_single_run_has_no_interval(printed, run):
     assert "[" not in text.split("people")[0].split("\n", 2)[2]
 
 
-def test_the_page_is_one_file_with_all_curves_and_people(run, tmp_path, trained):
+def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, trained):
     page = tmp_path / "deep" / "page.html"
-    outcome = run("discover", "kitchen", "--runs", 2, "--scorer", trained / "one", "--out", page)
-    assert outcome.code == 0, outcome.err
-    assert f"wrote {page}" in outcome.out
+    assert f"wrote {page}" in text_of("discover", "kitchen", "--runs", 2, "--scorer", trained / "one", "--out", page)
     assert list(page.parent.iterdir()) == [page]
     html = page.read_text(encoding="utf-8")
     assert not re.search(r"<link|src=|https?://", html)

@@ -121,7 +121,7 @@ def test_a_recipe_has_a_score_and_ranks_and_in_sample_is_only_its_training(
 
 
 @pytest.mark.parametrize(
-    ("query", "slot"), [("_ + {b} {result}", "ingredient_a"), ("{b} + _ = {result}", "ingredient_b")]
+    ("query", "slot"), [("_ + {b} {result}", "ingredient_a"), ("{b} + _ {result}", "ingredient_b")]
 )
 def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder, scorer, query, slot):
     a, b, result = in_part("train")

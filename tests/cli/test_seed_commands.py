@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from quick import SMALL, TINY, build, contents, same
+from quick import SMALL, TINY, build, contents, same, succeed
 
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.base.errors import ConfigError
@@ -84,14 +84,13 @@ def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkey
     assert (tmp_path / "plain/seed-2/report/index.html").is_file()
 
 
-def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_written(run, world, tmp_path):
+def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_written(world, tmp_path):
     shutil.copytree(world / "plain", tmp_path / "plain")
     shutil.rmtree(tmp_path / "plain/seed-0/report")
     killed = tmp_path / "plain/seed-1"
     record = json.loads((killed / "run.json").read_text())
     (killed / "run.json").write_text(json.dumps(record | {"status": "running", "ended": None, "outputs": {}}))
-    outcome = run("train-agent", world / "graph", *AGENT, "--seeds", "0-1", "--out", tmp_path / "plain")
-    assert outcome.code == 0, outcome.err
+    succeed(("train-agent", world / "graph", *AGENT, "--seeds", "0-1", "--out", tmp_path / "plain"))
     assert same("policy.safetensors", killed, world / "plain/seed-1")
     assert (tmp_path / "plain/seed-0/report/index.html").is_file()
 

@@ -1,4 +1,5 @@
 import json
+import re
 
 import pytest
 from graph_strategies import books
@@ -165,8 +166,8 @@ def test_a_finding_says_what_is_wrong(check, kind):
 def test_a_check_reads_single_ingredients_as_asked_and_is_a_problem_otherwise(check):
     text = HEADER + "sand,,glass\n"
     assert "'sand' is the only ingredient" in message(check(text), "label")
-    assert "'milk' is the only ingredient" in message(check(HEADER + "milk,, \n"), "label")
-    assert "the label '' is blank" in message(check(HEADER + "milk,, \n"), "label")
+    both = r"'milk' is the only ingredient.* Also, the label '' is blank"
+    assert re.search(both, message(check(HEADER + "milk,, \n"), "label"))
     assert check(text, single_ingredient="self").graph.recipe_labels() == [("sand", "sand", "glass")]
     assert check(text, single_ingredient="oven").graph.recipe_labels() == [("oven", "sand", "glass")]
 
@@ -194,11 +195,7 @@ BYTES = {
     "not UTF-8": (HEADER.encode() + b"caf\xe9,a,b\na,b\n", "book.csv", [("encoding", (2,)), ("row", (3,))]),
     "CR": (LINE.replace("\n", "\r"), "book.csv", [("line-ends", ()), ("row", (4,))]),
     "CRLF": (LINE.replace("\n", "\r\n"), "book.csv", [("line-ends", ()), ("row", (4,))]),
-    "JSON": (
-        "\ufeff" + JSON.replace(",", ",\r\n", 1),
-        "book.json",
-        [("comma", ()), ("line-ends", ()), ("bom", (1,))],
-    ),
+    "JSON": ("\ufeff" + JSON.replace(",", ",\r\n", 1), "book.json", [("comma", ()), ("line-ends", ()), ("bom", (1,))]),
 }
 
 

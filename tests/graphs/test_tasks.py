@@ -220,7 +220,7 @@ def part_of(task: Task, split: Split) -> str:
 
 
 @pytest.mark.parametrize(
-    ("depth", "valid_ratio"), [(1, 0.0), (1, 0.1), (2, 0.1), pytest.param(2, 0, marks=pytest.mark.slow)]
+    ("depth", "valid_ratio"), [(1, 0), (1, 0.1), (2, 0.1), pytest.param(2, 0, marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
 def test_each_task_belongs_to_the_part_of_its_plans_or_to_none(kitchen, kind, valid_ratio, depth):

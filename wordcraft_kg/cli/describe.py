@@ -56,10 +56,10 @@ def warn_of_base(audited: "Audit") -> None:
 def note_of_shares(split: "SplitSummary") -> Iterator[str]:
     """Yield a line if recipes were moved to train, so that the split has other shares than the settings."""
     moved, recipes = split.moved_for_coverage, (split.train_recipes, split.valid_recipes, split.test_recipes)
-    if moved:
-        wanted = split.train_ratio, split.valid_ratio, 1 - split.train_ratio - split.valid_ratio
-        actual = (number / sum(recipes) for number in recipes)
-        shares = ["/".join(f"{share:.0%}" for share in row if share >= 0.005) for row in (wanted, actual)]
+    wanted = split.train_ratio, split.valid_ratio, 1 - split.train_ratio - split.valid_ratio
+    actual = (number / sum(recipes) for number in recipes)
+    shares = ["/".join(f"{share:.0%}" for share in row if share >= 0.005) for row in (wanted, actual)]
+    if moved and shares[0] != shares[1]:
         reason = f"{moved:,} recipes were moved to train so that every entity has a train recipe"
         yield f"note: split {shares[1]} instead of {shares[0]}: {reason}; --split by-recipe-plain moves no recipe"
 

@@ -95,7 +95,6 @@ def reproduce(
 
 
 def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
-    """Return the studies to run, by name."""
     from wordcraft_kg.studies.study import adapted, built_in, read_study
 
     if study not in (ALL, *built_in()):
@@ -114,7 +113,6 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
 
 
 def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
-    """Print the built-in studies with the hours left on this machine."""
     from wordcraft_kg.studies.engine import estimated_hours
     from wordcraft_kg.studies.plan import make_plan
     from wordcraft_kg.studies.study import adapted, built_in, cells_of, read_study
@@ -146,7 +144,6 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
 
 
 def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -> int:
-    """Print results, and write their report on request."""
     from wordcraft_kg.base.artefacts import check_output
     from wordcraft_kg.studies.report import write_study_report
     from wordcraft_kg.studies.tables import lines_of

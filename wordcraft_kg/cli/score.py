@@ -175,7 +175,6 @@ def _chance(row: Any) -> str:
 
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
-    """Yield notes on triples or recipes in the training data."""
     if any(getattr(one, "in_sample", False) for one in scored):
         yield "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
     if kg == "full" and {"valid", "test"} & {one.known for one in scored}:

@@ -254,7 +254,6 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    """Find labels that differ only in case, blanks, hyphens or Unicode composition."""
     groups: dict[str, list[str]] = {}
     for label in graph.entities:
         groups.setdefault(spelling_key(label), []).append(label)
@@ -267,7 +266,6 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
 def _unreachable(
     graph: RecipeGraph, line_of: Mapping[str, int], lines_of: Mapping[Recipe, list[int]]
 ) -> Iterator[Finding]:
-    """Find unreachable entities, one finding per island, and cycles of mutual need."""
     import networkx as nx
 
     idle = graph.recipe_counts + graph.use_counts == 0

@@ -236,7 +236,9 @@ class Table:
                 faults.append(_alone(one))
             other = one if self._single in (None, _SELF) else self._single
         faults += filter(None, map(label_fault, (one, other, result)))
-        return Fault(number, "label", " ".join(dict.fromkeys(faults))) if faults else (number, (one, other, result))
+        return (
+            Fault(number, "label", " Also, ".join(dict.fromkeys(faults))) if faults else (number, (one, other, result))
+        )
 
     def _not_three(self, cells: Sequence[str]) -> str:
         count = len(cells) - 1

@@ -290,7 +290,6 @@ def _goals(graph: RecipeGraph) -> Ids:
 
 
 def _by_goal(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out goals: all recipes of a goal are in the goal's part."""
     made = np.unique(_goals(graph))
     part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
     part_of[made] = _part_of_groups(len(made), config, rng)

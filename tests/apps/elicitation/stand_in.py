@@ -1,5 +1,6 @@
 """A stand-in for an endpoint of a language model: it answers from a table, and fails on request."""
 
+import gzip
 import json
 import socket
 import threading
@@ -33,7 +34,7 @@ class StandIn:
     """A server on the loopback; `failures` are the next responses instead of an answer, "" for an answer."""
 
     answer: Answerer
-    failures: list[int | str] = field(default_factory=list)  # a status or half, invalid, schema, slow, closed
+    failures: list[int | str] = field(default_factory=list)  # see :meth:`_respond`
     retry_after: str | None = None  # the header of a 429
     message: object = field(default_factory=lambda: {"error": {"message": "failure on request", "code": "requested"}})
     delay: float = 0.0  # seconds until an answer
@@ -72,6 +73,10 @@ class StandIn:
         if failure == "slow":
             time.sleep(1.0)
         content = {"invalid": half, "half": half, "schema": b'{"choices": [{"text": "mud"}]}'}.get(failure, whole)
+        if failure in ("large", "bomb"):
+            content = whole.rjust(5_000_000)
+        if failure == "bomb":
+            content = gzip.compress(gzip.compress(content))
         status = 200
         if isinstance(failure, int):
             status, content = failure, json.dumps(self.message).encode()
@@ -80,10 +85,14 @@ class StandIn:
         handler.send_header("Content-Length", str(len(whole if failure == "half" else content)))
         if status == 429 and self.retry_after is not None:
             handler.send_header("Retry-After", self.retry_after)
-        if status == 307:
-            handler.send_header("Location", f"{self.address}/elsewhere")
+        if 300 <= status < 400:
+            handler.send_header("Location", f"{self.address.replace('127.0.0.1', 'localhost')}/elsewhere")
+        if failure == "bomb":
+            handler.send_header("Content-Encoding", "gzip, gzip")
         handler.end_headers()
-        handler.wfile.write(content)
+        for start in range(0, len(content), step := 100 if failure == "drip" else len(content)):
+            handler.wfile.write(content[start : start + step])
+            time.sleep(0.05 if failure == "drip" else 0)
         handler.close_connection = True
 
 

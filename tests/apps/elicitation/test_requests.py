@@ -36,10 +36,10 @@ def texts_of(config: ElicitationConfig, folder: str = "answers") -> list[str]:
     return [answer.text for answer in request_all(plan, lambda: Endpoint(config), answers)]
 
 
-@pytest.mark.parametrize("failure", [429, 408, 500, 502, 503, "half", "closed", "slow"])
+@pytest.mark.parametrize("failure", [429, 408, 500, 502, 503, "half", "closed", "slow", "drip"])
 def test_a_request_is_repeated_after_a_passing_failure(stand_in, config, failure):
     stand_in.failures = [failure, failure]
-    texts = texts_of(config(goals_per_prompt=40, at_once=1, timeout=0.3))
+    texts = texts_of(config(goals_per_prompt=40, at_once=1, timeout=0.5))
     assert len(stand_in.bodies) == 2 + 2
     assert stand_in.bodies[0] == stand_in.bodies[1] == stand_in.bodies[2]
     assert len(texts) == 2
@@ -71,7 +71,9 @@ def test_after_all_retries_answers_are_kept_and_the_same_command_goes_on(stand_i
         (404, {}, "end in /v1"),
         (400, {}, "`sampling` default"),
         (418, {}, "418"),
-        (307, {}, "307"),
+        *((status, {}, str(status)) for status in (301, 302, 307, 308)),
+        ("large", {}, "more than 4,000,000 bytes"),
+        ("bomb", {}, "malformed chat completion"),
         ("invalid", {}, "malformed chat completion"),
         ("schema", {}, "malformed chat completion"),
         (403, {"message": NO_CREDITS}, "no credit"),
@@ -121,12 +123,15 @@ def test_misplaced_and_damaged_answers_are_requested_again_with_a_warning(stand_
     before = [path.read_bytes() for path in files]
     files[0].write_bytes(before[1])  # the answer to another prompt
     files[2].write_bytes(before[2][: len(before[2]) // 2])
-    edited = json.loads(before[3])
-    edited["answer"]["text"] += "\nbread: water + salt"
-    files[3].write_text(json.dumps(edited))
+    changes = ("text", "bread: water + salt"), ("model", "gpt"), ("finish", "length")
+    for number, (field, value) in enumerate(changes, 3):
+        edited = json.loads(before[number])
+        edited["answer"][field] = value
+        files[number].write_text(json.dumps(edited))
+    files[6].write_bytes(before[6].replace(b"answer 2", b"answer 1"))
     stand_in.bodies.clear()
     assert texts_of(config()) == texts
-    assert len(stand_in.bodies) == 3
+    assert len(stand_in.bodies) == 6
     assert [path.read_bytes() for path in files] == before
     for fragment in ("answers another prompt", "is damaged", "was edited"):
         assert fragment in caplog.text
@@ -196,6 +201,17 @@ def test_a_key_is_sent_and_never_written_or_shown(stand_in, home, monkeypatch, a
     written = [path for path in home.rglob("*") if path.is_file()]
     assert bool(written) == (not failures)
     assert not [path for path in written if KEY.encode() in path.read_bytes()]
+
+
+def test_nothing_of_the_environment_is_sent_and_no_proxy_sees_a_request_over_http(stand_in, config, monkeypatch):
+    for name in ("OPENAI_ORG_ID", "OPENAI_PROJECT_ID", "OPENAI_ADMIN_KEY"):
+        monkeypatch.setenv(name, KEY)
+    monkeypatch.setenv("OPENAI_CUSTOM_HEADERS", f"X-Other: {KEY}")
+    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
+    texts_of(config(goals_per_prompt=100))
+    (headers,) = stand_in.headers
+    assert KEY not in str(headers)
+    assert not [name for name in headers if name.startswith(("openai", "x-"))]
 
 
 def test_openais_key_goes_to_no_address_without_encryption_unless_it_is_named(stand_in, config, monkeypatch):

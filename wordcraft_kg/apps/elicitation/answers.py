@@ -31,10 +31,15 @@ class Answer(Record, frozen=True, kw_only=True):
 
 
 class _KeptAnswer(Record, frozen=True, kw_only=True):
-    format: Literal["wordcraft-kg answer 1"] = "wordcraft-kg answer 1"
+    format: Literal["wordcraft-kg answer 2"] = "wordcraft-kg answer 2"
     request: Request
     answer: Answer
     sha256: Hash
+
+    @classmethod
+    def of(cls, request: Request, answer: Answer) -> "_KeptAnswer":
+        content = dump_json([request.hash, as_values(answer)])
+        return cls(request=request, answer=answer, sha256=hashlib.sha256(content.encode()).hexdigest())
 
 
 class Answers:
@@ -64,7 +69,7 @@ class Answers:
             kept = read_record(path, _KeptAnswer)
             if kept.request != request:
                 raise ArtefactError(f"{path} answers another prompt.")
-            if kept.sha256 != kept.answer.hash:
+            if kept != _KeptAnswer.of(request, kept.answer):
                 raise ArtefactError(f"{path} is damaged or was edited: the hash of the answer differs.")
         except ArtefactError as error:
             logging.getLogger(__name__).warning("%s It is ignored, and the prompt is sent again.", error)
@@ -73,8 +78,8 @@ class Answers:
 
     def keep(self, request: Request, answer: Answer) -> None:
         """Store the answer to a request in an atomically written file."""
-        kept = _KeptAnswer(request=request, answer=answer, sha256=answer.hash)
-        write_atomically(self._path(request), dump_json(as_values(kept)), durable=True)
+        kept = as_values(_KeptAnswer.of(request, answer))
+        write_atomically(self._path(request), dump_json(kept), durable=True)
 
     def _path(self, request: Request) -> Path:
         return self.folder / f"{request.hash}.json"

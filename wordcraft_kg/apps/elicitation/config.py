@@ -26,7 +26,7 @@ class RequestConfig:
         at_once: concurrent prompts.
         key_variable: environment variable with the endpoint's key, which is never written or printed. Default:
             OPENAI_API_KEY for https addresses, no key for http addresses.
-        timeout: seconds until an unanswered prompt is repeated.
+        timeout: seconds until a prompt without a complete answer is repeated.
         retries: repetitions after a timeout, a failure or a truncated answer.
 
     Example:

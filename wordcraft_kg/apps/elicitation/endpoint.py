@@ -1,6 +1,8 @@
 """A client for OpenAI-compatible endpoints that removes the API key from all texts; the library ``openai`` retries."""
 
+import asyncio
 import os
+import sys
 from typing import Any
 
 import msgspec
@@ -16,6 +18,11 @@ _LEAST_KEY = 6
 """Minimum key length for redaction; a shorter key, such as "none", may be a word."""
 _MOST_QUOTED = 300
 """Most characters quoted from an error message."""
+_MOST_READ = 10_000
+LARGEST_ANSWER = 4_000_000
+"""Largest body of an answer, in bytes."""
+_SENT = {"accept", "authorization", "connection", "content-length", "content-type", "host", "user-agent"}
+_OF_BODY = ("content-encoding", "content-length", "transfer-encoding")
 
 
 class Endpoint:
@@ -39,8 +46,7 @@ class Endpoint:
             base_url=config.endpoint,
             timeout=config.settings.timeout,
             max_retries=config.settings.retries,
-            # An answer must come from this endpoint.
-            http_client=openai.DefaultAsyncHttpxClient(follow_redirects=False),
+            http_client=_http_client(config),
         )
 
     async def __aenter__(self) -> "Endpoint":
@@ -83,9 +89,10 @@ class Endpoint:
         try:
             completion = msgspec.json.decode(body, type=_Completion)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            raise EndpointError(
-                f"the endpoint {self.config.endpoint} sent a malformed chat completion{self._quoted(body)}."
-            ) from None
+            sent = f"a malformed chat completion{self._quoted(body[:_MOST_READ])}"
+            if len(body) > LARGEST_ANSWER:
+                sent = f"an answer with more than {LARGEST_ANSWER:,} bytes"
+            raise EndpointError(f"the endpoint {self.config.endpoint} sent {sent}.") from None
         (choice,) = completion.choices
         return Answer(
             text=self._redacted(choice.message.content or ""),
@@ -116,6 +123,38 @@ class Endpoint:
 
     def _redacted(self, text: str) -> str:
         return text.replace(self._key, "(key)") if len(self._key) >= _LEAST_KEY else text
+
+
+def _http_client(config: ElicitationConfig) -> Any:
+    """Return a client with one deadline per request, bounded answers, and only the necessary headers."""
+    import openai
+
+    class Client(openai.DefaultAsyncHttpxClient):
+        async def send(self, request: Any, *, stream: bool = False, **options: Any) -> Any:
+            given, body = request.headers, bytearray()
+            # Without the account in OPENAI_ORG_ID, and without compression, because a small answer may fill the memory.
+            sent = {name: value for name, value in given.items() if name in _SENT}
+            request.headers = type(given)({**sent, "accept-encoding": "identity"})
+            try:
+                async with asyncio.timeout(config.settings.timeout):
+                    response = await super().send(request, stream=True, **options)
+                    try:
+                        async for part in response.aiter_raw():
+                            body += part
+                            if len(body) > LARGEST_ANSWER:
+                                break
+                    finally:
+                        await response.aclose()
+            except TimeoutError:
+                httpx = sys.modules[type(request).__module__.partition(".")[0]]  # or httpx2
+                raise httpx.ReadTimeout("the request takes too long", request=request) from None
+            finally:
+                request.headers = given  # the library reads its own marks there
+            headers = {name: value for name, value in response.headers.items() if name not in _OF_BODY}
+            return type(response)(response.status_code, headers=headers, content=bytes(body), request=request)
+
+    # An answer must come from this endpoint; over http, a proxy would see the key.
+    return Client(follow_redirects=False, trust_env=config.endpoint.startswith("https:"))
 
 
 def _read_key(config: ElicitationConfig) -> str:

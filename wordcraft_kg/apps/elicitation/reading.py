@@ -13,6 +13,9 @@ from wordcraft_kg.base.labels import LabelIndex
 Why = Literal["no pair", "unknown item", "not requested", "goal as ingredient", "duplicate"]
 """Reason for an unparsed line; an unknown item is not in the graph, and "not requested" concerns the result."""
 WHYS: tuple[Why, ...] = get_args(Why)
+_MOST_LINES = 20_000
+_LONGEST_LINE = 20_000
+"""Longer answers and lines are not parsed, because parsing takes too long."""
 _MARKS = re.compile(r"\*\*|__|`")
 _THINKING = re.compile(r"<think(?:ing)?>.*?(?:</think(?:ing)?>|\Z)", re.DOTALL | re.IGNORECASE)
 _END_OF_THINKING = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
@@ -93,7 +96,10 @@ def _pairs(
     heading: int | None = None
     # With some servers, reasoning starts in the prompt and only ends in the answer.
     *_, visible = _END_OF_THINKING.split(_THINKING.sub("\n", text))
-    for raw in visible.splitlines():
+    for number, raw in enumerate(visible.splitlines()):
+        if number >= _MOST_LINES or len(raw) > _LONGEST_LINE:
+            yield None, None, " ".join(raw.split())[:_LONGEST_LINE]
+            continue
         line = _plain(raw)
         if not line:
             continue
@@ -139,6 +145,6 @@ def _pair(text: str, known: LabelIndex) -> tuple[int, int] | None:
 
 
 def _plain(line: str) -> str:
-    line = _BULLET.sub("", line.strip())
+    line = _BULLET.sub("", " ".join(line.split()))
     line = _MARKS.sub("", line).strip()
     return "" if re.fullmatch(r"[-=*#~ ]*", line) or line.startswith("```") else line.rstrip(".,; ")

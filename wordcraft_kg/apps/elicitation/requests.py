@@ -99,7 +99,7 @@ def request_all(
 
 
 def _progress(kept: int, total: int) -> str:
-    return f"{kept:,} of {total:,} answers are stored; repeat the command to continue"
+    return f"{kept:,} of {total:,} answers are stored; repeat the command to resume"
 
 
 async def _ask_waiting(

@@ -60,6 +60,7 @@ def test_a_sweep_trains_missing_runs_and_writes_its_results(printed, run, study,
     assert printed("reproduce", study, "--out", out, "--jobs", 1)["studies"]["study"]["done"] == 6
     results = json.loads((out / "reports/study/results.json").read_text())
     assert [row["variant"] for row in results["runs"]] == ["none", "none", "guided", "guided"]
+    assert printed("reproduce", "--show", "--out", out, "--by", "scorer")["study"]["command"].startswith("wordcraft-kg")
     again = run("reproduce", study, "--out", out, "--seeds", 1)
     assert again.code == 0
     assert "0 tasks done, 4 already done, 0 failed" in again.out

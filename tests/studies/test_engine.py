@@ -13,6 +13,7 @@ import msgspec
 import pytest
 from small_study import TEXT, TRAINED, Inline, pretend, run_small, small_plan
 
+from wordcraft_kg.base.artefacts import TEMPORARY
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.runs.folder import locked
@@ -260,6 +261,14 @@ def test_two_engines_do_not_work_in_one_folder(tmp_path):
     with own_results(tmp_path), pytest.raises(ArtefactError, match="another study runs in"):
         run_small(tmp_path, work=pretend)
     assert run_small(tmp_path, work=pretend).began
+
+
+@pytest.mark.parametrize("folder", ["studies", "graphs", "reports"])
+def test_files_that_a_killed_study_left_half_written_are_removed(tmp_path, folder):
+    (tmp_path / folder).mkdir()
+    (left := tmp_path / folder / f".small.json.x1{TEMPORARY}").touch()
+    run_small(tmp_path, work=pretend)
+    assert not left.exists()
 
 
 def die_once(task: Task, root: Path) -> Outcome:

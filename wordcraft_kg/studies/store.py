@@ -16,7 +16,7 @@ from typing import Literal
 
 from msgspec import structs
 
-from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.artefacts import drop_temporary, dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_values, read_record
 from wordcraft_kg.base.settings import nearest
@@ -42,7 +42,7 @@ class PlannedStudy(Record, frozen=True):
 
 @contextmanager
 def own_results(root: Path) -> Iterator[None]:
-    """Lock a results folder, created if necessary, so that only a single study runs there.
+    """Lock a results folder, created if necessary, for a single study, and remove files that a killed study left.
 
     Raises:
         ArtefactError: if another study has the lock, or the path is a file.
@@ -64,6 +64,8 @@ def own_results(root: Path) -> Iterator[None]:
             raise ArtefactError(
                 f"another study runs in '{root}'; wait, stop that study, or choose another `out`."
             ) from None
+        for folder in filter(Path.is_dir, root.iterdir()):
+            drop_temporary(folder)
         yield
     finally:
         os.close(handle)

@@ -115,8 +115,8 @@ def notes(view: StudyView) -> list[str]:
             "probability that a run of the variant is better than one of the other.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds.",
-            "p: of no difference, from the interval of the difference, corrected by Holm for "
-            f"{counted(view.comparisons, 'comparison')}; none below three seeds.",
+            "p: of no difference, from the interval of the difference, none below three seeds"
+            + (f"; corrected by Holm for {counted(view.comparisons, 'comparison')}." if view.comparisons else "."),
         ]
     return sentences
 

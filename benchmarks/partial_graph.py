@@ -5,15 +5,15 @@
 
 For each split, ComplEx, a recipe scorer and scorers without learning use the partial graph; all are cross-fitted with
 five folds, and "ComplEx, in-sample" is the same ComplEx model with in-sample scores, as in the paper. Success is the
-greedy agent's success on test tasks (five distractor seeds); intervals resample trainings, which differ in split and
-seed, and differences to no graph pair runs with the same split and seed. Existing results in --out are kept, so a long
-run can be interrupted.
+greedy agent's success on test tasks (five distractor seeds); intervals are Student's t over trainings, which differ in
+split and seed, and differences to no graph pair runs with the same split and seed. Existing results in --out are kept,
+so a long run can be interrupted.
 """
 
 import argparse
 import json
 import multiprocessing
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import stratified_bootstrap
+from wordcraft_kg.base.statistics import student_interval
 
 SPLITS = ("by-recipe", "by-slot", "by-goal")
 U_V = {"use": "u,v"}
@@ -33,6 +33,7 @@ VARIANTS: dict[str, tuple[str | None, dict[str, object]]] = {
     "kernel, u v": ("kernel", U_V),
     "ComplEx in-sample, u v": ("complex", {**U_V, "in_sample": True}),
     "ComplEx, u v": ("complex", U_V),
+    "recipes in-sample, u v w": ("recipes", {"use": "u,v,w", "in_sample": True}),
     "recipes, u v": ("recipes", U_V),
     "recipes, u v w": ("recipes", {"use": "u,v,w"}),
     "recipes, w alone": ("recipes", {"use": "w", "kg_only": True}),
@@ -56,8 +57,8 @@ class Cell:
         return self.home / "runs" / name
 
 
-def build(book: str, home: Path, kind: str, seed: int) -> None:
-    """Make the graph and the scorers of a split, as far as they are not there."""
+def build(book: str, home: Path, kind: str, seed: int, scorers: Container[str | None]) -> None:
+    """Make the graph and these scorers of a split, as far as they are not there."""
     from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, open_graph
     from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
@@ -73,15 +74,16 @@ def build(book: str, home: Path, kind: str, seed: int) -> None:
         write_graph_folder(graph, recipes, make_split(RecipeGraph.from_book(recipes), SplitConfig(kind, seed=seed)))
     opened = open_graph(graph)
     for name, make in own_scorers(opened.graph).items():
-        if not (home / name).exists():
+        if name in scorers and not (home / name).exists():
             save_scorer(home / name, cross_fit(opened.split, make), opened, kg="partial", origin=name)
-    if not is_done(home / "complex"):
+    if "complex" in scorers and not is_done(home / "complex"):
         train_links(LinksConfig(str(graph), ComplExConfig()), home / "complex", force=True)
-    if not is_done(home / "recipes"):
+    if "recipes" in scorers and not is_done(home / "recipes"):
         train_recipes(RecipesConfig(str(graph)), home / "recipes", force=True)
     figures = home / "mrr.json"
-    if not figures.exists():
-        write_atomically(figures, json.dumps(judge(home)))
+    mrr = json.loads(figures.read_text()) if figures.exists() else {}
+    missing = sorted({name for name, _ in VARIANTS.values() if name and name in scorers and name not in mrr})
+    write_atomically(figures, json.dumps(mrr | judge(home, missing)))
 
 
 def own_scorers(graph):  # type: ignore[no-untyped-def]
@@ -110,13 +112,13 @@ def is_done(folder: Path) -> bool:
         return False
 
 
-def judge(home: Path) -> dict[str, float]:
-    """Return the leak-free MRR of each scorer."""
+def judge(home: Path, scorers: list[str]) -> dict[str, float]:
+    """Return the leak-free MRR of these scorers."""
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
     found = {}
-    for name in sorted({scorer for scorer, _ in VARIANTS.values() if scorer}):
+    for name in scorers:
         model = open_model(home / name)
         graph, split = model.opened.graph, model.opened.split
         found[name] = mean_reciprocal_rank(rank_triples(model.scorer, split.held_out("test"), graph.triples))
@@ -168,7 +170,7 @@ def main() -> None:
         for kind in options.splits.split(","):
             homes = [options.out / f"{Path(book).stem}-{kind}-{seed}" for seed in range(options.split_seeds)]
             for seed, home in enumerate(homes):
-                build(book, home, kind, seed)
+                build(book, home, kind, seed, {VARIANTS[variant][0] for variant in variants})
             cells = [
                 Cell(home, variant, amount, seed, options.steps)
                 for amount in distractors
@@ -204,7 +206,8 @@ def rows_of(book: str, kind: str, variants: list[str], success: dict[Cell, float
                 "trainings": len(of),
                 "mrr": round(float(np.mean(mrr)), 4) if mrr else None,
                 "success": round(float(np.mean(values)), 4),
-                "interval": stratified_bootstrap(values, np.mean),
+                "values": [round(value, 4) for value in values],
+                "interval": student_interval(values),
                 "more_than_no_graph": round(float(np.mean(np.subtract(values, none))), 4),
                 "least_more_than_no_graph": round(float(np.min(np.subtract(values, none))), 4),
             }

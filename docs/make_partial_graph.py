@@ -1,9 +1,10 @@
-"""Write the tables of docs/partial-graph.md and its picture from docs/partial-graph.json.
+"""Write the tables of docs/partial-graph.md and README.md and the picture from two files of figures.
 
     python docs/make_partial_graph.py [--check]
 
-The figures are those of ``benchmarks/partial_graph.py --json``. With ``--check`` nothing is written, and the exit code
-is 1 if something would be.
+The figures of trained agents are those of ``benchmarks/partial_graph.py --json``, the figures of players that learn
+nothing those of ``benchmarks/untrained_players.py --json``. With ``--check`` nothing is written, and the exit code is 1
+if something would be.
 """
 
 import json
@@ -12,9 +13,21 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from wordcraft_kg.base.statistics import student_interval
+
 HERE = Path(__file__).parent
 SOURCE, PAGE, PICTURE = HERE / "partial-graph.json", HERE / "partial-graph.md", HERE / "images" / "partial_graph.svg"
+UNTRAINED, README, RESULTS = HERE / "untrained-players.json", HERE.parent / "README.md", HERE / "results.md"
 BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->"
+ALONE = {
+    "random": "random",
+    "nearest words": "nearest words: no graph, nothing learned",
+    "words without graph, w": "words without graph, w alone",
+    "graph without words, w": "graph without words, w alone",
+    "recipe scorer alone, u v": "recipe scorer alone, u v",
+    "recipe scorer alone, w": "**recipe scorer alone, w**",
+}
+"""Players without an agent, and their names in tables."""
 BOOKS = {
     "alchemy2": "Little Alchemy 2",
     "little-alchemy-2": "Little Alchemy 2",
@@ -28,6 +41,7 @@ NAMES = {
     "kernel, u v": "recipe kernel, u v",
     "ComplEx in-sample, u v": "ComplEx in-sample, u v",
     "ComplEx, u v": "ComplEx, u v",
+    "recipes in-sample, u v w": "recipe scorer in-sample, u v w",
     "recipes, u v": "recipe scorer, u v",
     "recipes, u v w": "**recipe scorer, u v w**",
     "recipes, w alone": "recipe scorer, w alone",
@@ -44,6 +58,15 @@ LEGEND = (
 )
 """Lines in the cell after the last panel."""
 COLOURS = {8: "#0072b2", 1: "#d55e00"}
+IN_STUDY = {
+    "no graph": "no graph",
+    "ComplEx in-sample, u v": "partial, in-sample, u v",
+    "ComplEx, u v": "partial, u v",
+    "recipes in-sample, u v w": "",
+    "recipes, u v w": "partial, u v w",
+}
+"""Variants in README, and their names in the study on full and partial graphs."""
+STUDY = HERE / "results" / "knowledge-little-alchemy-2.json"
 Row = dict[str, Any]
 
 
@@ -55,24 +78,110 @@ def groups(rows: list[Row]) -> dict[tuple[str, str, int], list[Row]]:
     return found
 
 
-def tables(rows: list[Row]) -> Iterator[str]:
-    """Yield the lines of all tables."""
-    for (book, split, steps), of in groups(rows).items():
-        amounts = list(dict.fromkeys(row["distractors"] for row in of))
-        trainings = max(row["trainings"] for row in of)
-        yield f"{BOOKS[book]}, {split}, {steps:,} steps, {trainings} training{'s' * (trainings > 1)} of each:"
-        yield ""
-        yield "| | MRR |" + "".join(f" {amount} distractor{'s' * (amount > 1)} | more |" for amount in amounts)
-        yield "|---|---|" + "---|---|" * len(amounts)
-        for variant in dict.fromkeys(row["variant"] for row in of):
-            cells = [row for row in of if row["variant"] == variant]
-            mrr = cells[0]["mrr"]
-            line = f"| {NAMES[variant]} | {'' if mrr is None else _figure(mrr)} |"
+def tables(rows: list[Row], alone: list[Row]) -> Iterator[str]:
+    """Yield the lines of all tables: the agents by book and split, and first the players without an agent."""
+    for number, ((book, split, steps), of) in enumerate(groups(rows).items()):
+        players = [row for row in alone if (BOOKS[row["book"]], row["split"]) == (BOOKS[book], split)]
+        if number == 0:
+            yield from untrained(BOOKS[book], split, players)
+        yield from agents(book, split, steps, of, players)
+
+
+def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
+    """Yield the table of the players that learn nothing from play: means over splits, with Student's interval."""
+    if not rows:
+        return
+    amounts = list(dict.fromkeys(row["distractors"] for row in rows))
+    yield f"{book}, {split}, no agent, {max(len(row['success']) for row in rows)} splits:"
+    yield ""
+    heads = (f" {amount} distractor{'s' * (amount > 1)} | own recipe | no train shortcut |" for amount in amounts)
+    yield "| | MRR |" + "".join(heads)
+    yield "|---|---|" + "---|---|---|" * len(amounts)
+    for player, name in ALONE.items():
+        cells = [row for amount in amounts for row in rows if (row["player"], row["distractors"]) == (player, amount)]
+        if cells:
+            line = f"| {name} | {_figure(_mean(cells[0]['mrr'])) if cells[0]['mrr'] else ''} |"
             for row in cells:
-                more = "" if variant == "no graph" else f"{row['more_than_no_graph']:+.3f}".replace("0.", ".")
-                line += f" {_with_interval(row)} | {more} |"
+                ends = student_interval(row["success"]) if player != "random" else None
+                success = _with_interval({"success": _mean(row["success"]), "interval": ends})
+                line += f" {success} | {_figure(_mean(row['own']))} | {_figure(_mean(row['no_train_shortcut']))} |"
             yield line
-        yield ""
+    yield ""
+
+
+def alone_tables(rows: list[Row]) -> Iterator[str]:
+    """Yield a table of the players that learn nothing for each book and split."""
+    for book, split in dict.fromkeys((row["book"], row["split"]) for row in rows):
+        yield from untrained(BOOKS[book], split, [row for row in rows if (row["book"], row["split"]) == (book, split)])
+
+
+def agents(book: str, split: str, steps: int, of: list[Row], players: list[Row]) -> Iterator[str]:
+    """Yield the table of the agents; the players without an agent are added with their means on the agents' splits."""
+    amounts = list(dict.fromkeys(row["distractors"] for row in of))
+    trainings = max(row["trainings"] for row in of)
+    yield f"{BOOKS[book]}, {split}, {steps:,} steps, {trainings} training{'s' * (trainings > 1)} of each:"
+    yield ""
+    yield "| | MRR |" + "".join(f" {amount} distractor{'s' * (amount > 1)} | more |" for amount in amounts)
+    yield "|---|---|" + "---|---|" * len(amounts)
+    none = {row["distractors"]: row["success"] for row in of if row["variant"] == "no graph"}
+    for player, name in ALONE.items():
+        cells = [
+            row for amount in amounts for row in players if (row["player"], row["distractors"]) == (player, amount)
+        ]
+        if cells:
+            line = f"| {name} | {_figure(_mean(cells[0]['mrr'][:trainings])) if cells[0]['mrr'] else ''} |"
+            for row in cells:
+                mean = _mean(row["success"][:trainings])
+                line += f" {_figure(mean)} | {_signed(mean - none[row['distractors']])} |"
+            yield line
+    for variant in dict.fromkeys(row["variant"] for row in of):
+        cells = [row for row in of if row["variant"] == variant]
+        mrr = cells[0]["mrr"]
+        line = f"| {NAMES[variant]} | {'' if mrr is None else _figure(mrr)} |"
+        for row in cells:
+            more = "" if variant == "no graph" else _signed(row["more_than_no_graph"])
+            line += f" {_with_interval(row)} | {more} |"
+        yield line
+    yield ""
+
+
+def short(rows: list[Row], alone: list[Row], runs: list[Row]) -> Iterator[str]:
+    """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and agents.
+
+    ``runs`` are the trainings of the study on full and partial graphs, for success by the own recipe.
+    """
+    yield "| Little Alchemy 2, 8 distractors | unseen recipes | own recipe | unseen goals |"
+    yield "|---|---|---|---|"
+
+    def of(player: str, figure: str, split: str, splits: int) -> str:
+        for row in alone:
+            if (row["player"], row["split"], row["distractors"]) == (player, split, 8):
+                return _figure(_mean(row[figure][:splits]))
+        return ""
+
+    def success(variant: str, split: str) -> str:
+        for row in rows:
+            key = (BOOKS[row["book"]], row["variant"], row["split"], row["distractors"])
+            if key == ("Little Alchemy 2", variant, split, 8):
+                return _figure(row["success"])
+        return ""
+
+    for player, name in ALONE.items():
+        recipes, own = (of(player, figure, "by-recipe", 3) for figure in ("success", "own"))
+        yield f"| {name} | {recipes} | {own} | {of(player, 'success', 'by-goal', 1)} |"
+    for variant, studied in IN_STUDY.items():
+        won = [run["by_plan"]["test"] for run in runs if (run["variant"], run["values"]["distractors"]) == (studied, 8)]
+        figures = [success(variant, split) for split in ("by-recipe", "by-goal")]
+        own = _figure(_mean(won)) if won else ""
+        yield f"| agent, {NAMES[variant].strip('*')} | {figures[0]} | {own} | {figures[1]} |"
+
+
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values)
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.3f}".replace("0.", ".")
 
 
 def _figure(value: float) -> str:
@@ -143,11 +252,20 @@ def picture(rows: list[Row]) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
+def _filled(path: Path, lines: Iterator[str]) -> str:
+    before, _, rest = path.read_text(encoding="utf-8").partition(BEGIN)
+    return before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.partition(END)[2]
+
+
 if __name__ == "__main__":
-    figures = json.loads(SOURCE.read_text(encoding="utf-8"))
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    page = before + BEGIN + "\n" + "\n".join(tables(figures)) + END + rest.partition(END)[2]
-    for path, text in ((PAGE, page), (PICTURE, picture(figures))):
+    trained, untrained_rows = (json.loads(path.read_text(encoding="utf-8")) for path in (SOURCE, UNTRAINED))
+    runs = json.loads(STUDY.read_text(encoding="utf-8"))["runs"]
+    for path, text in (
+        (PAGE, _filled(PAGE, tables(trained, untrained_rows))),
+        (README, _filled(README, short(trained, untrained_rows, runs))),
+        (RESULTS, _filled(RESULTS, alone_tables(untrained_rows))),
+        (PICTURE, picture(trained)),
+    ):
         if "--check" not in sys.argv:
             path.write_text(text, encoding="utf-8")
         elif not path.exists() or path.read_text(encoding="utf-8") != text:

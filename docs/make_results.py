@@ -211,7 +211,7 @@ def point_table(view: StudyView, point: PointFigures) -> Iterator[str]:
     has_mrr = any(entry.mrr is not None for entry in point.variants)
     yield f"{point.title[0].upper()}{point.title[1:]}, {counted(point.tasks, 'test task')}:"
     yield ""
-    yield f"| | seeds |{' MRR |' * has_mrr} success | more than {view.reference} | by its plan | on train tasks |"
+    yield f"| | seeds |{' MRR |' * has_mrr} success | more than {view.reference} | own recipe | on train tasks |"
     yield f"|---|---|{'---|' * has_mrr}---|---|---|---|"
     for entry in point.variants:
         mrr = f" {'' if entry.mrr is None else share(entry.mrr)} |" * has_mrr

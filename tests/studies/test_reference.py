@@ -88,7 +88,7 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
 def test_a_scorer_without_an_agent_has_rows_by_links_and_by_recipes(kitchen_opened, recipes_folder):
     model = open_model(recipes_folder)
     by_links, by_recipes = scorer_rows(kitchen_opened, DEPTH_1, (1, 8), "alone", model)
-    assert [by_links.player, by_recipes.player] == ["alone, u+v, self edges kept", "alone, w, best pair"]
+    assert [by_links.player, by_recipes.player] == ["alone, u+v, self edges dropped", "alone, w, best pair"]
     assert by_links.kind == by_recipes.kind == "scorer"
     for column in (1, 8):
         assert 0 < float(by_recipes.shown_by_plan(column)) <= by_recipes.figures[str(column)].value

@@ -90,7 +90,7 @@ class InSample(Record):
         folds: number of folds; each fold of the train recipes has a model trained on all remaining folds.
         queries: query count for train triples that no recipe outside their fold gives.
         in_sample_mrr: MRR with the model trained on all train recipes.
-        left_out_mrr: MRR with the models trained without the query's fold: a forecast for ``test_mrr``.
+        left_out_mrr: MRR with the models trained without the query's fold; often below ``test_mrr``, so not a forecast.
     """
 
     folds: Count

@@ -153,7 +153,7 @@ def fit_recipe_scorer(
     bases, rankers = fit_link_rankers(folds, text, left_out=left_out, rng=rng, generator=generator, after=after)
     whole = Base.of(folds.recipes(left_out), text)
     examples = [
-        _examples(knowledge_from(base, rankers), folds.recipes_of(fold), whole.recipes, rng)
+        pair_examples(knowledge_from(base, rankers), folds.recipes_of(fold), whole.recipes, rng)
         for fold, base in zip(turns, bases, strict=True)
     ]
     features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
@@ -289,7 +289,7 @@ def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, triples: Ids, 
 # --- pairs -----------------------------------------------------------------------------------------------------------
 
 
-def _examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.random.Generator) -> Batch:
+def pair_examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.random.Generator) -> Batch:
     """Make queries from recipes on tables with distractors; every pair in a known recipe is right."""
     size = knowledge.num_entities
     weights = 1.0 + np.bincount(np.concatenate([known[:, 0], known[known[:, 0] != known[:, 1], 1]]), minlength=size)

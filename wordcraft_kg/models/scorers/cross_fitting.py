@@ -73,7 +73,7 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
     @property
     def mrr(self) -> float | None:
-        """Mean reciprocal rank on train triples by models without the triple's fold; forecasts the test MRR."""
+        """Mean reciprocal rank on train triples by models without the triple's fold; no forecast of the test MRR."""
         return self._mean([fold.mrr for fold in self.folds])
 
     @property

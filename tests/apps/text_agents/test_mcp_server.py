@@ -301,6 +301,15 @@ def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path:
     assert (line.task, line.actions) == (0, 2)
 
 
+def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path: Path):
+    path, host = tmp_path / "run.json", hosted()
+    path.write_text('{"kind": "train-agent"}\n')
+    before = path.stat().st_mtime_ns
+    with pytest.raises(ArtefactError, match="is damaged"), kept_games(path, header_of(host)):
+        pass
+    assert path.stat().st_mtime_ns == before
+
+
 def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path: Path):
     path, host = tmp_path / "games.jsonl", hosted(open_ended=True, attempts=2)
     for _ in range(2):

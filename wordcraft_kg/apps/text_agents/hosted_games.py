@@ -146,7 +146,8 @@ def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame
         ArtefactError, GraphMismatchError, ConfigError: as ``playing.open_games``, or if a server uses the file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.touch()
+    if not path.exists():
+        path.touch()
     check_file(path)
     with locked(path, "written"):
         count = len(open_games(path, header))

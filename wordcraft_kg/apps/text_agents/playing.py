@@ -79,7 +79,8 @@ def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld
         ConfigError: if the file has games by a different player or settings. The file is unchanged on errors.
     """
     line = as_lines([header])[0].encode()
-    path.touch()
+    if not path.exists():
+        path.touch()
     with path.open("rb") as file:
         start = file.read(len(line))
     if start == line or not line.startswith(start):  # else empty, or killed while the header was written

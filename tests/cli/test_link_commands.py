@@ -55,7 +55,7 @@ def test_a_quiet_training_prints_one_object_and_nothing_on_stderr(run, tmp_path,
 
 def test_progress_goes_to_stderr_and_the_result_to_stdout(run, tmp_path):
     outcome = run("train-complex", "kitchen", "--epochs", 4, "--n3", 0.1, "--folds", 2, "--out", tmp_path / "model")
-    assert "epoch 12 of 12" in outcome.err
+    assert "epoch 12 of 12, fold 2, folds 2\n" in outcome.err
     assert "epoch 12 of 24" not in outcome.out
     assert f"next: wordcraft-kg evaluate-links {tmp_path / 'model'}" in outcome.out
 

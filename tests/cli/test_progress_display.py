@@ -74,6 +74,13 @@ def test_a_stage_shorter_than_the_interval_is_not_worth_a_line(capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_a_short_stage_that_is_repeated_is_shown_once(capsys, at_once):
+    with Progress.session(), listening(Stages()):
+        for stage in ("ranking tails", "ranking heads", "ranking tails", "ranking heads"):
+            list(steps(stage, [1]))
+    assert capsys.readouterr().err == "ranking tails: ...\nranking heads: ...\n"
+
+
 def test_no_bar_is_left_when_a_stage_is_given_up(terminal, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
 

@@ -196,7 +196,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 reported.add(done)
                 count = self.folds.count if self.folds else 0
                 fold = min(1 + done * count // total, count)
-                report(everything - total + done, everything, {"fold": fold, "of": count})
+                report(everything - total + done, everything, {"fold": fold, "folds": count})
 
         settings = replace(settings, epochs=ended)
         train_folds(run.path, self.folds, settings, seconds=metrics.seconds, after_epoch=after_epoch)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from refusals import refuses
 from small_study import RUN_FIGURES, TRAINED, pretend, run_small, small_plan
 
 from wordcraft_kg.base.records import as_values
@@ -99,6 +100,13 @@ def test_other_results_of_the_same_platform_are_warned_of_and_the_cell_stays(tmp
     assert run_small(tmp_path / "here", store=store).began == []
     assert "raise VERSIONS" in caplog.text
     assert read_cell(the_run(), store) == before
+
+
+def test_a_store_that_is_a_file_is_refused_before_anything_starts(tmp_path):
+    (tmp_path / "cells").touch()
+    with refuses("store"):
+        run_small(tmp_path / "results", work=pretend, store=tmp_path / "cells")
+    assert not list(tmp_path.glob("results/*/*/figures.json"))
 
 
 def test_results_that_were_there_before_the_store_are_added(tmp_path):

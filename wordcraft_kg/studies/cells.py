@@ -12,7 +12,7 @@ from typing import Any, Literal
 from msgspec import structs
 
 from wordcraft_kg.base.artefacts import read_small_file, write_atomically
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import Record, as_record, as_values, parse_record
 from wordcraft_kg.studies.perform import FIGURES, is_done
 from wordcraft_kg.studies.plan import Plan
@@ -37,7 +37,13 @@ def cell_file(store: Path, task: Task) -> Path:
 
 
 def exchange_cells(plan: Plan, root: Path, store: Path) -> int:
-    """Copy cells from the store to a results folder and back, and return the number of cells taken from the store."""
+    """Copy cells from the store to a results folder and back, and return the number of cells taken from the store.
+
+    Raises:
+        ConfigError: if the store is a file.
+    """
+    if store.is_file():
+        raise ConfigError(f"`store` '{store}' is a file; expected a folder of cells, which may be new.")
     taken = 0
     for task in (task for task in plan.tasks.values() if task.kind != "graphs"):
         if _is_here(task, root):

@@ -48,6 +48,16 @@ def test_a_recipe_has_one_score_however_it_is_asked(scorer: RecipeScorer):
         scorer.score_recipes("waater", "flour", "dough")
 
 
+def test_a_loaded_cross_fitted_scorer_scores_recipes_as_the_scorer_of_all_recipes(
+    cross_fitted: CrossFitted, scorer: RecipeScorer
+):
+    assert isinstance(cross_fitted, RecipeScores)
+    recipe = "flour", "water", "dough"
+    assert torch.equal(cross_fitted.score_recipes(*recipe), scorer.score_recipes(*recipe))
+    assert cross_fitted.supporting_recipes(*recipe) == scorer.supporting_recipes(*recipe)
+    assert torch.equal(cross_fitted.recipes, scorer.recipes)
+
+
 def test_scores_of_links_are_those_of_the_link_ranker(scorer: RecipeScorer, cross_fitted: CrossFitted):
     everything = torch.arange(len(scorer.entities))
     for relation in (COMBINES_WITH, COMPONENT_OF):

@@ -4,7 +4,8 @@ Fits run in parallel if there are enough CPU cores. A resumed run makes only fit
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -77,7 +78,7 @@ def train_recipes(
 
     Example:
         >>> trained = train_recipes(RecipesConfig("kitchen", RecipeScorerConfig(folds=3)), "models/kitchen-recipes")
-        >>> load_scorer(trained.folder).whole.score_recipes("flour", "water", "dough").shape
+        >>> load_scorer(trained.folder).score_recipes("flour", "water", "dough").shape
         torch.Size([])
     """
     return train(RecipesTraining, config, out, force=force, progress=progress)
@@ -116,6 +117,18 @@ def _text(graph: RecipeGraph, settings: RecipeScorerConfig) -> tuple[Tensor, str
     return cosines(torch.tensor(features.vectors)), features.sha256
 
 
+@contextmanager
+def _threads(number: int) -> Iterator[None]:
+    """Limit the CPU threads of torch and NumPy: for small arrays, further threads mostly wait, at full load."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(number)
+    try:
+        with threadpool_limits(number):
+            yield
+    finally:
+        torch.set_num_threads(before)
+
+
 @dataclass(frozen=True)
 class _Job:
     """A fit: number 0 with all recipes, number k + 1 without fold k."""
@@ -135,21 +148,17 @@ class _Job:
         return FitDone(trained_on=triples_hash(self.folds.triples(self.left_out)))
 
     def train(self, after: Callable[[int], None]) -> None:
-        before, steps = torch.get_num_threads(), 0
+        steps = 0
 
         def step() -> None:
             nonlocal steps
             steps += 1
             after(steps)
 
-        torch.set_num_threads(self.settings.threads)
-        try:
-            with threadpool_limits(self.settings.threads):
-                knowledge, rankers = fit_recipe_scorer(
-                    self.folds, self.text, left_out=self.left_out, seed=self.settings.seed, after=step
-                )
-        finally:
-            torch.set_num_threads(before)
+        with _threads(self.settings.threads):
+            knowledge, rankers = fit_recipe_scorer(
+                self.folds, self.text, left_out=self.left_out, seed=self.settings.seed, after=step
+            )
         recipes = self.folds.recipes(self.left_out)
         _kept(self.folder).save(self.fold, scorer_tensors(knowledge, rankers, recipes), self.done)
 
@@ -218,7 +227,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             raise KeyboardInterrupt(f"{done} Repeat the command to make the rest.") from None
         if report:
             report(total, total, {})
-        return self._finish(run, kept, time.perf_counter() - began)
+        with _threads(settings.threads):
+            return self._finish(run, kept, time.perf_counter() - began)
 
     def _finish(self, run: RunFolder[FitDone], kept: Checkpoints[FitDone], seconds: float) -> TrainedRecipes:
         graph, settings = self.opened.graph, self.config.settings

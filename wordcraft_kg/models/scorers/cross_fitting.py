@@ -89,8 +89,9 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 class CrossFitted(Scorer):
     """A scorer trained on all train recipes, with K fold scorers: one trained without each of K folds.
 
-    Scores and tables come from ``whole``. Agents that learn on train tasks need :meth:`left_out`; sources made with
-    tasks choose the fold, see :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
+    Scores and tables come from ``whole``; if ``whole`` is a recipe scorer, so do ``score_recipes``,
+    ``supporting_recipes`` and ``recipes``. Agents that learn on train tasks need :meth:`left_out`: the knowledge sources
+    from :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` choose the fold by task.
 
     Attributes:
         whole: scorer trained on all train recipes.
@@ -120,6 +121,9 @@ class CrossFitted(Scorer):
         self._made: dict[int, Scorer] = {}
         if isinstance(whole, FactoredScorer):  # makes this scorer a FactoredScorer
             self.factors = whole.factors
+        if isinstance(whole, RecipeScores):  # likewise
+            self.recipes, self.score_recipes = whole.recipes, whole.score_recipes
+            self.supporting_recipes = whole.supporting_recipes
 
     @property
     def whole(self) -> Scorer:  # noqa: D102 - inherited

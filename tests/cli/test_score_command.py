@@ -47,7 +47,7 @@ def test_score_lists_the_best_entities_of_an_open_slot(printed, run, trained, qu
     expected = load_scorer(trained / "one").top(head or None, relation, tail or None, limit=3)
     assert (values["head"], values["tail"]) == (head or None, tail or None)
     assert [(row["entity"], row["score"]) for row in values["top"]] == expected
-    for line, (name, _) in zip(run(*command).out.splitlines(), expected, strict=True):
+    for line, (name, _) in zip(run(*command).out.splitlines()[1:], expected, strict=True):
         assert f"{head or name} componentOf {tail or name}" in line
 
 
@@ -63,7 +63,7 @@ def test_score_says_which_recipes_give_each_triple(printed, run, trained):
     assert parts == [known.get((row["entity"], "componentOf", "bread"), "new") for row in values["top"]]
     assert set(parts) == {"train", "test", "new"}
     assert values["trained_on"] == "partial"
-    assert [line.split()[1] for line in run(*query).out.splitlines()] == parts
+    assert [line.split()[1] for line in run(*query).out.splitlines()] == ["part", *parts]
     for triple, part in list(known.items())[::97]:
         assert printed("score", trained / "one", *triple)["known"] == part
 
@@ -83,11 +83,12 @@ def test_score_says_how_probable_triples_outside_training_are(printed, run, worl
     for row in top:
         expected = float(scorer.probability(row["entity"], "componentOf", "bread"))
         assert row["probability"] == (None if row["known"] == "train" else pytest.approx(expected))
-    lines = run(*query).out.splitlines()
+    heading, *lines = run(*query).out.splitlines()
+    assert heading.split() == ["score", "part", "triple", "probability"]
     assert [line.endswith(" %") for line in lines] == [row["known"] != "train" for row in top]
     new = next(row for row in top if row["known"] == "new")
     single = run("score", model, new["entity"], "componentOf", "bread").out
-    assert f"probability {100 * new['probability']:.2g} %" in single
+    assert f"  {100 * new['probability']:.2g} %" in single
     queries = tmp_path / "queries.csv"
     queries.write_text(f"head,relation,tail\n{new['entity']},componentOf,bread\n_,componentOf,bread\n")
     rows = printed("score", model, "--in", queries, "--top", "80")["rows"]
@@ -201,7 +202,7 @@ def test_a_wrong_file_of_queries_is_refused_with_the_line(refused, trained, tmp_
 @pytest.mark.parametrize(
     ("query", "by_words", "notes"),
     [
-        ("yogurt componentOf cake", ["yogurt"], ["new  yogurt componentOf cake", "among all 81 entities"]),
+        ("yogurt componentOf cake", ["yogurt"], ["new   yogurt componentOf cake", "among all 81 entities"]),
         ("yogurt combinesWith rice", ["yogurt", "rice"], ["'yogurt', 'rice' are not in the graph: scored by"]),
         ("flours combinesWith water", ["flours"], ["scored by its words alone. Did you mean 'flour'"]),
         ("flour combinesWith water", [], []),

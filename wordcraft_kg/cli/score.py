@@ -150,14 +150,21 @@ def _score_file(
 
 
 def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield a line for each scored triple or recipe, and supporting evidence for the first recipes."""
+    """Yield headings, a line for each scored triple or recipe, and supporting evidence for the first recipes."""
     from wordcraft_kg.evaluation.recipe_scores import because
 
+    if not scored:
+        return
     rows = [
         (f"{one.score:9.4f}", one.known or "", thing, _chance(one), "(in-sample)" * getattr(one, "in_sample", False))
         for one, thing in zip(scored, things or map(_thing, scored), strict=True)
     ]
-    for number, (line, one) in enumerate(zip(aligned(rows), scored, strict=True)):
+    is_recipe = hasattr(scored[0], "in_sample")
+    names = (f"{'nats' if is_recipe else 'score':>9}", "part", "recipe" if is_recipe else "triple", "probability", "")
+    used = [name if any(column) else "" for name, column in zip(names, zip(*rows, strict=True), strict=True)]
+    heading, *lines = aligned([used, *rows])
+    yield heading
+    for number, (line, one) in enumerate(zip(lines, scored, strict=True)):
         yield line
         if number < EXPLAINED and (support := getattr(one, "because", ())):
             yield f"{'':9}  because {because(support)}"
@@ -171,10 +178,14 @@ def _thing(row: Any) -> str:
 
 def _chance(row: Any) -> str:
     share = getattr(row, "probability", None)
-    return "" if share is None else f"probability {'> 99' if share > 0.99 else format(100 * share, '.2g')} %"
+    if share is None:
+        return ""
+    return "> 99 %" if share > 0.99 else "< 0.1 %" if share < 0.001 else f"{100 * share:.2g} %"
 
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
+    if any(getattr(one, "because", ()) for one in scored):
+        yield "because: similar train recipes; similarity (1 is identical) and share of all evidence."
     if any(getattr(one, "in_sample", False) for one in scored):
         yield "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
     if kg == "full" and {"valid", "test"} & {one.known for one in scored}:

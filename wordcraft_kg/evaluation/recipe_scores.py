@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import get_args
 
 import msgspec
@@ -108,6 +109,10 @@ class RecipeScoring:
                 parts |= dict.fromkeys(_keys(split.recipes(part)), part)
         return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
 
+    @cached_property
+    def _has_self_results(self) -> bool:
+        return any(result in pair for *pair, result in self.seen.union(self.parts))
+
     def rows(self, query: RecipeQuery) -> Ids:
         """Return a query's recipes, ids of shape (n, 3): one recipe, or a recipe per entity in the open slot."""
         everything = np.arange(len(self.scorer.entities))
@@ -129,9 +134,12 @@ class RecipeScoring:
     def best(self, query: RecipeQuery, top: int, *, new_only: bool = False) -> tuple[Ids, list[float]]:
         """Return the ``top`` recipes for a query's open slot with their scores, best first.
 
-        ``new_only`` omits known recipes.
+        ``new_only`` omits known recipes. Recipes that make an ingredient are omitted if the book has none, because
+        recipe books drop such recipes by default.
         """
         rows = self.rows(query)
+        if not self._has_self_results:
+            rows = rows[(rows[:, :2] != rows[:, 2:]).all(axis=1)]
         scores = self.scores(rows)
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
         if new_only:
@@ -213,7 +221,9 @@ def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
 
 
 def because(witnesses: Sequence[Witness]) -> str:
-    """Format supporting recipes as text with weights and shares, as ``river + wood -> driftwood 0.41 (80%)``."""
+    """Format supporting recipes with similarity and evidence share, as ``river + wood -> driftwood 0.41 (80 %)``."""
     return ", ".join(
-        f"{witness.recipe} {witness.weight:.2g} ({witness.share:.0%})" for witness in main_support(witnesses)
+        f"{witness.recipe} {'< 0.01' if witness.weight < 0.01 else format(witness.weight, '.2g')} "
+        f"({100 * witness.share:.0f} %)"
+        for witness in main_support(witnesses)
     )

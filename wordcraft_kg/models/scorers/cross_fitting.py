@@ -90,8 +90,8 @@ class CrossFitted(Scorer):
     """A scorer trained on all train recipes, with K fold scorers: one trained without each of K folds.
 
     Scores and tables come from ``whole``; if ``whole`` is a recipe scorer, so do ``score_recipes``,
-    ``supporting_recipes`` and ``recipes``. Agents that learn on train tasks need :meth:`left_out`: the knowledge sources
-    from :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` choose the fold by task.
+    ``supporting_recipes`` and ``recipes``. Agents that learn on train tasks need :meth:`left_out`: knowledge sources by
+    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` choose the fold by task.
 
     Attributes:
         whole: scorer trained on all train recipes.

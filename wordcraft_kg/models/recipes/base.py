@@ -26,8 +26,10 @@ class Base:
         alike: the normalised kernel, squared.
         words_like: positive word cosines to the power 4.
         combines, components: combinesWith and componentOf links of the recipes, 1 or 0, row = head.
-        completed: see :func:`~wordcraft_kg.models.scorers.kernel.completion`.
-        pairs, parts: standardised combinesWith and componentOf scores, predicted with the kernel.
+        completed: combinesWith scores by known pairs with the same result, from
+            :func:`~wordcraft_kg.models.scorers.kernel.completion`.
+        pairs, parts: combinesWith (ingredient pair) and componentOf (ingredient, result) scores, predicted with the
+            kernel and standardised.
     """
 
     recipes: Ids
@@ -45,7 +47,7 @@ class Base:
 
     @classmethod
     def of(cls, recipes: Ids, text: Tensor) -> "Base":
-        """Compute all tables from recipes (n, 3) and word cosines ``text`` (E, E), which are zeros without words."""
+        """Compute the attributes from recipes (n, 3) and word cosines ``text`` (E, E), zeros without words."""
         size = len(text)
         kernel = similarity(recipes, text)
         combines, components = link_matrices(recipes, size)
@@ -72,7 +74,7 @@ class Base:
 
 
 def link_features(base: Base) -> tuple[Tensor, Tensor]:
-    """Return F features for all possible combinesWith links (symmetric) and componentOf links.
+    """Return F features, from the tables in ``base``, for all possible combinesWith and componentOf links.
 
     Each tensor has shape (E, E, F), row = head; F depends on the relation.
     """

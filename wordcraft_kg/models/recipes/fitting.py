@@ -135,17 +135,17 @@ def fit_recipe_scorer(
     seed: int = 0,
     after: Callable[[], None] = lambda: None,
 ) -> tuple[RecipeKnowledge, LinkRankers]:
-    """Fit a recipe scorer on all folds except the left-out folds.
+    """Fit a recipe scorer: link rankers (networks that score triples), then a recipe ranker that uses their scores.
 
     Args:
         folds: folds of train recipes, held out in turn.
         text: cosines between word vectors of entities, shape (E, E); zeros without words.
-        left_out: numbers of folds without influence on the result.
-        seed: seed for rankers and tables.
+        left_out: numbers of folds whose recipes are not used at all.
+        seed: seed for initial weights, and for the sampled tables with distractors.
         after: called after each fold; may raise to end the fit.
 
     Returns:
-        The knowledge (all tables and weights that score recipes), and the link rankers.
+        The feature arrays with the recipe ranker's weights, and the link rankers.
     """
     turns = [fold for fold in range(folds.count) if fold not in left_out]
     rng = np.random.default_rng([seed, *sorted(left_out)])
@@ -169,13 +169,13 @@ def fit_recipe_scorer(
 
 
 def knowledge_from(base: Base, rankers: LinkRankers) -> RecipeKnowledge:
-    """Compute the knowledge (tables that score recipes) from base tables and link rankers, with a zero pair ranker."""
+    """Compute the arrays for recipe features from pair tables and link rankers; the recipe ranker's weights are 0."""
     links = tuple(_scored(ranker, features) for ranker, features in zip(rankers, link_features(base), strict=True))
     return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]))
 
 
 def scorer_tensors(knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Ids) -> dict[str, Tensor]:
-    """Return all tensors to save for a recipe scorer, by name: knowledge, link rankers and training recipes (n, 3)."""
+    """Return a recipe scorer's tensors by name: feature arrays, weights of all rankers, training recipes (n, 3)."""
     return {
         **knowledge.constants(),
         **{
@@ -205,11 +205,16 @@ def fit_link_rankers(
 ) -> tuple[list[Base], LinkRankers]:
     """Fit a ranker for each relation, on links from held-out folds and links to held-out (unknown) entities.
 
-    See :func:`fit_recipe_scorer` for the arguments; ``rng`` draws queries and unknown entities, ``generator`` the
-    initial weights.
+    Args:
+        folds: folds of train recipes, held out in turn.
+        text: cosines between word vectors, shape (E, E).
+        left_out: numbers of folds whose recipes are not used at all.
+        rng: draws queries and unknown entities.
+        generator: draws initial weights.
+        after: called after each fold.
 
     Returns:
-        A :class:`Base` for each fold, computed without the fold, and the two rankers.
+        For each fold the pair tables computed without the fold, and the two rankers.
     """
     size = folds.split.graph.num_entities
     turns = [fold for fold in range(folds.count) if fold not in left_out]

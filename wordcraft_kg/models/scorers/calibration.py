@@ -115,9 +115,13 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
     @classmethod
     def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
-        """Fit probabilities for ``whole``, trained on all folds, to ``seen``: score histograms by fold model.
+        """Fit the curves from a scorer's ranks to probabilities.
 
-        Only the number of recipes outside train is used.
+        Args:
+            whole: scorer trained on all folds, which gets the probabilities.
+            folds: folds of train recipes; of the recipes outside train only the number is used.
+            seen: for each fold, score histograms by the model trained without this fold, from :func:`predictions`.
+            seed: seed for a sample of pairs.
         """
         size, train = len(whole.entities), folds.triples()
         true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
@@ -168,7 +172,10 @@ class Seen:
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
-    """Count a fold model's scores of unseen triples, without recipes outside train; ``seed`` is for sampling pairs."""
+    """Return histograms of a fold model's scores: true triples of the left-out fold, and all other unseen triples.
+
+    Recipes outside train are not used; ``seed`` samples pairs.
+    """
     size = len(scorer.entities)
     train, trained_on = folds.triples(), folds.triples([fold])
     own = train[~is_in(train, trained_on, size)]

@@ -78,7 +78,7 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
     @property
     def in_sample_mrr(self) -> float | None:
-        """Mean reciprocal rank on the same triples by the whole model."""
+        """Mean reciprocal rank on the triples of :attr:`mrr` by the model trained on all folds."""
         return self._mean([fold.in_sample_mrr for fold in self.folds])
 
     def _mean(self, values: Sequence[float | None]) -> float | None:
@@ -173,7 +173,7 @@ class CrossFitted(Scorer):
         return self._made[fold]
 
     def train_sample(self, graph: RecipeGraph) -> TrainSample:
-        """Return the training recipes of ``whole``; GraphMismatchError if the number of recipes differs."""
+        """Return the recipes that the scorer of all folds was trained on; GraphMismatchError for another graph."""
         if len(self.of_recipe) != graph.num_recipes:
             raise GraphMismatchError(
                 f"{self.name} has folds for {len(self.of_recipe):,} recipes but '{graph.name}' has "

@@ -133,18 +133,18 @@ class RecipeKnowledge(nn.Module):
         return cls({name: joined(name) for name in BUFFERS})
 
     def constants(self) -> dict[str, Tensor]:
-        """Return the arrays and the network weights by name."""
+        """Return the feature arrays and network weights, the attributes of this module, by name."""
         return {name: getattr(self, name) for name in BUFFERS}
 
     def with_ranker(self, weights: Mapping[str, Tensor]) -> Self:
-        """Return the same knowledge with new network weights; for a single model."""
+        """Return a copy with other network weights, for M = 1 (not for stacked fold models)."""
         return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return F features for each of P slot pairs, shape (F, B, P); pairs in the order of :func:`pairs_of`.
+        """Return the features in :data:`FEATURES` for all P slot pairs, (F, B, P), in the order of :func:`pairs_of`.
 
-        Ids are int64: ``goal`` (B,), ``table`` (B, A) with E for empty slots, and the number of the ``model`` to use
-        (B,).
+        Arguments are int64: goal ids (B,), entity ids in the slots (B, A) with E for empty slots, and which of the M
+        stacked models to use (B,).
         """
         width = self.num_entities + 1
         slots = table.shape[1]
@@ -215,7 +215,10 @@ class RecipeKnowledge(nn.Module):
         ]
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Score all slot pairs as recipes for the goal: shape (B, A, A), in nats; -inf for empty slots."""
+        """Score all slot pairs as recipes for the goal; arguments as in :meth:`features`.
+
+        Returns shape (B, A, A), in nats; -inf for empty slots.
+        """
         features = self.features(goal, table, model).transpose(0, 1)
         first = self.first.transpose(1, 2).index_select(0, model)
         hidden = torch.baddbmm(self.first_bias.index_select(0, model)[:, :, None], first, features).relu_()
@@ -240,7 +243,7 @@ BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "
 def knowledge_of(
     recipes: Ids, kernel: Tensor, text: Tensor, tables: tuple[Tensor, Tensor], links: tuple[Tensor, Tensor]
 ) -> RecipeKnowledge:
-    """Return one model's knowledge from its training recipes (n, 3); network weights are zero.
+    """Return the arrays for recipe features from training recipes (n, 3); the recipe ranker's weights are 0.
 
     All tables have shape (E, E): ``kernel`` holds similarities, ``text`` word cosines, ``tables`` combinesWith and
     componentOf scores by the recipe kernel, ``links`` the same by the learned link ranker.

@@ -150,7 +150,7 @@ def _check_known(slots: Sequence[str | None], entities: Collection[str]) -> None
 
 
 def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[RecipeQuery]:
-    """Read queries from a CSV or TSV file with three columns: triples, or recipes under :data:`_RECIPE_HEADER`.
+    """Read queries from a CSV or TSV file: triples, or recipes below the header ingredient_a, ingredient_b, result.
 
     The header is optional for triples. A tab in the first line means unquoted TSV, as in a graph folder's ``triples/``;
     otherwise the file is CSV. Blank lines are skipped.

@@ -35,7 +35,7 @@ class Witness(Record):
 
     @classmethod
     def of(cls, supporting: Support, entities: Sequence[str]) -> "Witness":
-        """Return the supporting recipe with labels in place of ids."""
+        """Return a known recipe that supports a recipe score, with labels in place of ids."""
         a, b, result = (entities[entity] for entity in supporting.recipe)
         return cls(a, b, result, supporting.weight, supporting.share)
 

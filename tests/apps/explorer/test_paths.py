@@ -64,21 +64,17 @@ def test_what_is_needed_late_is_crafted_late():
     assert {step.recipe.result: step.layer for step in view.listed} == {"b": 1, "c": 2, "y": 2, "e": 3}
 
 
+LOST = [("gone", "b", "d")]
+
+
 @pytest.mark.parametrize(
     ("goal", "rows", "outcome", "blocked", "sources", "text"),
     [
         ("a", [("b", "b", "a")], "base", [], (), "a is a base entity"),
         ("c", [("a", "b", "c")], "made", [], (), "1 craft in 1 layer"),
-        ("d", [("gone", "b", "d")], "impossible", [("gone",)], ("gone",), "d cannot be made from the base (a, b)"),
-        (
-            "d",
-            [("gone", "b", "d")],
-            "impossible",
-            [("gone",)],
-            ("gone",),
-            "entities without recipes outside the base: gone.",
-        ),
-        ("gone", [("gone", "b", "d")], "impossible", [], ("gone",), "No recipe makes it."),
+        ("d", LOST, "impossible", [("gone",)], ("gone",), "d cannot be made from the base (a, b)"),
+        ("d", LOST, "impossible", [("gone",)], ("gone",), "entities without recipes outside the base: gone."),
+        ("gone", LOST, "impossible", [], ("gone",), "No recipe makes it."),
         ("x", [("x", "b", "y"), ("y", "b", "x")], "impossible", [("y",)], (), "form a cycle"),
     ],
 )

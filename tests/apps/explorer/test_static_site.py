@@ -48,15 +48,14 @@ def test_every_link_of_every_file_leads_to_a_file(static_site: Path, pages: dict
 
 
 def test_the_first_page_leads_to_every_entity(static_site: Path, pages: dict[Path, Shown], explored: Explored):
-    todo, seen = [static_site / "index.html"], set()
+    todo = [static_site / "index.html"]
+    seen = set(todo)
     while todo:
         path = todo.pop()
-        seen.add(path)
-        links = {
-            (path.parent / unquote(link.partition("#")[0])).resolve() for link in pages[path].links if link[0] != "#"
-        }
-        todo += links - seen
-        seen |= links
+        links = [link.partition("#")[0] for link in pages[path].links if link[0] != "#"]
+        files = {(path.parent / unquote(link)).resolve() for link in links} - seen
+        todo += files
+        seen |= files
     assert sum(path.parent.name == "entity" for path in seen) == explored.opened.graph.num_entities
 
 
@@ -101,15 +100,14 @@ def test_the_same_site_has_the_same_bytes(hostile: Explored, hostile_site: Path,
 
 
 def test_a_site_is_replaced_only_on_request(tmp_path: Path):
-    small, other = explored_graph([("a", "b", "c")]), tmp_path / "other"
-    export_site(small, tmp_path / "site")
-    with pytest.raises(OutputExistsError):
-        export_site(small, tmp_path / "site")
-    export_site(small, tmp_path / "site", force=True)
+    small, site, other = explored_graph([("a", "b", "c")]), tmp_path / "site", tmp_path / "other"
+    for is_forced in (False, True):
+        export_site(small, site, force=is_forced)
     other.mkdir()
     (other / "notes.txt").write_text("mine")
-    with pytest.raises(OutputExistsError):
-        export_site(small, other, force=True)
+    for out, is_forced in ((site, False), (other, True)):
+        with pytest.raises(OutputExistsError):
+            export_site(small, out, force=is_forced)
     assert (other / "notes.txt").read_text() == "mine"
 
 

@@ -27,11 +27,6 @@ def opened() -> OpenedGraph:
     return open_graph("kitchen")
 
 
-@pytest.fixture(scope="module", params=[1, 2])
-def played(request: pytest.FixtureRequest, opened: OpenedGraph) -> tuple[TaskSet, list[PlayedTask]]:
-    return played_at_random(opened, request.param)
-
-
 def played_at_random(opened: OpenedGraph, depth: int) -> tuple[TaskSet, list[PlayedTask]]:
     """Episodes of chance, as a run records them; of every third task none."""
     world = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=0))
@@ -43,8 +38,9 @@ def played_at_random(opened: OpenedGraph, depth: int) -> tuple[TaskSet, list[Pla
     return world.tasks, lines
 
 
-def test_all_tasks_are_listed_once_with_how_often_they_were_solved(played: tuple[TaskSet, list[PlayedTask]]):
-    tasks, lines = played
+@pytest.mark.parametrize("depth", [1, 2])
+def test_all_tasks_are_listed_once_with_how_often_they_were_solved(opened: OpenedGraph, depth: int):
+    tasks, lines = played_at_random(opened, depth)
     results = TaskResults.of(tasks, reversed(lines))
     by_task = {(line.goal, line.start): line.terminations for line in lines}
     pages = view_task_table(tasks, results).paging.pages

@@ -97,10 +97,7 @@ def test_zooming_out_at_the_end_scrolls_the_page(page: Any):
 @pytest.mark.parametrize("has_keys", [False, True])
 def test_buttons_and_keys_zoom_and_move_the_map(page: Any, has_keys: bool):
     def do(name: str, key: str) -> tuple[float, float, float]:
-        if has_keys:
-            page.keyboard.press(key)
-        else:
-            page.get_by_role("button", name=name).click()
+        page.keyboard.press(key) if has_keys else page.get_by_role("button", name=name).click()
         return seen(page)
 
     page.locator("svg.world").focus()

@@ -8,6 +8,9 @@ import numpy as np
 
 from wordcraft_kg.graphs.arrays import Ids
 
+NAMED = 3
+"""Entities in the name of a group."""
+
 
 @dataclass(frozen=True)
 class Communities:
@@ -15,11 +18,11 @@ class Communities:
 
     Attributes:
         group_of: each entity's group number, shape (E,); group 0 is the largest group.
-        names: most used entity in each group.
+        names: the most typical entities in each group, at most :data:`NAMED`.
     """
 
     group_of: Ids
-    names: tuple[str, ...]
+    names: tuple[tuple[str, ...], ...]
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -27,13 +30,15 @@ class Communities:
         return np.bincount(self.group_of, minlength=len(self.names)).tolist()
 
 
-def communities_of(labels: Sequence[str], links: Ids, uses: Ids, seed: int) -> Communities:
+def communities_of(labels: Sequence[str], links: Ids, seed: int) -> Communities:
     """Find communities in an undirected graph by the Louvain method.
+
+    Typical entities have many links within their group and few to other groups: the product of the number of links
+    within the group and their share of all links is high.
 
     Args:
         labels: labels for entities.
         links: shape (L, 2), pairs of linked entities as positions in ``labels``; repetitions count once.
-        uses: shape (E,), number of recipes that use each entity.
         seed: seed for the entity order.
 
     Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
@@ -47,5 +52,10 @@ def communities_of(labels: Sequence[str], links: Ids, uses: Ids, seed: int) -> C
     group_of = np.zeros(len(labels), dtype=np.int64)
     for number, group in enumerate(groups):
         group_of[list(group)] = number
-    most_used = [max(sorted(group), key=uses.__getitem__) for group in groups]
-    return Communities(group_of, tuple(labels[i] for i in most_used))
+    ends = np.array([(a, b) for a, b in plain.edges if a != b], dtype=np.int64).reshape(-1, 2)
+    is_within = group_of[ends[:, 0]] == group_of[ends[:, 1]]
+    within, degree = (np.bincount(some.ravel(), minlength=len(labels)) for some in (ends[is_within], ends))
+    typical = np.argsort(-(within**2) / np.maximum(degree, 1), kind="stable")
+    return Communities(
+        group_of, tuple(tuple(labels[i] for i in typical.tolist() if i in group)[:NAMED] for group in groups)
+    )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from refusals import refuses
 
-from tests.apps.explorer.shown import Rows, explored_by, explored_graph, look, view_by, view_of
+from tests.apps.explorer.shown import Rows, Shown, explored_by, explored_graph, look, view_by, view_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
 from wordcraft_kg.apps.explorer.pages import entities, entity
@@ -37,6 +37,14 @@ PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows: Rows, furthest, most_used):
     overview = view_of(explored_graph(rows), Home())
     assert (overview.furthest, overview.most_used) == (furthest, most_used)
+
+
+@pytest.mark.parametrize(
+    ("has_models", "pages"), [(True, ["/path/pie", "/link", "/episode"]), (False, ["/path/pie", "/entity/pot", "/map"])]
+)
+def test_the_overview_asks_three_questions_that_lead_to_pages(explored: Explored, has_models: bool, pages: list[str]):
+    page = look(explored if has_models else Explored(explored.opened), Home()).page
+    assert Shown(page.split('aria-label="Examples"')[1].split("</ul>")[0]).links == pages
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,14 @@ def serving(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
             server.kill()
 
 
+def send(address: str, *lines: str) -> bytes:
+    """Send lines over a connection of their own, and return the answer."""
+    host, port = address.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=20) as connection:
+        connection.sendall("".join(f"{line}\r\n" for line in lines).encode())
+        return connection.recv(100)
+
+
 @pytest.mark.parametrize("termination", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(termination: int):
     with serving("explore", "kitchen", "--no-browser") as (server, address):
@@ -37,11 +45,15 @@ def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(term
             assert b"<h1>bread" in answer.read()
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"{address}/entity/brea")
+        for method in ("POST", "GET"):
+            assert b"400" in send(
+                address, f"{method} / HTTP/1.1", "Host: localhost", "Transfer-Encoding: chunked", "", "zz"
+            )
         server.send_signal(termination)
         out, err = server.communicate(timeout=20)
         assert (server.returncode, out) == (0, "")
         assert "GET" not in err
-        assert "Traceback" not in err
+        assert ("Traceback" in err, err.count("Invalid HTTP request")) == (False, 1)
 
 
 def test_a_port_in_use_is_said_before_any_work(run):

@@ -9,11 +9,13 @@ import pytest
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
 from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.page import State
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
 from wordcraft_kg.apps.explorer.pages.compare import Compare
 from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes
 from wordcraft_kg.apps.explorer.pages.link import Link
 from wordcraft_kg.apps.explorer.pages.pair import Pair
+from wordcraft_kg.apps.explorer.pages.path import Path as Goal
 from wordcraft_kg.apps.explorer.pages.predictions import Predictions
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError
@@ -112,6 +114,23 @@ def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel: LinkPredict
     texts = [look(explored, Pair("flour", "water", f"kitchen-{name}")).text for name in ("complex", "recipes")]
     assert [text.count("scores only links") for text in texts] == [1, 0]
     assert "Results, if the pair combines" in texts[1]
+
+
+@pytest.mark.parametrize("page", [Pair(model="kitchen-recipes"), Goal()], ids=["pair", "path"])
+def test_an_example_offers_others_and_a_choice_does_not(explored: Explored, page: State):
+    examples = view_of(explored, page).examples
+    assert len(set(examples)) == 3
+    text = look(explored, page).text
+    assert all(
+        (one if isinstance(page, Goal) else " + ".join(one)) in text.split("try another: ")[1] for one in examples
+    )
+    chosen = Goal("bread") if isinstance(page, Goal) else Pair("flour", "water")
+    assert "try another" not in look(explored, chosen).text
+
+
+def test_reasons_stand_below_their_rows(explored: Explored):
+    shown = look(explored, Pair(model="kitchen-recipes"))
+    assert [attributes for tag, attributes in shown.tags if tag == "tr"].count({"class": "why"}) == 10
 
 
 def test_an_entity_may_be_paired_with_itself(kernel: LinkPredictor):

@@ -51,7 +51,7 @@ def test_a_label_that_a_browser_would_take_for_a_folder_is_in_the_query(label: s
 @pytest.mark.parametrize(
     ("query", "message"),
     [
-        ([("pgae", "2")], "unknown page setting 'pgae'. Did you mean 'page'?"),
+        ([("pgae", "2")], "'pgae'; expected entity, sort, page, full, table. Did you mean 'page'?"),
         ([("page", "two")], "Expected `int`"),
         ([("sort", "name")], "Invalid enum value 'name'"),
         ([("page", "1"), ("page", "2")], "'page' is given twice: '1' and '2'"),

@@ -12,6 +12,7 @@ from tests.apps.explorer.shown import HOSTILE, Shown, explored_graph
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.base.errors import OutputExistsError
+from wordcraft_kg.base.progress import listening
 
 LOADING = ("link", "script", "img")
 
@@ -89,6 +90,14 @@ def test_labels_make_safe_file_names_and_none_is_lost(hostile: Explored, hostile
     assert len(pages) == hostile.opened.graph.num_entities == len(HOSTILE) + 3
     assert all(re.fullmatch(r"[a-z0-9-]{1,70}\.html", page.name) for page in pages)
     assert not [page for page in hostile_site.rglob("*.html") if "<script>alert" in page.read_text()]
+
+
+def test_an_export_reports_each_page(tmp_path: Path):
+    small, reported = explored_graph([("a", "b", "c")]), []
+    with listening(lambda stage, done, total: reported.append((stage, done < total))):
+        export_site(small, tmp_path / "site")
+    assert reported[0] == ("writing pages", True)
+    assert reported[-1] == ("writing pages", False)
 
 
 def test_the_same_site_has_the_same_bytes(hostile: Explored, hostile_site: Path, tmp_path: Path):

@@ -18,7 +18,7 @@ from wordcraft_kg.apps.explorer.server import PACKAGE, SCRIPTS
 from wordcraft_kg.apps.web.files import static_texts, style_sheet
 from wordcraft_kg.base.artefacts import dump_json, sha256_of, staged_folder, write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.base.progress import stage, steps
+from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, as_values
 from wordcraft_kg.runs.record import RUN_FILE
 
@@ -41,7 +41,6 @@ class ExportedSite(Record):
     skipped: dict[str, str]
 
 
-@stage("writing the site")
 def export_site(explored: Explored, out: Path, *, force: bool = False) -> ExportedSite:
     """Write the pages that need no server into a folder, with ``index.html`` as the first.
 

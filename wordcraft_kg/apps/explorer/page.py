@@ -82,7 +82,8 @@ class Page(Generic[S]):
         given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
         for name, value in query:
             if name not in fields:
-                raise ConfigError(f"unknown page setting '{_cut(name)}'.{nearest(name[:50], fields)}")
+                expected = f"expected {', '.join(fields)}" if fields else "this page has no settings"
+                raise ConfigError(f"unknown page setting '{_cut(name)}'; {expected}.{nearest(name[:50], fields)}")
             if get_origin(fields[name].type) is tuple:
                 given.setdefault(name, []).append(value)
             elif value and given.setdefault(name, value) != value:

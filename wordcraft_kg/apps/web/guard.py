@@ -3,8 +3,10 @@
 import asyncio
 import logging
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from urllib.parse import SplitResult, urlsplit
 
+from h11 import LocalProtocolError
 from starlette.datastructures import Headers
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -79,6 +81,8 @@ class Guard:
             except WordCraftKGError as error:
                 logging.getLogger(__name__).error("%s", error)
                 refusal = 500, "Something went wrong. See the terminal for details."
+            except LocalProtocolError:
+                return  # the server has answered a malformed request itself
             except Exception:
                 logging.getLogger(__name__).exception("error in request %s", scope["path"][:200])
                 if has_begun:
@@ -86,7 +90,8 @@ class Guard:
                 refusal = 500, "Something went wrong. See the terminal for details."
         status, message = refusal
         response = Response(self.error_page(status, message), status, media_type="text/html")
-        await response(scope, receive, with_headers)
+        with suppress(LocalProtocolError):
+            await response(scope, receive, with_headers)
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers = Headers(scope=scope)

@@ -1,6 +1,7 @@
 """Serve an application on a port until Ctrl-C."""
 
 import errno
+import logging
 import os
 import socket
 import sys
@@ -17,6 +18,19 @@ from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 LARGEST_PORT = 65_535
 PATIENCE = 3
 """Seconds to finish requests after Ctrl-C."""
+
+
+class _Once(logging.Filter):
+    """Passes equal messages without traceback once: malformed requests must not fill the terminal."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: set[str] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        is_new = record.getMessage() not in self.seen
+        self.seen.add(record.getMessage())
+        return is_new or record.exc_info is not None
 
 
 class Serving(Record):
@@ -88,12 +102,14 @@ def serve(
         server_header=False,
         timeout_graceful_shutdown=PATIENCE,
     )
+    logging.getLogger("uvicorn.error").addFilter(once := _Once())
     try:
         with sigterm_as_interrupt():  # the server finishes requests and raises the signal again
             Server(config).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # the normal end
     finally:
+        logging.getLogger("uvicorn.error").removeFilter(once)
         listening.close()
 
 

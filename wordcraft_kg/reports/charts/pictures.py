@@ -58,9 +58,9 @@ class Dot:
 
 @dataclass(frozen=True)
 class Region:
-    """A named region on the map, with the centre's coordinates."""
+    """A region on the map, with names in a column and the centre's coordinates."""
 
-    name: str
+    names: tuple[str, ...]
     x: int
     y: int
 
@@ -89,7 +89,7 @@ def world(
     partners = partners or {}
     near = {number for ends in partners.values() for number in ends} | ({chosen} if chosen is not None else set())
     width, height = size[0] + _SIDE + _RIGHT, size[1] + 2 * _EDGE
-    names = [f'<text x="{r.x}" y="{r.y}">{escape(shortened(r.name, _LONGEST))}</text>' for r in regions]
+    names = [f'<text x="{r.x}" y="{r.y}">{_stacked(r)}</text>' for r in regions]
     lines = [] if chosen is None else [_lines(dots, chosen, kind, ends) for kind, ends in partners.items()]
     room = Labels(LINE)
     order = sorted(range(len(dots)), key=lambda number: number not in near)
@@ -102,6 +102,14 @@ def world(
         f'aria-label="{escape(description)}"><g class="view"><g class="regions">{"".join(names)}</g>'
         f'<g class="links">{"".join(lines)}</g><g class="dots">{"".join(circles)}</g></g></svg>'
         f'<script type="application/json" class="world-links">{json.dumps(others, separators=(",", ":"))}</script>'
+    )
+
+
+def _stacked(region: Region) -> str:
+    up = f"{-0.55 * (len(region.names) - 1):.2f}em"
+    return "".join(
+        f'<tspan x="{region.x}" dy="{"1.1em" if number else up}">{escape(shortened(name, _LONGEST))}</tspan>'
+        for number, name in enumerate(region.names)
     )
 
 

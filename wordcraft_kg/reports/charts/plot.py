@@ -16,8 +16,8 @@ from wordcraft_kg.reports.charts.scales import Estimate, estimate, shortened, sp
 OKABE_ITO = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 LIGHT = (*OKABE_ITO, "#1b1f24", "#7f3c00")
 """Colours on a white page."""
-DARK = (*OKABE_ITO, "#e6edf3", "#f0e442")
-"""Colours on a dark page."""
+DARK = ("#4d9aff", *OKABE_ITO[1:], "#e6edf3", "#f0e442")
+"""Colours on a dark page, where the blue of Okabe and Ito would be too dark for lines."""
 COLOURS = len(LIGHT)
 WIDTH, HEIGHT = 460, 250
 LEFT, _RIGHT, TOP, BOTTOM = 46, 12, 12, 42

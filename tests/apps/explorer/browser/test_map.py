@@ -49,6 +49,23 @@ def middle(page: Any) -> tuple[float, float]:
     return centre(page.locator("svg.world"))
 
 
+OVERLAPS = """() => {
+  const boxes = (names) => [...document.querySelectorAll(names)].filter(e => e.checkVisibility())
+    .map(e => e.getBoundingClientRect());
+  const [groups, dots] = ['svg.world .regions text', 'svg.world .dots > :not(.far) text'].map(boxes);
+  const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 2 && b.top < a.bottom - 2;
+  return [groups.length, groups.filter((a, i) => [...groups.slice(i + 1), ...dots].some(b => meet(a, b))).length];
+}"""
+
+
+@pytest.mark.parametrize("width", [380, 1280])
+def test_names_of_groups_cover_no_other_name(page: Any, width: int):
+    page.set_viewport_size({"width": width, "height": 900})
+    page.wait_for_timeout(500)
+    shown, covering = page.evaluate(OVERLAPS)
+    assert (shown >= 3, covering) == (True, 0)
+
+
 def test_dragging_moves_the_map_and_opens_nothing(page: Any):
     dot = dot_of(page, "bread")
     x, y = centre(dot)

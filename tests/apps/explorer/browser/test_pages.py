@@ -73,6 +73,25 @@ def test_no_page_is_wider_than_a_phone_or_a_sheet_of_paper(open_page: OpenPage, 
         assert page.evaluate(TOO_WIDE) == [], address
 
 
+CUT = """() => [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)
+  .map(e => e.getAttribute('aria-label'))"""
+
+
+def test_on_a_usual_screen_no_table_is_cut_and_all_headings_begin_at_one_place(open_page: OpenPage, visits: Visits):
+    page, edges = open_page(viewport={"width": 1400, "height": 900}), set()
+    for address in visits(page):
+        assert page.evaluate(CUT) == [], address
+        edges.add(page.locator("h1").bounding_box()["x"])
+    assert len(edges) == 1
+
+
+def test_letters_of_charts_can_be_read_on_a_phone(open_page: OpenPage, site: str):
+    page = open_page(viewport=PHONE)
+    visit(page, f"{site}/run/guided")
+    heights = page.locator("figure svg text").evaluate_all("texts => texts.map(e => e.getBoundingClientRect().height)")
+    assert min(heights) > 9
+
+
 FOCUSABLE = """() => [...document.querySelectorAll(
   'a[href], button, input, select, textarea, summary, [tabindex]'
 )].filter(e => e.tabIndex >= 0 && !e.disabled && e.checkVisibility())

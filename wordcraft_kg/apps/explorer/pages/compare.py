@@ -13,6 +13,7 @@ from wordcraft_kg.apps.explorer.pages.predictions import (
     RankedTriples,
     RankFilter,
     RankSample,
+    first_of_each_link,
     ranked_by,
     ranked_queries,
 )
@@ -100,10 +101,11 @@ def view_compared_ranks(
     left, right = one.ranks[mask], other.ranks[mask]
     gain = (1 / left["rank"] - 1 / right["rank"]).to_numpy(dtype=float)
     listed = {"either": np.ones(len(gain), dtype=bool), "one": gain > 0, "other": gain < 0}[better]
-    rows = np.flatnonzero(listed)
-    shown = paging(len(rows), page, ROWS_A_PAGE)
-    rows = rows[np.argsort(-np.abs(gain[rows]), kind="stable")][shown.rows]
-    pairs = zip(ranked_queries(one.graph, left.iloc[rows]), ranked_queries(one.graph, right.iloc[rows]), strict=True)
+    by_gain = np.argsort(-np.abs(gain), kind="stable")
+    ordered = first_of_each_link(left.iloc[by_gain[listed[by_gain]]])
+    shown = paging(len(ordered), page, ROWS_A_PAGE)
+    rows = ordered.index[shown.rows]
+    pairs = zip(ranked_queries(one.graph, left.loc[rows]), ranked_queries(one.graph, right.loc[rows]), strict=True)
     return ComparedRanks(
         one=one.name,
         other=other.name,

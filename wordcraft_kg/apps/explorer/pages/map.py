@@ -66,9 +66,9 @@ class Spot(Record):
 
 
 class Group(Record):
-    """Entities that are crafted together, named after the most used member, with their median place."""
+    """Entities that are crafted together, named after typical members, with their median place."""
 
-    name: str
+    names: tuple[str, ...]
     size: Count
     x: Count
     y: Count
@@ -137,7 +137,7 @@ def map_of(graph: RecipeGraph) -> EntityMap:
     combines = combines[combines[:, 0] < combines[:, 1]]
     links = np.unique(np.sort(np.concatenate([combines, components]), axis=1), axis=0)
     uses, layer = graph.use_counts[ids], layers(graph)
-    communities = communities_of(graph.labels(ids.tolist()), links, uses, 0)
+    communities = communities_of(graph.labels(ids.tolist()), links, 0)
     places = _places(len(ids), links, communities.group_of)
     columns = (ids, *places.T, uses, communities.group_of, layer[ids])
     spots = tuple(
@@ -145,9 +145,9 @@ def map_of(graph: RecipeGraph) -> EntityMap:
         for entity, *numbers in zip(*(column.tolist() for column in columns), strict=True)
     )
     groups = []
-    for number, (name, size) in enumerate(zip(communities.names, communities.sizes, strict=True)):
+    for number, (names, size) in enumerate(zip(communities.names, communities.sizes, strict=True)):
         x, y = np.median(places[communities.group_of == number], axis=0).round().astype(int).tolist()
-        groups.append(Group(name, size, x, y))
+        groups.append(Group(names, size, x, y))
     is_small = len(combines) + len(components) <= ALL_LINKS
     view = MapView(
         graph=graph.name,
@@ -266,7 +266,7 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
         partners = {name: kind.placed for name, kind in kinds.items()}
     picture = charts.world(
         dots,
-        [charts.Region(group.name, group.x, group.y) for group in view.groups if group.size > 1],
+        [charts.Region(group.names, group.x, group.y) for group in view.groups if group.size > 1],
         (WIDTH, HEIGHT),
         f"Map of {len(dots):,} entities",
         links={"combines": view.combines, "components": view.components},
@@ -277,7 +277,7 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:
-    shown = [(charts.colour_of(number), group.name, group.size) for number, group in enumerate(view.groups)]
+    shown = [(charts.colour_of(number), ", ".join(group.names), group.size) for number, group in enumerate(view.groups)]
     others = sum(size for _, _, size in shown[charts.COLOURS :])
     return shown[: charts.COLOURS] + ([("series-other", "other groups", others)] if others else [])
 

@@ -12,6 +12,7 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.scorers.queries import RecipeQuery
 
 RESULTS = 10
+EXAMPLES = 4
 
 
 class Pair(State):
@@ -25,7 +26,7 @@ class Pair(State):
 class PairProfile(Record):
     """A pair with recipes, a model's score of ``a combinesWith b``, and the predicted results, best first.
 
-    Link and results are None without a model; results are None for link scorers.
+    Link and results are None without a model; results are None for link scorers. ``examples`` are other pairs.
     """
 
     a: str
@@ -35,27 +36,30 @@ class PairProfile(Record):
     has_seen_the_test_recipes: bool
     link: RankedLink | None
     results: tuple[ScoredRecipe, ...] | None
+    examples: tuple[tuple[str, ...], ...]
 
 
 def _view(explored: Explored, state: Pair) -> PairProfile:
     split, graph, (a, b) = explored.opened.split, explored.opened.graph, (state.a, state.b)
+    recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
+    every = max(-(-len(recipes) // EXAMPLES), 1)
+    first, *examples = [graph.labels(pair) for pair in recipes[::every, :2].tolist()] or [()]
     if not a and not b:
-        recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
-        if not len(recipes):
+        if not first:
             raise ConfigError("The graph has no recipe, so there is no example pair.")
-        a, b = graph.labels(recipes[0, :2].tolist())
+        a, b = first
     elif not a or not b:
         raise ConfigError("A pair has two ingredients, which may be equal; one ingredient is missing.")
     one, other = graph.id_of(a), graph.id_of(b)
     makes = placed_recipes(split, recipes_giving(graph, one, COMBINES_WITH, other))
     if not explored.models:
-        return PairProfile(a, b, makes, model="", has_seen_the_test_recipes=False, link=None, results=None)
+        return PairProfile(a, b, makes, "", False, None, None, tuple(examples))
     predictor, results = explored.predictor(state.model), None
     if predictor.scores_recipes:
         scoring = explored.once(("recipe scores", predictor.name), lambda: RecipeScoring.of(predictor.scoring))
         results = view_open_recipe(scoring, RecipeQuery(a, b, None), RESULTS).top
     link = predictor.ranked(predictor.slot(one, COMBINES_WITH, "tail"), other)
-    return PairProfile(a, b, makes, predictor.name, predictor.has_seen_the_test_recipes, link, results)
+    return PairProfile(a, b, makes, predictor.name, predictor.has_seen_the_test_recipes, link, results, tuple(examples))
 
 
 PAGE = Page("pair", Pair, _view, title="Pairs", exported=lambda _: (), is_there=attrgetter("opened.graph.num_recipes"))

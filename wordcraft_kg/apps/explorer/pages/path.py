@@ -22,6 +22,7 @@ from wordcraft_kg.reports import charts
 STEPS_A_PAGE = 200
 DRAWN = 60
 """Maximum number of drawn steps: the last ones."""
+EXAMPLES = 4
 LISTED = 20
 """Maximum number of listed recipes and missing entities."""
 
@@ -53,6 +54,7 @@ class PathView(Record):
     """The path from the base to an entity.
 
     Attributes:
+        examples: other goals.
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
         cost: crafts without reuse, in words, since the number may have thousands of digits.
         parts: number of crafts by part of the recipe.
@@ -62,6 +64,7 @@ class PathView(Record):
     """
 
     entity: str
+    examples: tuple[str, ...]
     base: tuple[str, ...]
     outcome: Literal["base", "made", "impossible"]
     steps: Count
@@ -81,7 +84,8 @@ def _view(explored: Explored, state: Path) -> PathView:
     split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
-    goal = graph.id_of(state.entity) if state.entity else int(np.argmax(layers_of(graph)))
+    furthest = np.argsort(-layers_of(graph), kind="stable")[:EXAMPLES].tolist()
+    goal = graph.id_of(state.entity) if state.entity else furthest[0]
     planner = explored.planner()
     cost = planner.costs[goal]
     steps: tuple[PathStep, ...] = ()
@@ -95,6 +99,7 @@ def _view(explored: Explored, state: Path) -> PathView:
     used = [step.part for step in steps]
     return PathView(
         entity=graph.entities[goal],
+        examples=graph.labels(furthest[1:]),
         base=planner.start,
         outcome="impossible" if cost == math.inf else "made" if steps else "base",
         steps=len(steps),

@@ -16,7 +16,7 @@ from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Part, Split
-from wordcraft_kg.graphs.triples import RELATIONS, Relation, is_in
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, RankingMetrics, rank_triples, ranking_metrics, sampled
 from wordcraft_kg.models.scorers.roles import Side
@@ -56,7 +56,7 @@ class Predictions(Queries):
     """Page settings: a filter for queries, a model, by default the first, and an order."""
 
     model: str = ""
-    sort: RankOrder = "best"
+    sort: RankOrder = "worst"
 
 
 class RankedQuery(Record):
@@ -158,10 +158,11 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
 
 
 def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1) -> LinkRanks:
-    """Return a page of ranks, and metrics for all chosen queries."""
+    """Return a page with one rank for each link, the first in the order, and metrics for all chosen queries."""
     ranks = ranked.ranks[ranked.mask(chosen)]
-    shown = paging(len(ranks), page, ROWS_A_PAGE)
-    rows = ranks.iloc[_order(ranks, order)[shown.rows]]
+    ordered = first_of_each_link(ranks.iloc[_order(ranks, order)])
+    shown = paging(len(ordered), page, ROWS_A_PAGE)
+    rows = ordered.iloc[shown.rows]
     return LinkRanks(
         model=ranked.name,
         has_seen_the_test_recipes=ranked.has_seen_the_test_recipes,
@@ -173,6 +174,17 @@ def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder 
         paging=shown,
         queries=tuple(ranked_queries(ranked.graph, rows)),
     )
+
+
+def first_of_each_link(ranks: pd.DataFrame) -> pd.DataFrame:
+    """Return the first row for each link: a link has a row for each open side, and twice as many if it is symmetric."""
+    ends, is_symmetric = ranks[["head", "tail"]].to_numpy(), (ranks["relation"] == COMBINES_WITH).to_numpy()
+    ends = np.where(is_symmetric[:, None], np.sort(ends, axis=1), ends)
+    return ranks[
+        ~pd.DataFrame({"relation": ranks["relation"].to_numpy(), "a": ends[:, 0], "b": ends[:, 1]})
+        .duplicated()
+        .to_numpy()
+    ]
 
 
 def _order(ranks: pd.DataFrame, order: RankOrder) -> Ids:

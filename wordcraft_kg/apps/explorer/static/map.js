@@ -72,6 +72,7 @@
 
   // --- names: as many as there is room for, those of the most used first, in letters of the same size ---
 
+  const regions = [...view.querySelectorAll(".regions text")];
   const isNear = (node) => node.element.matches(".near, .chosen");
   const first = [...nodes].sort((one, other) => isNear(other) - isNear(one));
   const name = () => {
@@ -81,14 +82,27 @@
     svg.style.setProperty("--letter", pixel.toFixed(3));
     const [right, bottom] = [whole.x + whole.width, whole.y + whole.height];
     const taken = new Map();
+    const isTaken = (start, end, line, row) => [row - 1, row, row + 1].some(
+      (near) => (taken.get(near) || []).some(([left, to, at]) => start < to && end > left && Math.abs(line - at) < LINE),
+    );
+    const take = (start, end, line, row) => taken.set(row, [...(taken.get(row) || []), [start, end, line]]);
+    // The names of groups come first, the largest group's before all; where two meet, the smaller group has none.
+    for (const region of regions) {
+      region.style.display = "";
+      const { x, y, width, height } = region.getBBox();
+      const [start, end] = [x, x + width].map((edge) => (edge * now.zoom + now.left) / unitNow);
+      const [top, low] = [y, y + height].map((edge) => (edge * now.zoom + now.top) / unitNow);
+      const lines = Array.from({ length: Math.ceil((low - top) / LINE) }, (_, i) => top + (i + 0.5) * LINE);
+      const isHidden = lines.some((line) => isTaken(start, end, line, Math.floor(line / LINE)));
+      if (isHidden) region.style.display = "none";
+      else for (const line of lines) take(start, end, line, Math.floor(line / LINE));
+    }
     for (const node of first) {
       const [x, y] = [node.x * now.zoom + now.left, node.y * now.zoom + now.top];
       const start = x / unitNow, end = start + 14 + LETTER * node.letters, line = y / unitNow, row = Math.floor(line / LINE);
-      let fits = x >= whole.x && x <= right && y >= whole.y && y <= bottom;
-      for (let near = row - 1; fits && near <= row + 1; near += 1) {
-        fits = !(taken.get(near) || []).some(([left, to, at]) => start - 8 < to && end > left && Math.abs(line - at) < LINE);
-      }
-      if (fits) taken.set(row, [...(taken.get(row) || []), [start - 8, end, line]]);
+      const isIn = x >= whole.x && x <= right && y >= whole.y && y <= bottom;
+      const fits = isIn && !isTaken(start - 8, end, line, row);
+      if (fits) take(start - 8, end, line, row);
       if (fits === node.isFar || node.isFar === undefined) {
         node.isFar = !fits;
         node.element.classList.toggle("far", !fits);

@@ -177,14 +177,11 @@ def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder 
 
 
 def first_of_each_link(ranks: pd.DataFrame) -> pd.DataFrame:
-    """Return the first row for each link: a link has a row for each open side, and twice as many if it is symmetric."""
+    """Return the first row for each link; symmetric links have four queries, others two."""
     ends, is_symmetric = ranks[["head", "tail"]].to_numpy(), (ranks["relation"] == COMBINES_WITH).to_numpy()
     ends = np.where(is_symmetric[:, None], np.sort(ends, axis=1), ends)
-    return ranks[
-        ~pd.DataFrame({"relation": ranks["relation"].to_numpy(), "a": ends[:, 0], "b": ends[:, 1]})
-        .duplicated()
-        .to_numpy()
-    ]
+    links = pd.DataFrame(np.column_stack([ranks["relation"], ends]))
+    return ranks[~links.duplicated().to_numpy()]
 
 
 def _order(ranks: pd.DataFrame, order: RankOrder) -> Ids:

@@ -97,7 +97,7 @@ class RunView(Record):
         checkpoint: the last weights; empty if there are none yet.
         waits_for: sentence about files that training has yet to write; empty for complete runs.
         seconds: duration so far; None before the first metrics.
-        steps_per_second: the last speed, or that of the whole training; None if unknown.
+        steps_per_second: the last speed, or the mean of the whole training.
         outcomes: shares of termination reasons, by part; empty before the evaluation.
     """
 

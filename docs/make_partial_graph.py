@@ -92,7 +92,8 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
     if not rows:
         return
     amounts = list(dict.fromkeys(row["distractors"] for row in rows))
-    yield f"{book}, {split}, no agent, {max(len(row['success']) for row in rows)} splits:"
+    most = max(len(row["success"]) for row in rows)
+    yield f"{book}, {split}, no agent, {most} splits:"
     yield ""
     heads = (f" {amount} distractor{'s' * (amount > 1)} | own recipe | no train shortcut |" for amount in amounts)
     yield "| | MRR |" + "".join(heads)
@@ -100,7 +101,8 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
     for player, name in ALONE.items():
         cells = [row for amount in amounts for row in rows if (row["player"], row["distractors"]) == (player, amount)]
         if cells:
-            line = f"| {name} | {_figure(_mean(cells[0]['mrr'])) if cells[0]['mrr'] else ''} |"
+            few = f" ({len(cells[0]['success'])} splits)" * (len(cells[0]["success"]) < most)
+            line = f"| {name}{few} | {_figure(_mean(cells[0]['mrr'])) if cells[0]['mrr'] else ''} |"
             for row in cells:
                 ends = student_interval(row["success"]) if player != "random" else None
                 success = _with_interval({"success": _mean(row["success"]), "interval": ends})

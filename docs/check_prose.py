@@ -53,7 +53,7 @@ def texts() -> Iterator[tuple[str, Path, str]]:
             yield from (("prompts", path, text) for text in strings(tree))
     for path in sorted(ROOT.glob("wordcraft_kg/**/*.html.j2")):
         text = re.sub(r"\{#.*?#\}|\{%.*?%\}|\{\{.*?\}\}|<[^>]*>", " ", path.read_text(encoding="utf-8"), flags=re.S)
-        yield "prompts" if "people" in path.parts else "templates", path, text
+        yield "prompts" if "people" in path.relative_to(ROOT).parts else "templates", path, text
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
         text = path.read_text(encoding="utf-8")
         if path.name == "commands.md":

@@ -16,7 +16,7 @@ from wordcraft_kg.cli.console import aligned
 from wordcraft_kg.cli.failures import RENAMED, with_options
 from wordcraft_kg.runs.record import end_run, start_run
 
-HELPED = ["train-complex", "train-links", "tune-links", "score"]
+HELPED = ["train-complex", "train-links", "score"]
 """Commands whose help has the settings of models."""
 
 
@@ -187,9 +187,6 @@ def test_tables_have_aligned_columns_and_no_empty_ones(rows, numbers, lines):
 def test_help_is_wrapped_for_the_terminal_not_for_the_source_file(run):
     text = run("check-book", "--help").out
     assert "Default: the book's base, or else entities without a recipe." in text
-    text = run("tune-links", "--help").out
-    assert "(or `train-links --config`). Test triples are never used" in text
-    assert "\n\nThe folder holds" in text
 
 
 def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_path):
@@ -280,7 +277,7 @@ IS = {
     "model": "was written by train-complex",
     "report": "is the folder of a report",
     "words": "is the folder of a text agent",
-    "own": "has none of graph.json, run.json, report.json, search.json, site.json",
+    "own": "has none of graph.json, run.json, report.json, site.json",
     "empty": "is an empty folder",
     "file": "is a file",
     "nothing": "does not exist",

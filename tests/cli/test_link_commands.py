@@ -4,7 +4,6 @@ import json
 import shutil
 import signal
 import tomllib
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -326,46 +325,6 @@ def test_the_models_that_can_be_trained_are_listed_with_their_commands(printed, 
     assert listed["RotatE"] == "train-links --model RotatE"
     assert not {"CompGCN", "DistMultLiteral", "NodePiece", "FixedModel"} & set(listed)
     assert "wordcraft-kg train-links --model TuckER" in run("train-links", "--list-models").out
-
-
-@pytest.fixture
-def fast_search(monkeypatch):
-    """Search among few epochs, so that a trial takes a moment."""
-    from optuna.distributions import IntDistribution
-
-    monkeypatch.setattr("wordcraft_kg.models.links.tuning._EPOCHS", IntDistribution(2, 4, step=2))
-
-
-@pytest.mark.usefixtures("fast_search")
-@pytest.mark.parametrize(("model", "command"), [("complex", "train-complex"), ("distmult", "train-links")])
-def test_tuned_settings_are_a_file_that_training_takes(printed, tmp_path, model, command):
-    out = tmp_path / "tuned" / "kitchen"
-    values = printed("tune-links", "kitchen", "--model", model, "--trials", "2", "--out", out, "--quiet")
-    assert (values["trials"], values["out"], values["command"]) == (2, str(out), command)
-    assert values["valid_mrr"] == max(trial["valid_mrr"] for trial in values["table"]) > 0
-    settings = tomllib.loads(Path(values["config"]).read_text())[command]
-    assert settings == values["settings"]
-    options = ("--config", values["config"], "--folds", "0", "--out", tmp_path / "model", "--quiet")
-    assert printed(command, "kitchen", *options)["epochs"] == settings["epochs"]
-    trained = tomllib.loads((tmp_path / "model" / "config.toml").read_text())[command]
-    assert trained.items() >= settings.items()
-
-
-@pytest.mark.usefixtures("fast_search")
-def test_a_search_prints_its_trials_and_its_own_progress_only(run, tmp_path):
-    outcome = run("tune-links", "kitchen", "--trials", "2", "--out", tmp_path / "search")
-    head, *rows = outcome.out.splitlines()[:3]
-    assert head.split()[:3] == ["trial", "valid", "MRR"]
-    assert [row.split()[0] for row in rows] == ["1", "2"]
-    assert "tuning complex: trial 2 of 2, best MRR" in outcome.err
-    assert all(line.startswith("tuning complex: ") for line in outcome.err.splitlines())
-
-
-@pytest.mark.parametrize("force", [(), ("--force",)])
-def test_a_folder_that_is_not_a_search_is_refused(refused, tmp_path, force):
-    (tmp_path / "notes.txt").write_text("mine")
-    refused("tune-links", "kitchen", *force, "--out", tmp_path, says="Choose another --out", kind="OutputExistsError")
-    assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.slow

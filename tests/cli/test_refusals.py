@@ -36,7 +36,6 @@ BAD_VALUES = {
         *("--device=nonsense", "--seeds=4-0"),
     ],
     "train-links kitchen": ["--model=rotat", "--model=complex", "--model=ComplEx"],
-    "tune-links kitchen": ["--valid-ratio=0", "--valid-ratio=nan", "--trials=0", "--timeout=0", "--model=rotat"],
     "score {trained}/one ? componentOf bread": ["--top=0", "--top=-1"],
     "compare {trained}/one {trained}/two": ["--resamples=0", "--resamples=-5", "--distractor-seeds=3"],
     "compare {world}/plain": ["--resamples=3"],

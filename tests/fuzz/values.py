@@ -73,7 +73,7 @@ class Option:
     def given(self) -> str | None:
         """A sound value for it, None if it is best left out."""
         if self.parameter == "out" and self.command != "play":
-            return f"out{'.toml' if self.command == 'tune-links' else ''}"
+            return "out"
         parameter = f"{self.parameter} folder" if self.is_path else self.parameter
         return GIVEN.get(f"{self.command} {parameter}", GIVEN.get(parameter))
 

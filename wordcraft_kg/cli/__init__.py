@@ -34,7 +34,7 @@ from wordcraft_kg.cli.flowing_help import FlowingHelp
 
 CORE = {
     "Recipe books and graphs": ["build-graph", "describe", "check-book", "books", "export"],
-    "Link prediction": ["train-recipes", "train-complex", "train-links", "tune-links", "evaluate-links", "score"],
+    "Link prediction": ["train-recipes", "train-complex", "train-links", "evaluate-links", "score"],
     "Agents": ["train-agent", "evaluate-agent", "explain"],
     "Comparisons and studies": ["compare", "reference", "reproduce"],
     "Tasks and play": ["tasks", "discover"],

@@ -299,7 +299,6 @@ class Explainer:
         return ExplainedTable(graph.labels(query.table), ways, model, fold, self._played(query))
 
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
-        """Return the answering model, the held-out fold, and a mask of training recipes."""
         is_train, folds = self.world.split.is_in("train"), self._folds()
         if not self._policy.sources:
             return "no_scorer", None, np.zeros_like(is_train)
@@ -362,7 +361,6 @@ class Explainer:
 
     @torch.no_grad()
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
-        """Return the chosen slot and the output in double precision."""
         goal, selection, table, task = state
         external_scores = policy.external_scores(goal, selection, table, task)
         action = int(self._policy(goal, selection, table, self._weights, task, external_scores).logits.argmax(1))
@@ -371,12 +369,10 @@ class Explainer:
 
 
 def _own(policy: Policy) -> Policy:
-    """Return a copy with shared buffers, which never change."""
     return copy.deepcopy(policy, {id(tensor): tensor for tensor in policy.buffers()}).eval()
 
 
 def _exact(policy: Policy) -> Policy:
-    """Return a copy in double precision with shared sources."""
     exact = copy.deepcopy(policy, {id(policy.sources): nn.ModuleDict()}).double()
     exact.sources = policy.sources
     return exact

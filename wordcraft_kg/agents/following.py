@@ -85,7 +85,6 @@ class FollowedRun:
             return self._explainers[world.config]
 
     def _trained_on(self, agent: AgentRun) -> NDArray[np.bool_] | None:
-        """Return a mask of the scorer's correct training recipes; None if the scorer folder is unavailable."""
         inputs, folder = agent.run.inputs, agent.config.scorer
         if folder is None or "scorer" not in inputs:
             return None

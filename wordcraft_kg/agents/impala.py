@@ -146,9 +146,12 @@ class Impala:
         """Return training metrics since the last call, by name, and reset the sums.
 
         Losses are batch sums, averaged over updates; ``entropy`` is a mean over steps; ``return`` and ``success`` are
-        means over finished episodes, None without finished episodes. ``lambda_<source>_first`` and ``_second`` (by
-        action of an attempt) and the importance ratios ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share above
-        1) describe the last update.
+        means over finished episodes, None without finished episodes.
+
+        Two kinds describe the last update only. ``lambda_<source>_first`` and ``lambda_<source>_second`` are mean
+        mixing weights for the first and second selection in an attempt; a source is ``alpha`` (attention) or a
+        knowledge graph score. ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share above 1) describe importance
+        ratios π/μ.
 
         Raises:
             TrainingError: if the loss was not finite.
@@ -286,7 +289,6 @@ class Impala:
         return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 
     def _make_views(self) -> None:
-        """Replace parameters and gradients by views of the flat tensors."""
         assert self._flat.grad is not None
         sizes = [parameter.numel() for parameter in self._parameters]
         values, gradients = self._flat.data.split(sizes), self._flat.grad.split(sizes)

@@ -98,7 +98,6 @@ class LabelIndex:
         return places[0] if len(places) == 1 else None
 
     def _places(self, text: str, *, by_beginning: bool = False) -> list[int]:
-        """Return all matches by the first matching rule in :func:`read_label`."""
         if text in self._exact:
             return [self._exact[text]]
         plain, bare = folded(text), _bare(text)

@@ -93,7 +93,6 @@ def make_app() -> App:
 
 
 def _subject(app: App, words: list[str], group: Group) -> App:
-    """Return the application for commands with the same first word; ``app`` if there is no such word."""
     if not words:
         return app
     (word,) = words
@@ -185,7 +184,6 @@ def _check_text(value: Any, where: str) -> None:
 
 
 def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Refuse fractions for integer options; the option parser would round."""
     for argument in arguments:
         if int in (argument.hint, *get_args(argument.hint)):
             for token in argument.tokens:

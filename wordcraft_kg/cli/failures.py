@@ -140,7 +140,6 @@ def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:
 
 
 def _message(error: CycloptsError, manual: Manual | None) -> str:
-    """Return the parser's message without Python terms, with the new name of a renamed command or option."""
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         return f"unexpected argument '{error.unused_tokens[0]}'."
     if type(error) is MissingArgumentError and error.argument is not None:
@@ -160,7 +159,12 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
 
 
 def with_options(message: str, places: Container[str] = ()) -> str:
-    """Replace Python setting names in backticks by option names, or by argument names if in ``places``."""
+    """Replace Python setting names in backticks by command-line names, such as max_queries by --max-queries.
+
+    Args:
+        message: error message for Python users.
+        places: settings that the command takes as positional arguments; their names become upper case, as in GRAPH.
+    """
 
     def named(match: re.Match[str]) -> str:
         name = OPTIONS.get(match[1], match[1])

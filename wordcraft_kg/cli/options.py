@@ -19,7 +19,6 @@ AGENT = "train-agent"
 
 
 def _complete_book(context: "CompletionContext") -> Iterator[str]:
-    """Offer the known books, and files and folders."""
     yield from (book.name for book in known_books() if book.path is not None)
     yield from map(str, sorted(Path(os.path.dirname(context.incomplete)).glob("[!.]*")))
 

@@ -137,7 +137,6 @@ def _played(play: "TaskPlay | OpenPlay") -> str:
 
 
 def _intervals(rows: "Sequence[ReferenceRow]") -> list[str]:
-    """Return the kinds of intervals, with player kinds if intervals differ."""
     players: dict[str, dict[str, None]] = {}
     for row in rows:
         if row.interval:

@@ -100,7 +100,6 @@ def _check_query(words: list[str], *, has_relation: bool, file: Path | None, out
 def _score_query(
     model: "ScoringModel", query: "Query | RecipeQuery", top: int, new_only: bool
 ) -> "tuple[Record, Sequence[Any], list[str]]":
-    """Return the answer to a query, the scored triples or recipes, and the text lines."""
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
     from wordcraft_kg.evaluation.scores import view_open_slot, view_triple
     from wordcraft_kg.models.scorers.queries import RecipeQuery
@@ -129,7 +128,6 @@ def _score_query(
 def _score_file(
     model: "ScoringModel", queries: Any, top: int, new_only: bool, out: Path | None, force: bool, output: Output
 ) -> None:
-    """Score the queries in a file, all triples or all recipes, and print or write the scores."""
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipeRow, score_recipe_queries
     from wordcraft_kg.evaluation.scores import ScoredRow, note_of_words, score_queries, view_file
     from wordcraft_kg.models.scorers.queries import RecipeQuery
@@ -150,7 +148,6 @@ def _score_file(
 
 
 def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield headings, a line for each scored triple or recipe, and supporting evidence for the first recipes."""
     from wordcraft_kg.evaluation.recipe_scores import because
 
     if not scored:
@@ -193,7 +190,6 @@ def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
 
 
 def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
-    """Return a score file's text; the cell for None is empty."""
     import pandas as pd
 
     frame: Any = pd.DataFrame([[getattr(row, column) for column in columns] for row in rows], columns=list(columns))

@@ -146,11 +146,6 @@ def _train_seeds(
 
 
 def _until_interrupted(outcomes: Iterator[tuple[int, Any]], number: int, force: bool) -> dict[int, Any]:
-    """Train all seeds and return the outcomes.
-
-    Raises:
-        KeyboardInterrupt: after Ctrl-C, with an explanation how to resume.
-    """
     trained: dict[int, Any] = {}
     try:
         for seed, outcome in outcomes:

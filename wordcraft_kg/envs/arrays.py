@@ -73,7 +73,6 @@ class _TorchArrays(Arrays):
     on_device = True
 
     def __init__(self, device: str):
-        """Use a torch device, or raise a :class:`ConfigError` if the device is missing."""
         import torch
 
         if device.startswith("cuda") and not torch.cuda.is_available():

@@ -234,7 +234,6 @@ class BatchEngine:
         return self._goals[tasks], tasks, full(size, self.nothing), full(size, self.config.attempts), wide, count
 
     def _begin_where(self, over: Array, before: State, now: State) -> State:
-        """Begin the next episode where an episode is over; ``now`` follows ``before``."""
         on_device = self.arrays.on_device
         rows = self._rows if on_device else over.nonzero()[0]
         if not len(rows):
@@ -368,7 +367,6 @@ class BatchEngine:
 
 
 def _results(world: World) -> NDArray[np.int64]:
-    """Return each pair's results, padded, and a last row for "no pair": shape (num_pairs + 1, max_results)."""
     graph = world.graph
     starts, sizes = graph.pair_starts[:-1], np.diff(graph.pair_starts)
     results = np.full((graph.num_pairs + 1, world.max_results), world.nothing)

@@ -132,7 +132,6 @@ class Draws:
         return self._lots[(self._numbers(keys, 1, amount) * len(self._lots)) >> 31]
 
     def _clashes(self, candidates: Array, tasks: Array, taken: Array) -> Array:
-        """Return which tables must refuse a candidate, shape (R,)."""
         clash = self._guards.at_risk(candidates, tasks)
         for i in range(len(candidates)):
             for entity in taken:

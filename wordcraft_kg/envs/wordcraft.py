@@ -195,7 +195,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     # --- rules -------------------------------------------------------------------------------------------------------
 
     def _attempt(self, one: int, other: int) -> tuple[float, bool]:
-        """Combine two entities; return the reward and whether a plan's last pair made the goal."""
         rewards, state = self.config.rewards, self.state
         pair = (one, other) if one <= other else (other, one)
         results = self._outcomes.get(pair, ())

@@ -275,7 +275,6 @@ def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
 
 
 def _baselines(groups: Groups, evaluators: dict[int, Evaluator]) -> Iterator[BaselineSuccess]:
-    """Yield the success of players that learn nothing; agents with equal sources share the scorer's row."""
     first = next(iter(groups.values()))[0]
     players: dict[str, Player] = {"random": random_entity, NEAREST_WORDS: nearest_words(first.opened.graph)}
     seen = set()
@@ -306,7 +305,6 @@ def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tu
 def _conditions(
     agents: Sequence[OpenedAgent], part: TaskPart, distractors: Sequence[int] | None
 ) -> tuple[World, list[int]]:
-    """Return the headline's world, and the distractor counts that at least one agent can play."""
     _check_alike(agents, _RULES)
     first = agents[0]
     headline = first.config.tasks.distractors

@@ -156,7 +156,6 @@ def _with_intervals(
 
 
 def _check_alike(reference: Model, contender: Contender) -> None:
-    """Refuse different training data, or settings that differ between seeds."""
     for run in contender.runs:
         for input_name, left, right in (
             ("graphs", reference.opened.graph.hash, run.opened.graph.hash),

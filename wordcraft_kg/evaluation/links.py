@@ -247,7 +247,6 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
 
 
 def _checks(links: RankedLinks) -> Iterator[Check]:
-    """Yield the checks, without leak checks for a model trained on the full graph."""
     graph = links.graph
     yield Check(
         "graph", "the model was trained on the graph that is evaluated", links.scorer.graph_hash == graph.hash, ""

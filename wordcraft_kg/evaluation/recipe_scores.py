@@ -160,7 +160,6 @@ class RecipeScoring:
 
 
 def _keys(rows: Ids) -> list[_Key]:
-    """Return a key for each recipe, shape (n, 3), with the pair in sorted order."""
     return [(min(a, b), max(a, b), result) for a, b, result in rows.tolist()]
 
 

@@ -117,7 +117,14 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
         return msgspec.structs.replace(self, figures=kept)
 
     def shown(self, column: int) -> str:
-        """Format the result for a distractor count (or attempts), with its interval; empty without a result."""
+        """Format a cell of the comparison table: result and interval, such as ``0.50 [0.45, 0.55]``.
+
+        Args:
+            column: key of the result in ``figures``: a distractor count, or an attempt count in open-ended play.
+
+        Returns:
+            The text; empty if the player has no result in this column.
+        """
         figure = self.figures.get(str(column))
         if figure is None:
             return ""

@@ -211,7 +211,6 @@ def score_queries(
 def _scores(
     model: ScoringModel, triples: Sequence[tuple[str, str, str]]
 ) -> list[tuple[float, Known | None, float | None]]:
-    """Return each triple's score, :data:`Known` and probability."""
     if not triples:
         return []
     head, relation, tail = zip(*triples, strict=True)
@@ -300,7 +299,11 @@ _LISTED = 5
 
 
 def note_of_words(model: ScoringModel) -> list[str]:
-    """Return a note on entities outside the graph, scored by their words alone; empty without such entities."""
+    """Return a note for the user that names the new entities in a model's queries (``model.by_words``).
+
+    New entities are absent from the training graph; the model scores them by the word vectors of their labels. The
+    list has one sentence, with similar known labels for a single new entity, or is empty without new entities.
+    """
     words = model.by_words
     if not words:
         return []

@@ -243,7 +243,6 @@ def _invisible(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
 
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
-    """Find entities without a recipe: a problem in an explicit base, otherwise a note."""
     idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
     unused = graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0]) if base is not None else ()
     if unused:

@@ -195,7 +195,6 @@ class Table:
         return tuple(map(str.strip, line.rstrip("\r\n").split(self._delimiter))) == CSV_HEADER
 
     def _read_directive(self, number: int, line: str) -> Fault | None:
-        """Read ``# base: a, b`` or ``# entities: a, b``; skip any other comment."""
         key, colon, rest = line[1:].strip().partition(":")
         key = key.strip().lower()
         if not colon or key not in ("base", "entities"):

@@ -39,15 +39,7 @@ _OPENER = urllib.request.build_opener(_NoRedirects)
 
 @dataclass(frozen=True)
 class _Fetchable:
-    """A published book that may not be bundled.
-
-    Attributes:
-        url: URL at a fixed commit.
-        sha256: SHA-256 hash.
-        file_name: name in the cache and the data folder.
-        base: base entities, which the file does not name.
-        note: licence, for users.
-    """
+    """A published book that may not be bundled; ``base`` has the base entities, which the file does not name."""
 
     url: str
     sha256: str

@@ -175,8 +175,6 @@ def make_tasks(
 
 
 class _Sieve:
-    """Accepts tasks at one depth in one part; ``mixed`` collects tasks in no part."""
-
     def __init__(self, search: PlanSearch, depth: int, split: Split | None, part: TaskPart):
         self.search, self.depth, self.part = search, depth, part
         self.parts: list[int] | None = None if split is None or part == "all" else split.parts.tolist()

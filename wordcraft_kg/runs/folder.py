@@ -329,7 +329,6 @@ def _is_beginning(folder: Path) -> bool:
 
 
 def _is_dead(folder: Path) -> bool:
-    """Return whether a folder lacks both results and checkpoints."""
     with suppress(ArtefactError):
         if read_run(folder).status == "done":
             return False

@@ -27,7 +27,7 @@ class Job(Protocol):
 
     @property
     def fold(self) -> int:
-        """The job number, such as the fold; also the number of the checkpoint with the result."""
+        """Number of the cross-fitting fold (or other part) that this job trains; its checkpoint has the same number."""
 
     @property
     def done(self) -> Any:

@@ -127,7 +127,6 @@ def train(
 
 
 def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
-    """Return the run record in a folder; None without a run of this kind."""
     with suppress(ArtefactError):
         record = read_run(folder)
         return record if record.kind in kind.commands else None
@@ -147,11 +146,6 @@ def _resume(
 
 
 def _checked_settings(files: RunFiles, config: C, opened: OpenedGraph, trainer: type[Training[C, P, T]]) -> C:
-    """Return a run's recorded settings, with present input paths.
-
-    Raises:
-        ConfigError: if the given settings or inputs differ.
-    """
     files.bytes(CONFIG_FILE)
     recorded: C = trainer.config_type.read(files.folder)  # type: ignore[assignment]
     if recorded.command != config.command:

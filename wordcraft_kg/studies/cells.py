@@ -23,7 +23,7 @@ _UNTIMED = {"seconds": 0.0, "steps_per_second": 0, "stored": False}
 
 
 class StoredCell(Record, frozen=True):
-    """A file of the store: the settings of a scorer or an agent, its results, and the SHA-256 of both."""
+    """A cell: a JSON file with the settings and results of one scorer or agent training, and the SHA-256 of both."""
 
     format: Literal["wordcraft-kg cell 1"]
     sha256: str
@@ -32,12 +32,15 @@ class StoredCell(Record, frozen=True):
 
 
 def cell_file(store: Path, task: Task) -> Path:
-    """Return the file of a task in the store."""
+    """Return the path of a task's cell (JSON file with results) in the folder ``store``."""
     return store / f"{task.address}.json"
 
 
 def exchange_cells(plan: Plan, root: Path, store: Path) -> int:
-    """Copy cells from the store to a results folder and back, and return the number of cells taken from the store.
+    """Copy missing results between a study's results folder ``root`` and the folder ``store``, in both directions.
+
+    Returns:
+        The number of cells (results of one training) taken from the store.
 
     Raises:
         ConfigError: if the store is a file.
@@ -56,7 +59,7 @@ def exchange_cells(plan: Plan, root: Path, store: Path) -> int:
 
 
 def read_cell(task: Task, store: Path) -> Figures | None:
-    """Return the stored results of a task; None without a cell, and with a warning for a damaged or edited cell."""
+    """Return a task's results from its cell (JSON file) in the folder ``store``; None if missing, damaged or edited."""
     path = cell_file(store, task)
     if not path.exists():
         return None
@@ -71,9 +74,14 @@ def read_cell(task: Task, store: Path) -> Figures | None:
 
 
 def keep_cell(task: Task, root: Path, store: Path) -> None:
-    """Write the results of a finished training to the store.
+    """Copy the results of a finished training into the store, as a cell: a JSON file with settings, metrics and hash.
 
-    An intact cell stays; a warning says if the same platform and versions now give other results.
+    An intact cell is never replaced. A warning reports different results by the same platform and versions.
+
+    Args:
+        task: the finished training of a scorer or an agent; graphs are not stored.
+        root: results folder of the study, with the task's folder.
+        store: folder of cells, shared by machines.
     """
     figures = read_figures(task.folder(root), FIGURES[task.kind])
     if task.kind == "graphs" or figures.stored or not figures.platform:

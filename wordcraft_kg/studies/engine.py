@@ -67,7 +67,7 @@ def run_plan(
     watch: Watch | None = None,
     store: Path | None = None,
 ) -> State:
-    """Perform the missing tasks in a study and return the final state.
+    """Perform the tasks in a study that lack results in the folder ``root``, and return the final state.
 
     A failed task stops only the tasks that need its result; the next call repeats failed tasks.
 
@@ -77,7 +77,7 @@ def run_plan(
         make_workers: function that starts the workers; called only if there are tasks.
         command: the command line, for the record.
         watch: function to call regularly with the plan and its state.
-        store: folder of finished cells to take results from, and to add results to.
+        store: folder with cells (results of one training each) to read, and to extend with new results.
 
     Raises:
         ArtefactError: if a different study runs in the folder.
@@ -122,7 +122,6 @@ class _Engine:
         return self.state
 
     def _missing(self) -> dict[str, Task]:
-        """Return tasks without figures, and their inputs with damaged files."""
         tasks = self.plan.tasks
         missing = {address: task for address, task in tasks.items() if not self._is_present(task, is_done)}
         for kind in ("scorers", "graphs"):  # a damaged scorer needs a graph
@@ -257,7 +256,7 @@ def run_study(
         jobs: number of parallel trainings, each in a process. Default: as many as the cores allow.
         keep_all: keep run weights and episodes, tens of megabytes each.
         watch: called regularly with the plan and its state.
-        store: folder of finished cells to take results from, and to add results to.
+        store: folder with cells (results of one training each) to read, and to extend with new results.
 
     Raises:
         ConfigError: for a study fault, or ``jobs`` out of range.

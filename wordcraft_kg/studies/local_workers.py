@@ -112,7 +112,6 @@ class LocalWorkers:
 
 
 def _cores_of(number: int, places: int, threads: int) -> list[int]:
-    """Return the cores for a process; empty if there are too few for all processes."""
     if not hasattr(os, "sched_getaffinity") or places * threads > cores():
         return []
     return sorted(os.sched_getaffinity(0))[number * threads : (number + 1) * threads]

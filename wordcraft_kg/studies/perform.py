@@ -37,7 +37,7 @@ _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 
 
 def is_done(task: Task, root: Path) -> bool:
-    """Return whether a task is done, that is, has recorded results; ArtefactError for damaged results."""
+    """Return whether a task has results in the results folder ``root``; damaged results are an ArtefactError."""
     if not (task.folder(root) / FIGURES_FILE).exists():
         return False
     read_figures(task.folder(root), FIGURES[task.kind])
@@ -45,7 +45,13 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> bool:
-    """Return whether a finished graph or scorer has files besides its results, which may be from a store of cells.
+    """Check the files of a finished task, and return whether the graph or model itself exists, not only its metrics.
+
+    A scorer may lack its model files: studies can copy metrics from a store, a folder of results shared by machines.
+
+    Args:
+        task: a task that makes a graph or scorer.
+        root: results folder of the study, with the task's folder.
 
     Raises:
         ArtefactError: for a missing or damaged file.
@@ -77,7 +83,7 @@ def platform_of(device: str) -> str:
 
 
 def make_graph(task: Task, root: Path, book: str) -> None:
-    """Build a task's graph from a recipe book, and write the graph folder.
+    """Build a task's graph from a recipe book, and write the graph folder into the results folder ``root``.
 
     Raises:
         RecipeFileError: for a missing book.

@@ -158,7 +158,6 @@ class _Planner:
         return self._made[key]
 
     def _scorer(self, cell: Cell, graph: str) -> str | None:
-        """Return the address for a cell's scorer; None without a scorer, or without any training recipe."""
         name = cell.settings.get(SCORER)
         if name is None:
             return None

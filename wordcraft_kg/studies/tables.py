@@ -208,7 +208,7 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
 
 
 def origin_in_words(origin: Origin) -> str:
-    """Format the number of trainings of an origin, and their place: here, or a store of cells."""
+    """Format the number of trainings of an origin, and their place: here, or a store (folder of shared results)."""
     return f"{counted(origin.runs, 'training')} {'from the store' if origin.stored else 'in this folder'}"
 
 
@@ -217,7 +217,6 @@ def _share(share: float | None) -> str:
 
 
 def _p_value(p: float | None) -> str:
-    """Format a p-value; a dash below three seeds."""
     if p is None:
         return "–"
     return "<.001" if p < 0.001 else f"{p:.2g}"

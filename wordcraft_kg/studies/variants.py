@@ -164,7 +164,6 @@ def mean_of(values: Sequence[float]) -> float:
 
 
 def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
-    """Return each run's success rate on each test task, shape (S, K)."""
     return np.array([run.rates for run in members])
 
 
@@ -194,7 +193,6 @@ def _played(results: StudyResults, run: RunResult) -> tuple[str, str, int, int]:
 
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
-    """Return the steps shared by all curves, and the success, shape (S, T)."""
     rows = [dict(run.curve) for run in members]
     steps = sorted(set.intersection(*map(set, rows)))
     return steps, np.array([[row[step] for step in steps] for row in rows])

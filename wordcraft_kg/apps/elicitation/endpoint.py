@@ -116,7 +116,6 @@ class Endpoint:
         return f"rejects the prompt (status {status}{quoted}).{hint}"
 
     def _quoted(self, body: object) -> str:
-        """Return an endpoint's message, short and without the key, to end a sentence."""
         text = body.decode(errors="replace") if isinstance(body, bytes) else str(body or "")
         text = self._redacted(" ".join("".join(letter if letter.isprintable() else " " for letter in text).split()))
         return f": {text[:_MOST_QUOTED]}" if text else ""
@@ -126,7 +125,6 @@ class Endpoint:
 
 
 def _http_client(config: ElicitationConfig) -> Any:
-    """Return a client with one deadline per request, bounded answers, and only the necessary headers."""
     import openai
 
     class Client(openai.DefaultAsyncHttpxClient):

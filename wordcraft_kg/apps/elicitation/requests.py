@@ -105,7 +105,6 @@ def _progress(kept: int, total: int) -> str:
 async def _ask_waiting(
     prompts: Sequence[Prompt], endpoint: Endpoint, keep: Callable[[Prompt, Answer], None], interrupted: threading.Event
 ) -> None:
-    """Send prompts until an error or Ctrl-C; then wait for pending answers and raise."""
     todo = iter(prompts)
     errors: list[Exception] = []
 

@@ -1,4 +1,4 @@
-"""The content of all pages, and values that are computed once."""
+"""Content for all pages, and values that are computed once."""
 
 import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class Explored:
-    """The content of all pages: a graph, its link prediction models and runs of agents by name."""
+    """Content for all pages: an opened graph, and by name its link prediction models and agents' run folders."""
 
     def __init__(
         self,
@@ -37,10 +37,10 @@ class Explored:
 
     @classmethod
     def open(cls, graph: str | Path, models: Iterable[str | Path] = (), runs: Iterable[str | Path] = ()) -> "Explored":
-        """Open a graph, folders of models, and folders of runs or of several seeds.
+        """Open a graph, model folders, and run folders (or folders with several seeds).
 
         Raises:
-            ArtefactError: if a folder is damaged or of another kind, or a model is unfinished.
+            ArtefactError: if a folder is damaged or has another kind, or a model is unfinished.
             GraphMismatchError: if a model or a run belongs to another graph or split.
         """
         opened = open_graph(graph)
@@ -52,7 +52,7 @@ class Explored:
         return cls(opened, opened_models, folders)
 
     def predictor(self, name: str = "") -> LinkPredictor:
-        """Return a model, by default the first, with similarities of all entities computed.
+        """Return a model, by default the first, with all entity similarities computed.
 
         Raises:
             ConfigError: without a model, or with too many entities to compare them all.
@@ -81,7 +81,7 @@ class Explored:
         return self.once("planner", lambda: Planner(self.opened.graph))
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return the value of ``make``, called once for each key; failures are not kept."""
+        """Return the value from ``make``, called once for each key; failures are not kept."""
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:

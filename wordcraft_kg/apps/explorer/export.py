@@ -93,12 +93,10 @@ class _Files:
                     taken.add(name)
 
     def address(self, page: Page[Any], state: State, *, seen_from: str) -> str:
-        """Return a page's address relative to a file; empty for missing pages."""
         target = self.names.get((page.name, state))
         return "" if target is None else _relative(target, seen_from)
 
     def search(self) -> str:
-        """Return the script with entities and their files, the most used first."""
         graph, entity = self.explored.opened.graph, PAGES["entity"]
         labels = graph.labels(sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i]))
         files = {label: self.names.get((entity.name, entity.state(entity=label))) for label in labels}

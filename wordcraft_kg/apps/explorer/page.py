@@ -15,7 +15,7 @@ from wordcraft_kg.base.settings import nearest
 
 
 class State(Record):
-    """Base of page settings: fields of type str, int, bool, Literal or tuple[str, ...], all with defaults."""
+    """Base class for page settings: str, int, bool, Literal or tuple[str, ...] fields with defaults."""
 
 
 S = TypeVar("S", bound=State)
@@ -25,17 +25,17 @@ Addresses = Callable[["Page[Any]", State], str]
 
 @dataclass(frozen=True)
 class Page(Generic[S]):
-    """A kind of page.
+    """A kind of page, such as the entity page. Functions take the opened folders (``Explored``) and settings.
 
     Attributes:
-        name: first segment of the address, and name of the template.
-        state: class of settings.
-        view: returns the shown values. An UnknownEntityError becomes a page "not found", other input errors a page with
-            the message.
+        name: first address segment, and template name.
+        state: settings class.
+        view: returns the shown values as a record. An UnknownEntityError becomes a page "not found", other input
+            errors a page with the message.
         title: name in the menu; empty for pages outside the menu.
-        subject: setting that is the second segment of the address, as in ``/entity/paper``.
-        draw: returns the pictures of a view, as server-side SVG, by their names in the template.
-        exported: returns the settings of each file in a static site; by default a single file with default settings.
+        subject: setting in the second address segment, as in ``/entity/paper``.
+        draw: returns a view's pictures, as server-side SVG, by their names in the template.
+        exported: returns settings for each file in a static site; by default a single file with default settings.
         is_there: returns a true value if the page has content.
         is_live: returns whether the view may change, so that the page must not be cached.
         package: package with the template, in the folder ``templates``.
@@ -53,7 +53,7 @@ class Page(Generic[S]):
     package: str = "wordcraft_kg.apps.explorer"
 
     def states(self, explored: Explored) -> Iterable[S]:
-        """Return the settings of each file that this page has in a static site."""
+        """Return settings for each file that this page has in a static site."""
         if not self.is_there(explored):
             return []
         if self.exported is not None:
@@ -128,7 +128,7 @@ class Paging(Record):
 
 
 def paging(total: int, page: int, size: int) -> Paging:
-    """Return a page of ``size`` rows; a missing page is a ConfigError.
+    """Return a page with ``size`` rows; a missing page is a ConfigError.
 
     Example:
         >>> paging(45, 2, 20)

@@ -31,7 +31,7 @@ train sample), ``not in the book``, or ``itself`` (not in the book, head and tai
 
 
 class PlacedRecipe(Record):
-    """A recipe and its part of the split, such as test."""
+    """A recipe and its split part, such as test."""
 
     ingredient_a: str
     ingredient_b: str
@@ -44,7 +44,10 @@ class PlacedRecipe(Record):
 
 
 class ScoredLink(Record):
-    """The score of a link; ``known`` is its first recipe's part; training links have no probability."""
+    """A model's score for a link (triple); training links have no probability.
+
+    ``known`` is the split part of the link's first recipe, or new without a recipe.
+    """
 
     score: float
     status: Status
@@ -53,7 +56,14 @@ class ScoredLink(Record):
 
 
 class PredictedEntity(ScoredLink):
-    """An entity in an open slot, with the position in the list (0 if not listed) and the filtered rank."""
+    """A predicted answer to a query, a triple with an unknown head or tail: the entity that fills the open slot.
+
+    Attributes:
+        entity: label.
+        position: place in the page's list of answers, from 1; 0 for unlisted entities.
+        rank: filtered rank among all entities; ties get the mean rank.
+        reason: supporting training links; None if not requested.
+    """
 
     entity: str
     position: Count
@@ -95,7 +105,8 @@ class RankedLink(ScoredLink):
 class Slot:
     """All E entities as answers to a query, a triple with an open head or tail (``side``); arrays have shape (E,).
 
-    ``part`` is the index in :data:`KNOWN` of the triple's first recipe; ``learned`` marks training triples.
+    ``part`` is the split part of the triple's first recipe, an index in :data:`KNOWN`; ``learned`` marks
+    training triples.
     """
 
     entity: int
@@ -120,7 +131,7 @@ class Slot:
         return np.asarray(above + 1 + (equal - (self.part[entities] == NEW)) / 2)
 
     def rank(self, entity: int) -> FilteredRank:
-        """Return the filtered rank of an entity."""
+        """Return an entity's filtered rank."""
         candidates = int((self.part == NEW).sum()) + int(self.part[entity] != NEW)
         return FilteredRank(float(self.ranks(np.array([entity]))[0]), candidates)
 
@@ -155,7 +166,7 @@ class LinkPredictor:
 
     @property
     def scores_recipes(self) -> bool:
-        """Whether the model scores recipes, not only links."""
+        """Whether the model scores recipes, not only links (triples)."""
         return isinstance(self.model.scorer.whole, RecipeScores)
 
     @property
@@ -194,7 +205,7 @@ class LinkPredictor:
 
         Args:
             slot: the query.
-            with_learned: include links of the training data.
+            with_learned: include training links.
             top: maximum number of best entities.
             witnesses: maximum number of supporting links per entity; 0 gives no reasons.
             truth: maximum number of true entities.

@@ -40,7 +40,7 @@ _QUIET = 1.0
 
 
 def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()) -> ASGIApp:
-    """Return the web application of a site, which answers requests for a host and further host names."""
+    """Return the web application for this content, which answers requests for a host and further host names."""
     server = _Server(explored)
     routes = [
         Route("/", server.home),
@@ -118,7 +118,7 @@ class _Server:
 
 
 def warm(explored: Explored) -> threading.Thread:
-    """Compute the views of menu pages in the background, for the first visitor."""
+    """Compute all menu pages' values in the background, for the first visitor."""
 
     def make() -> None:
         time.sleep(_QUIET)

@@ -76,7 +76,6 @@ class _Game:
         return self.env.graph.labels(self.env.discovery.known)
 
     def combine(self, one: str, other: str) -> tuple[tuple[str, ...], bool]:
-        """Return the new entities, and whether the pair is a repetition."""
         _, _, self.is_over, _, info = self.env.step([*map(self.env.graph.id_of, (one, other))])
         self.attempted += 1
         self.fruitless += not info["new_entities"]

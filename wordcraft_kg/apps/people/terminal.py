@@ -57,7 +57,16 @@ class Terminal:
         return line.strip()
 
     def select(self, prompt: str, table: Sequence[str], commands: Commands) -> int | None:
-        """Prompt until the input is valid; return the selected index in ``table``, or None to undo a selection."""
+        """Ask the player for an entity until the input is valid, and run typed commands in between.
+
+        Args:
+            prompt: text before the input.
+            table: labels of the selectable entities.
+            commands: functions by typed word, such as ``?``; the terminal shows the lines that a function returns.
+
+        Returns:
+            The index of the entity in ``table``; None if the player types ``undo``.
+        """
         while True:
             typed = self.ask(prompt)
             if typed.casefold() in UNDO:

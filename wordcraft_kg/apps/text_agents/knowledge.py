@@ -141,7 +141,6 @@ class ScorerKnowledge(Knowledge):
                 yield prompt_text(prompt, entities=", ".join(links))
 
     def _answering(self, game: Game) -> "TripleScorer | None":
-        """Return the model without the task's recipes; None if every model knows some."""
         from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
 
         tasks = game.tasks

@@ -65,7 +65,10 @@ class Position(BaseModel, frozen=True):
 
     @classmethod
     def of(cls, hosted: HostedGame, **more: Any) -> Self:
-        """Return the current state of a hosted game; ``more`` are the fields of a subclass."""
+        """Return the state that a tool reports for a game on this server: goal, items, attempts left and success.
+
+        Subclasses add fields, such as ``rules``, as keyword arguments (``more``).
+        """
         game = hosted.talk.game
         return cls(
             game=hosted.name,

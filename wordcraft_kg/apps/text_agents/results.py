@@ -146,7 +146,11 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
 
 
 def read_result(folder: Path) -> TextResult:
-    """Read the result in a folder; an ArtefactError for damaged files, or for a result that the games do not have."""
+    """Read a text agent's metrics (``result.json``) from an output folder, and compare with the recorded games.
+
+    Raises:
+        ArtefactError: if a file is missing or damaged, or the metrics computed from the games file differ.
+    """
     result, path = read_record(folder / RESULT_FILE, TextResult), folder / GAMES_FILE
     if path.is_file():
         header, played, _ = read_games(path)

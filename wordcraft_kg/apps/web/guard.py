@@ -136,7 +136,6 @@ def _limited(receive: Receive) -> Receive:
 
 
 def _split(address: str) -> SplitResult:
-    """Return address parts; empty parts for an invalid address."""
     try:
         return urlsplit(address)
     except ValueError:

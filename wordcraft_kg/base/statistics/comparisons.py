@@ -90,7 +90,6 @@ def correlation(
 
 
 def _pearson(x: Scores, y: Scores) -> Scores:
-    """Correlate row by row: shapes (D, N) and (D, N) to (D,)."""
     x, y = x - x.mean(axis=1, keepdims=True), y - y.mean(axis=1, keepdims=True)
     products = (x * y).sum(axis=1) / np.sqrt((x**2).sum(axis=1) * (y**2).sum(axis=1))
     return np.asarray(np.clip(products, -1, 1))

@@ -48,9 +48,10 @@ def make_policy(
         config: policy settings.
         graph: recipe graph.
         num_slots: table slots, used by an mlp only.
-        scorer: scorer for the knowledge sources, see
-            :func:`~wordcraft_kg.models.policies.sources.registry.make_sources`.
-        observed: the scorer's training triples, for ``self_edges`` ``observed``.
+        scorer: knowledge graph model whose triple scores the policy mixes into its logits; None for no mixing. Each
+            source in ``config.sources`` turns triple scores into slot scores.
+        observed: ids of the scorer's training triples, shape (T, 3). Required if ``config.self_edges`` is
+            "observed", which keeps the score of an entity combined with itself only for a training triple.
         tasks: training tasks, such as ``world.tasks``; required by cross-fitted scorers.
         seed: random seed for parameters and random features; global generators stay unchanged.
 

@@ -1,7 +1,7 @@
-"""All pages, by the first segment of their addresses.
+"""All pages, by their first address segment.
 
 A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here and an entry in :data:`CORE`. Other apps and
-distributions add pages by entry points ``module:PAGE`` of the group ``wordcraft_kg.pages``.
+distributions add pages by entry points ``module:PAGE`` in the group ``wordcraft_kg.pages``.
 """
 
 from collections.abc import Iterable

@@ -57,9 +57,9 @@ class ComparedQuery(Record):
 
 
 class ComparedRanks(Record):
-    """Two models' ranks, by descending difference of reciprocal ranks.
+    """Two models' ranks, by descending difference in reciprocal rank.
 
-    Metrics and counts cover all queries of the filter; ``learned`` counts training triples of either model.
+    Metrics and counts cover all filtered queries; ``learned`` counts triples that either model was trained on.
     """
 
     one: str
@@ -87,7 +87,7 @@ class ModelsCompared(Record):
 def view_compared_ranks(
     one: RankedTriples, other: RankedTriples, chosen: RankFilter, better: Better = "either", page: int = 1
 ) -> ComparedRanks:
-    """Compare two models' ranks on the queries of a filter, with the largest differences first; see :class:`Compare`.
+    """Compare two models' ranks on filtered queries, with the largest differences first; see :class:`Compare`.
 
     Raises:
         GraphMismatchError: if the models rank different triples.

@@ -1,4 +1,4 @@
-"""The list of entities."""
+"""The entity list."""
 
 import unicodedata
 from collections.abc import Iterator, Sequence
@@ -62,7 +62,7 @@ def list_entities(graph: RecipeGraph, wanted: str = "", order: EntityOrder = "la
 
 
 def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
-    """Return labels that match a text: equal, at the beginning, at a word start, elsewhere; ties by number of uses.
+    """Return labels that match a text: equal, at the beginning, at a word start, elsewhere; ties by use count.
 
     Example:
         >>> search_entities(RecipeGraph.from_book(open_book("kitchen")), "BRE", limit=2)

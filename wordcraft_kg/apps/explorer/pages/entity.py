@@ -1,4 +1,4 @@
-"""Pages of an entity and of its recipes."""
+"""Pages for an entity and its recipes."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -40,7 +40,7 @@ class Entity(State):
 
 
 class Recipes(State):
-    """Page settings: an entity, its use (recipes that make or use it), and a part of the split."""
+    """Page settings: an entity, its use (recipes that make or use it), and a split part."""
 
     entity: str = ""
     use: Use = "uses"
@@ -74,7 +74,7 @@ class EntityProfile(Record):
     """An entity, with predictions for partners, ingredients and products.
 
     Attributes:
-        layer: first round that makes the entity; None if out of reach, as for ``crafts``.
+        layer: first round that makes the entity; None if unreachable, as for ``crafts``.
         crafts: steps in the cheapest derivation.
         nearest: similar entities according to the model.
         by_words: similar entities by word vectors; None without a vector.

@@ -1,4 +1,4 @@
-"""The page of an episode."""
+"""The episode page."""
 
 from collections.abc import Iterator
 from operator import attrgetter
@@ -31,9 +31,9 @@ class Episode(State):
     Attributes:
         run: the agent's run; by default the first.
         other: agents for comparison.
-        depth: depth of the task; 0 for the training depth of the agent.
+        depth: task depth; 0 for the agent's training depth.
         task: number of the task in its depth and part.
-        distractor_seed: number of the distractor seed.
+        distractor_seed: distractor seed number.
         distractors: distractors on the table; negative for the training setting.
     """
 
@@ -60,7 +60,7 @@ class Episode(State):
 
 
 class AgentAtTable(Record):
-    """An agent's actions at the shown table, or the problem that prevents them; ``folds`` of its scorer."""
+    """An agent's actions at the shown table, or the problem that prevents them; ``folds`` counts the scorer's folds."""
 
     run: str
     checkpoint: str
@@ -70,7 +70,7 @@ class AgentAtTable(Record):
 
 
 class EpisodeView(Record):
-    """A task, the entities on its table, and the actions of one or more agents there.
+    """A task, the entities on its table, and the actions by one or more agents there.
 
     Attributes:
         tasks: task count for the depth and part.
@@ -96,16 +96,16 @@ class EpisodeView(Record):
 
     @property
     def first(self) -> ExplainedTable:
-        """The actions of the main agent; the others are compared with it."""
+        """The main agent's actions, with which other agents are compared."""
         actions = self.agents[0].explained
         assert actions is not None, "a problem of the first agent is an error"
         return actions
 
 
 class ShownEpisode(Record):
-    """An episode with the options of the page.
+    """An episode with the page's options.
 
-    ``trained_with`` counts distractors in training; ``most_slots`` limits the listed slots of an action.
+    ``trained_with`` counts distractors in training; ``most_slots`` limits the listed slots per action.
     """
 
     runs: tuple[str, ...]

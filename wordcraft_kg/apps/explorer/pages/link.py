@@ -1,4 +1,4 @@
-"""The page of a link."""
+"""The page for a link (triple)."""
 
 from operator import attrgetter
 

@@ -83,7 +83,7 @@ class Partners(Record):
 
 
 class Links(Record):
-    """The partners, products and ingredients of the chosen entity (its number in the list of dots)."""
+    """Links to draw: dot numbers for the chosen entity and its partners, products and ingredients."""
 
     entity: Count
     combines: Partners
@@ -95,9 +95,9 @@ class MapView(Record):
     """The map's dots, groups and lines.
 
     Attributes:
-        spots: dots of the most used entities in descending order, then of guests.
-        combines: pairs of dots whose entities combine; empty for more than :data:`ALL_LINKS` lines.
-        components: pairs of ingredient and product; likewise.
+        spots: dots for the most used entities in descending order, then for guests.
+        combines: dot pairs whose entities combine; empty for more than :data:`ALL_LINKS` lines.
+        components: (ingredient, product) pairs; likewise.
     """
 
     graph: str
@@ -112,9 +112,9 @@ class MapView(Record):
 
 @dataclass(frozen=True)
 class EntityMap:
-    """The places of the most used entities of a graph, see :func:`map_of`.
+    """Map places for a graph's most used entities, see :func:`map_of`.
 
-    ``ids`` has shape (P,), ``places`` (P, 2) and ``layer`` (E,): the crafting layers of all entities.
+    ``ids`` has shape (P,), ``places`` (P, 2) and ``layer`` (E,): all entities' crafting layers.
     """
 
     graph: RecipeGraph
@@ -131,7 +131,7 @@ class EntityMap:
 
 @stage("laying out the map")
 def map_of(graph: RecipeGraph) -> EntityMap:
-    """Place and group the most used entities of a graph, at most :data:`PLACED`; equal graphs have equal maps."""
+    """Place and group a graph's most used entities, at most :data:`PLACED`; equal graphs have equal maps."""
     ids = np.argsort(-graph.use_counts, kind="stable")[:PLACED]
     combines, components = (_links_among(graph, ids, relation) for relation in (COMBINES_WITH, COMPONENT_OF))
     combines = combines[combines[:, 0] < combines[:, 1]]
@@ -173,7 +173,7 @@ def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
 def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     """Lay out entities with ForceAtlas2, and fill the map evenly; shape (number, 2), whole numbers.
 
-    Links of frequent entities weigh less, since they would pull all others together; links within a group weigh more.
+    Links to frequent entities weigh less, since they would pull all others together; links within a group weigh more.
 
     Source: Jacomy et al. 2014, "ForceAtlas2, a continuous graph layout algorithm".
     """
@@ -197,7 +197,7 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
 
 
 def view_map(places: EntityMap, entity: str = "") -> MapView:
-    """Return the shown values of a map with places, optionally with an entity's links."""
+    """Return the shown values for a map with places, optionally with an entity's links."""
     if not entity:
         return places.view
     graph, chosen = places.graph, places.graph.id_of(entity)

@@ -1,4 +1,4 @@
-"""The page of a pair of ingredients."""
+"""The page for an ingredient pair."""
 
 from operator import attrgetter
 
@@ -24,7 +24,7 @@ class Pair(State):
 
 
 class PairProfile(Record):
-    """A pair with recipes, a model's score of ``a combinesWith b``, and the predicted results, best first.
+    """A pair with recipes, a model's score for ``a combinesWith b``, and the predicted results, best first.
 
     Link and results are None without a model; results are None for link scorers. ``examples`` are other pairs.
     """

@@ -1,4 +1,4 @@
-"""The page of the path to a goal."""
+"""The page for the path to a goal."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -28,7 +28,7 @@ LISTED = 20
 
 
 class Path(State):
-    """Page settings: the goal, by default an entity of the last layer, and the page of the list of crafts."""
+    """Page settings: the goal, by default an entity in the last layer, and the page of the list of crafts."""
 
     entity: str = ""
     page: int = 1
@@ -57,7 +57,7 @@ class PathView(Record):
         examples: other goals.
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
         cost: crafts without reuse, in words, since the number may have thousands of digits.
-        parts: number of crafts by part of the recipe.
+        parts: craft counts by recipe part.
         drawn: the last steps.
         blocked: some of the ``recipes`` for an impossible goal.
         sources: some missing entities without a recipe; empty if recipes form a cycle.

@@ -1,4 +1,4 @@
-"""The page of a model's ranks."""
+"""The page for a model's ranks."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ Knowledge = Literal["unseen", "learned", "all"]
 
 
 class RankFilter(State):
-    """A filter for queries: true triples with an open ``side``, by relation, part of the split, and entity.
+    """A filter for queries: true triples with an open ``side``, by relation, split part, and entity.
 
     ``known`` selects training triples, other triples, or all; with two models, their status must be equal.
     """
@@ -42,7 +42,7 @@ class RankFilter(State):
 
 
 class Queries(RankFilter):
-    """Page settings: a filter for queries, and the page of their list."""
+    """Page settings: a filter for queries, and the page in their list."""
 
     page: int = 1
 
@@ -107,7 +107,7 @@ class LinkRanks(Record):
 
 @dataclass(frozen=True)
 class RankedTriples:
-    """A model's ranks for the true triples of a graph.
+    """A model's ranks for a graph's true triples.
 
     The table has a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`; the further
     columns are ``part``, an index in ``PARTS``, and ``learned``, whether the triple is training data.
@@ -125,7 +125,7 @@ class RankedTriples:
         return self.split.graph
 
     def mask(self, chosen: RankFilter) -> NDArray[np.bool_]:
-        """Return which rows of the table fit a filter, shape (Q,), bool; an unknown entity is an UnknownEntityError."""
+        """Return which table rows fit a filter, shape (Q,), bool; an unknown entity is an UnknownEntityError."""
         ranks, mask = self.ranks, np.ones(len(self.ranks), dtype=bool)
         if chosen.relation:
             mask &= ranks["relation"] == RELATIONS.index(chosen.relation)

@@ -1,4 +1,4 @@
-"""Pages of runs."""
+"""Run pages."""
 
 from collections.abc import Iterator
 from operator import attrgetter
@@ -37,7 +37,7 @@ class Runs(State):
 
 
 class Run(State):
-    """Page settings: the name of a run, by default the first."""
+    """Page settings: a run's name, by default the first."""
 
     run: str = ""
 
@@ -97,7 +97,7 @@ class RunView(Record):
         checkpoint: the last weights; empty if there are none yet.
         waits_for: sentence about files that training has yet to write; empty for complete runs.
         seconds: duration so far; None before the first metrics.
-        steps_per_second: the last speed, or the mean of the whole training.
+        steps_per_second: the last speed, or the mean over the whole training.
         outcomes: shares of termination reasons, by part; empty before the evaluation.
     """
 

@@ -1,4 +1,4 @@
-"""The page of tasks."""
+"""The task page."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ Won = Literal["any", "always", "sometimes", "never"]
 
 
 class Tasks(State):
-    """Page settings: filters for tasks. Depth 0 is the training depth of the agent ``run``, by default the first."""
+    """Page settings: filters for tasks. Depth 0 is the training depth for the agent ``run``, by default the first."""
 
     part: AskedPart = ""
     depth: AskedDepth = 0
@@ -60,7 +60,7 @@ class TaskTable(Record):
     Attributes:
         is_complete: False for a random sample.
         mixed: tasks outside all parts.
-        counts: numbers of tasks that the agent always, sometimes or never solves; empty without results.
+        counts: tasks that the agent always, sometimes or never solves; empty without results.
     """
 
     part: TaskPart
@@ -87,14 +87,14 @@ class ShownTasks(Record):
 
 @dataclass(frozen=True)
 class TaskResults:
-    """Numbers of won and played episodes, one for each distractor seed, for N tasks; shape (N,), int64."""
+    """Won and played episode counts, one for each distractor seed, for N tasks; shape (N,), int64."""
 
     won: Ids
     distractor_seeds: Ids
 
     @classmethod
     def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
-        """Count an agent's evaluated episodes for each task of a task set; an unknown entity is an ArtefactError."""
+        """Count an agent's evaluated episodes for each task in a task set; an unknown entity is an ArtefactError."""
         nothing, width = tasks.graph.num_entities, tasks.starts.shape[1]
         keys = np.column_stack([tasks.goals, tasks.starts])
         number = {key.tobytes(): place for place, key in enumerate(keys)}
@@ -156,7 +156,7 @@ def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
 
 
 def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
-    """Return the values of the page: tasks that fit its settings, with an agent's results."""
+    """Return the page's values: tasks that fit its settings, with an agent's results."""
     name, run = followed(explored, state.run) if explored.runs or state.run else ("", None)
     tasks = plain_world(explored, settings_of(explored, tasks_of(run), state.part, state.depth)).tasks
     missing, results = "", None

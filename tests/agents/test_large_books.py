@@ -41,7 +41,8 @@ def book(tmp_path_factory: pytest.TempPathFactory) -> Path:
     parts = (rng.random((len(results), 2)) * results[:, None]).astype(int)
     path = tmp_path_factory.mktemp("books") / "large.csv"
     lines = [f"t{a},t{b},t{result}\n" for (a, b), result in zip(parts.tolist(), results.tolist(), strict=True)]
-    path.write_text("".join(["ingredient_a,ingredient_b,result\n", *lines]), encoding="utf-8")
+    head = f"# base: {', '.join(f't{entity}' for entity in range(10))}\ningredient_a,ingredient_b,result\n"
+    path.write_text("".join([head, *lines]), encoding="utf-8")
     return path
 
 

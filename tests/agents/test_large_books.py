@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-ENTITIES, RECIPES = 5_000, 15_000
+ENTITIES, RECIPES = 12_000, 36_000
 ALL_PAIRS = ENTITIES**2 * 4 / 2**20
 """MiB of a table of all pairs, 4 bytes a cell."""
 COMMANDS = (

@@ -32,9 +32,8 @@ MODELS: Registry[Callable[[RunFiles], History]] = Registry(
 def open_model(folder: str | Path, graph: str | None = None) -> Model:
     """Open a model folder: scorer, training graph and history.
 
-    Args:
-        folder: folder written by a training command, ``elicit`` or ``save_scorer``.
-        graph: current path of the training graph, if moved.
+    A training command, ``elicit`` or ``save_scorer`` writes the folder; ``graph`` is the training graph's new path, if
+    moved.
 
     Raises:
         ArtefactError: if the folder is unfinished or damaged, or the graph is missing.
@@ -55,14 +54,9 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
 
 
 def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> TrainSample | None:
-    """Return a model's training recipes, see :attr:`Model.train_sample`; None if the weights have another hash.
+    """Return a model's training recipes, see :attr:`Model.train_sample`; None if ``weights`` is not the weights' hash.
 
     The weights are read only if the model has a training fraction or label noise, or was saved by ``save_scorer``.
-
-    Args:
-        folder: model folder.
-        opened: training graph.
-        weights: expected hash of the weights.
 
     Raises:
         ArtefactError: as :func:`open_model` does.

@@ -54,11 +54,11 @@ def save_scorer(
     out-of-sample scores. The folder holds the scorer as returned by :func:`~wordcraft_kg.models.scorers.folder.stored`.
 
     Args:
-        folder: folder to write.
+        folder: new folder.
         scorer: scorer for the graph's triples.
         opened: graph, and split for evaluation.
-        kg: training data: ``partial`` for train recipes only; ``full`` with other recipes from the graph, so that
-            metrics are marked as memory; ``none`` without recipes, for example from words alone.
+        kg: training data: ``partial`` for train recipes only; ``full`` with other recipes, so metrics are marked as
+            memory; ``none`` without recipes.
         origin: one-line description for reports. Default: the scorer's name.
         force: replace the folder.
 

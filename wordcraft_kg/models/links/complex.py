@@ -21,16 +21,10 @@ class MatmulComplExInteraction(ComplExInteraction):
     """ComplEx score function for PyKEEN that scores many candidates with a single real matrix product."""
 
     def forward(self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
-        """Return the scores ``Re<h, r, conj(t)>`` for embeddings of head, relation and tail.
+        """Return the scores ``Re<h, r, conj(t)>``, float, for complex embeddings, shape (*batch, d), that broadcast.
 
-        Args:
-            h: head embeddings, complex, shape (*batch, d).
-            r: relation embeddings, complex, shape (*batch, d).
-            t: tail embeddings, complex, shape (*batch, d).
-
-        Returns:
-            float, broadcast batch shape. If an argument has shape (1, N, d) and the remaining two (B, 1, d), the (B, N)
-            scores cost one (B, 2d) x (2d, N) product.
+        If an argument has shape (1, N, d) and the remaining two (B, 1, d), the (B, N) scores cost one (B, 2d) x (2d, N)
+        product.
         """
         if _is_all(t) and _is_one(h) and _is_one(r):
             return real_dot((h * r).squeeze(dim=1), t.squeeze(dim=0))
@@ -79,12 +73,9 @@ class ComplExN3(ERModel):
     ) -> None:
         """Set up embeddings and score function.
 
-        Args:
-            embedding_dim: number of complex dimensions.
-            init_scale: initial standard deviation of real and imaginary parts; PyKEEN's standard normal does not learn.
-            regularizer: regulariser for the embeddings in a batch, or None.
-            regularizer_kwargs: regulariser settings, which override the defaults key by key.
-            kwargs: passed to :class:`pykeen.models.ERModel`.
+        ``embedding_dim`` counts complex dimensions. ``init_scale`` is the initial standard deviation of real and
+        imaginary parts; PyKEEN's standard normal does not learn. ``regularizer_kwargs`` override the defaults key by
+        key; ``kwargs`` go to :class:`pykeen.models.ERModel`.
         """
         settings = {**self.regularizer_default_kwargs, **(regularizer_kwargs or {})}
         embedding = {

@@ -68,8 +68,6 @@ def _check_size(settings: LinkSettings, count: int, num_entities: int) -> None:
 
 @dataclass(frozen=True)
 class _Job:
-    """A fold's training."""
-
     folder: Path
     fold: int
     settings: LinkSettings
@@ -77,7 +75,6 @@ class _Job:
     triples: Ids
 
     def train(self, after_epoch: AfterEpoch) -> None:
-        """Train the model and save the scorer tensors among the checkpoints."""
         model = fit(self.settings, triples_factory(self.graph, self.triples), after_epoch)
         _, tensors = scorer_tensors(self.settings, model, self.triples)
         # A table needs no model parameters.
@@ -86,7 +83,6 @@ class _Job:
 
     @property
     def done(self) -> FoldDone:
-        """The expected model record."""
         return FoldDone(trained_on=triples_hash(self.triples), epochs=self.settings.epochs)
 
 
@@ -99,12 +95,9 @@ def train_folds(
 ) -> None:
     """Train all missing fold models (for each fold, a model trained on the remaining train recipes).
 
-    Args:
-        folder: run folder.
-        folds: the folds.
-        settings: main model settings, with the final number of ``epochs``.
-        seconds: duration of the main training, which decides on parallel processes.
-        after_epoch: called regularly with the finished and total epochs over all folds; may raise to end the training.
+    ``settings`` are the main model's, with the final number of ``epochs``. ``seconds``, the duration of the main
+    training, decides on parallel processes. ``after_epoch`` is called with the finished and total epochs over all
+    folds; may raise to end the training.
 
     Raises:
         TrainingError: if a loss becomes infinite or not a number, or a process dies.

@@ -59,10 +59,7 @@ def train_epochs(
 def fit(settings: LinkSettings, factory: TriplesFactory, after_epoch: Callable[[int], None]) -> Model:
     """Return a model trained without a run folder; equal settings and triples give the same model as a run.
 
-    Args:
-        settings: model and training settings.
-        factory: training triples.
-        after_epoch: called with each epoch number; may raise to end the training.
+    ``after_epoch`` is called with each epoch number and may raise to end the training.
 
     Raises:
         ConfigError: if PyKEEN cannot build the model.

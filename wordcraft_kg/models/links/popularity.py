@@ -35,8 +35,8 @@ def with_popularity(embeddings: dict[str, torch.Tensor], triples: Ids, weight: f
 
     Args:
         embeddings: ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d).
-        triples: triples to count, shape (T, 3).
-        weight: popularity weight, 0 or more.
+        triples: shape (T, 3).
+        weight: 0 or more.
 
     Returns:
         embeddings with d + 6 dimensions; unchanged if the weight is 0.

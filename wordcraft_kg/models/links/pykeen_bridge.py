@@ -30,10 +30,7 @@ def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples:
 def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -> torch.Tensor:
     """Return the scores of all triples by relation, head and tail, shape (R, E, E).
 
-    Args:
-        model: PyKEEN model; set to evaluation mode.
-        entities: PyKEEN entity ids in result order, shape (E,).
-        relations: PyKEEN relation ids in result order.
+    ``entities`` and ``relations`` are PyKEEN ids in result order.
     """
     entities = entities.to(model.device)
     # 64 heads at a time: some interactions build a (heads, entities, dim) tensor.

@@ -15,10 +15,8 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> TableScorer:
     """Return a table scorer (a scorer with a table of all triple scores) for a trained PyKEEN model.
 
-    Args:
-        model: the model, on any device, with or without inverse triples.
-        factory: the model's training triples. Labels must match the graph; ids may differ.
-        opened: the graph, and the split for evaluation.
+    The model may have inverse triples. ``factory`` holds the model's training triples; labels must match the graph in
+    ``opened``, ids may differ.
 
     Raises:
         GraphMismatchError: if model and graph have different entities or relations.

@@ -54,11 +54,8 @@ def choose(
 
     On a large book, N3 is fixed, and only popularity is chosen, if the settings use a sampled softmax.
 
-    Args:
-        opened: graph and split; only the train recipes are used.
-        settings: training settings.
-        after_epoch: called with the finished and total epochs; may raise to end the choice.
-        recipes: training recipes, shape (n, 3). Default: all train recipes.
+    ``recipes`` (n, 3) are by default all train recipes. ``after_epoch`` is called with the finished and total epochs;
+    may raise to end the choice.
 
     Returns:
         All candidates and the choice: most popularity among all candidates with nearly the best MRR.
@@ -123,7 +120,6 @@ def _queries(fold: Split) -> Ids:
 
 
 def _reciprocal_ranks(fold: Split, settings: ComplExConfig, after_epoch: Callable[[int], None]) -> np.ndarray:
-    """Return sums of held-out reciprocal ranks for each :data:`POPULARITY` and the frequency rule, shape (P + 1,)."""
     graph, seen = fold.graph, fold.partial
     model = fit(settings, triples_factory(graph, seen), after_epoch)
     popular = (replace(settings, popularity=weight) for weight in POPULARITY)
@@ -135,14 +131,8 @@ def _reciprocal_ranks(fold: Split, settings: ComplExConfig, after_epoch: Callabl
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:
     """Split the train recipes again into a train and a test part, with the same kind of split.
 
-    Args:
-        split: split of the whole graph.
-        held_out: share of pairs, or goals, in the new test part.
-        seed: split seed.
-        recipes: recipes to split, shape (n, 3). Default: all train recipes.
-
-    Returns:
-        A split for a graph with these recipes and the same entity ids.
+    ``held_out`` is the share of pairs, or goals, in the new test part; ``recipes`` (n, 3) are by default all train
+    recipes. The new split's graph contains only these recipes, with the same entity ids.
 
     Raises:
         SplitError: if a part is empty.

@@ -78,7 +78,6 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     def _cross_entropies(
         self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor, triples: torch.Tensor, label_smoothing: float
     ) -> torch.Tensor:
-        """Sum both sides' cross entropies for factors of shape (B, 1, d) and triples (B, 3)."""
         (entity,) = self.model.entity_representations
         # The public call would regularise the candidates, hence the private call.
         everything = entity._plain_forward().unsqueeze(dim=0)
@@ -103,7 +102,7 @@ def sampled_cross_entropy(
         true: true entities' scores, shape (B,).
         sampled: sampled entities' scores, shape (B, S).
         log_expected: log of each sampled entity's expected count in the sample, shape (S,).
-        is_true: whether a sampled entity is the query's true entity, shape (B, S), bool.
+        is_true: True where the sampled entity is the true entity, shape (B, S).
 
     Source: Bengio and Senecal 2008, importance sampling; Jean et al. 2015, one sample for many queries.
     """

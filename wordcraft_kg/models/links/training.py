@@ -66,12 +66,9 @@ def train_links(
 ) -> TrainedLinks:
     """Train a link predictor into a model folder, or resume an interrupted run with the same settings.
 
-    Args:
-        config: graph, model settings and training settings.
-        out: model folder. Default: ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` for other models.
-        force: train anew and replace the folder.
-        trackers: metric trackers: tensorboard, wandb, or your own :class:`~wordcraft_kg.runs.trackers.Tracker`.
-        progress: called after each epoch; True shows a bar.
+    ``out`` is by default ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` except for ComplEx; ``force`` trains anew.
+    ``trackers`` are tensorboard, wandb or your own :class:`~wordcraft_kg.runs.trackers.Tracker`. ``progress`` is called
+    after each epoch; True shows a bar.
 
     Raises:
         WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.

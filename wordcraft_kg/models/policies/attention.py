@@ -86,7 +86,7 @@ def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
         slot_mask: shape (B, A), bool. True for occupied slots.
 
     Returns:
-        mixed logits, shape (B, A). Exactly -inf where ``slot_mask`` is False.
+        shape (B, A). Exactly -inf where ``slot_mask`` is False.
 
     Source: Jiang et al. 2020, appendix "Learning Mixing Coefficients"; differs by masking after mixing.
     """

@@ -159,11 +159,8 @@ class Policy(nn.Module):
     ) -> Action:
         """Choose a slot in a single state; entities are labels or ids.
 
-        Args:
-            goal: entity to make.
-            table: entities on the table; None for empty slots.
-            selection: selected entity, None without selection.
-            generator: CPU generator that samples a slot; by default the first most probable slot.
+        Empty slots in ``table``, and ``selection`` without a selected entity, are None. ``generator``, on the CPU,
+        samples the slot; by default the first most probable slot is chosen.
 
         Raises:
             UnknownEntityError: with the nearest labels.

@@ -61,13 +61,8 @@ def fit_ranker(
 
     The loss per query is ``-log Σ_right softmax(scores)``, minimised with AdamW and one cycle of the learning rate.
 
-    Args:
-        batches: training queries, see :data:`Batch`.
-        mean: feature means, shape (F,).
-        scale: feature standard deviations, shape (F,); infinity for constant features, which get weight 0.
-        epochs: passes over the batches.
-        learning_rate: largest learning rate.
-        generator: generator for initial weights and batch order.
+    ``mean`` and ``scale`` are feature means and standard deviations, shape (F,), with infinity for constant features,
+    which get weight 0. ``learning_rate`` is the largest; ``generator`` draws initial weights and batch order.
     """
     size = len(mean)
 
@@ -140,7 +135,7 @@ def fit_recipe_scorer(
     Args:
         folds: folds of train recipes, held out in turn.
         text: cosines between word vectors of entities, shape (E, E); zeros without words.
-        left_out: numbers of folds whose recipes are not used at all.
+        left_out: numbers of folds that are not used at all.
         seed: seed for initial weights, and for the sampled tables with distractors.
         after: called after each fold; may raise to end the fit.
 
@@ -205,13 +200,8 @@ def fit_link_rankers(
 ) -> tuple[list[Base], LinkRankers]:
     """Fit a ranker for each relation, on links from held-out folds and links to held-out (unknown) entities.
 
-    Args:
-        folds: folds of train recipes, held out in turn.
-        text: cosines between word vectors, shape (E, E).
-        left_out: numbers of folds whose recipes are not used at all.
-        rng: draws queries and unknown entities.
-        generator: draws initial weights.
-        after: called after each fold.
+    Arguments as for :func:`fit_recipe_scorer`; ``rng`` draws queries and unknown entities,
+    ``generator`` initial weights.
 
     Returns:
         For each fold the pair tables computed without the fold, and the two rankers.
@@ -261,11 +251,7 @@ def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:
 
 
 def _unknown_entities(recipes: Ids, text: Tensor, rng: np.random.Generator) -> tuple[Base, Ids, Tensor]:
-    """Hold out entities with all recipes, so that the rankers learn to use words alone.
-
-    Returns:
-        The base from the remaining recipes, links (T, 3) to held-out entities, and their mask (E,).
-    """
+    """Hold out entities with all recipes, so that the rankers learn to use words alone; return rest, links and mask."""
     entities = np.unique(recipes)
     taken = rng.permutation(entities)[: round(UNKNOWN * len(entities))]
     is_left = ~np.isin(recipes, taken).any(axis=1)
@@ -325,8 +311,8 @@ def pair_examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np
 def _with_known(ranker: Ranker, knowledge: RecipeKnowledge, recipes: Ids, least: Tensor) -> Ranker:
     """Return a ranker that scores known recipes (n, 3) at least ``least``, and all other pairs as before, to the bit.
 
-    By goal, held-out goals have no known recipes: nothing is learned about the feature ``makes`` (a + b is known to
-    make the goal), but known pairs are found to make other goals and get low scores, even for their own results.
+    Held-out goals have no known recipes, so the ranker learns nothing about the feature ``makes`` (a + b makes the
+    goal), and low scores for known pairs, even with their own results.
     """
     a, b, goal = torch.from_numpy(recipes.copy()).T
     table = torch.stack([a, b], dim=1)
@@ -341,13 +327,11 @@ def _with_known(ranker: Ranker, knowledge: RecipeKnowledge, recipes: Ids, least:
 
 
 def _keys(recipes: Tensor, size: int) -> Tensor:
-    """Return an integer key per recipe, shape (..., 3) -> (...)."""
     one, other, result = recipes.unbind(-1)
     return (one * (size + 1) + other) * (size + 1) + result
 
 
 def _tables(recipes: Ids, distractors: int, slots: int, weights: np.ndarray, rng: np.random.Generator) -> Ids:
-    """Return tables with ingredients and distractors, drawn as in the environment, shape (n, slots)."""
     size = len(weights)
     keys = rng.exponential(size=(len(recipes), size)) / weights
     np.put_along_axis(keys, recipes, np.inf, axis=1)

@@ -34,10 +34,8 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
 
     Recipes and rankers stay, and old entities keep the same scores, up to rounding in 16-bit tables.
 
-    Args:
-        scorer: recipe scorer for E entities; a cross-fitted scorer is replaced by the main scorer.
-        labels: new labels, with ids from E on.
-        text: word vector cosines by id, shape (E + n, E + n).
+    ``labels`` get ids from E on; ``text`` holds word vector cosines by id, shape (E + n, E + n). A cross-fitted
+    ``scorer`` is replaced by the main scorer.
 
     Raises:
         ConfigError: if the scorer has another kind, a label is invalid or known, or there are too many entities.
@@ -76,11 +74,8 @@ def with_words(
 ) -> RecipeScorer:
     """Return a copy of a model folder's scorer that scores new entities by the words in the labels.
 
-    Args:
-        folder: folder written by ``train-recipes``.
-        scorer: the folder's scorer.
-        labels: labels of the new entities, without duplicates.
-        where: returns an error prefix for a label, such as a line number.
+    ``folder`` is written by ``train-recipes``, ``scorer`` is the folder's scorer, and ``labels`` have no duplicates;
+    ``where`` returns an error prefix for a label, such as a line number.
 
     Raises:
         UnknownEntityError: if the model uses no words, or a label has no word vector.

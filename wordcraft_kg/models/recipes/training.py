@@ -66,11 +66,8 @@ def train_recipes(
 ) -> TrainedRecipes:
     """Fit a recipe scorer into a model folder, or resume an interrupted run with the same settings.
 
-    Args:
-        config: graph and settings.
-        out: model folder. Default: ``models/<graph name>-recipes``.
-        force: replace the folder.
-        progress: called after each fitting step; True shows a bar.
+    ``out`` is by default ``models/<graph name>-recipes``; ``force`` replaces the folder. ``progress`` is called after
+    each fitting step; True shows a bar.
 
     Raises:
         WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.
@@ -85,11 +82,6 @@ def train_recipes(
 
 
 def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
-    """Return folds of training recipes.
-
-    Raises:
-        ConfigError: if the split gives no partial graph, or the graph or training set is too large or small.
-    """
     check_dense("a recipe scorer", opened.graph.num_entities)
     split = opened.split
     if settings.kg == "full":

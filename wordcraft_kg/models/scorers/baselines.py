@@ -139,7 +139,6 @@ class VoteScorer(Scorer):
 
     @cached_property
     def _tables(self) -> torch.Tensor:
-        """Triple scores, shape (R, E, E)."""
         size = len(self.entities)
         check_table("counting the votes for triples", size)
         dense = torch.full((size, size), self.unseen, dtype=torch.float64, device=self.device)

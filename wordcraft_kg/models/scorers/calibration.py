@@ -2,10 +2,8 @@
 
 Train recipes are cut into folds; each fold has a model trained without the fold. A score enters as its percentile
 rank's log-odds t among all pairs of different entities outside the train triples, so models with different scales are
-comparable. Each relation has a curve for pairs of different entities and a curve for self pairs (equal entities),
-
-``P(true | log-odds t) = σ(α + Σ_i β_i s_i(t))``, where ``s_i`` is the part of t within the i-th segment of the axis and
-``β_i >= 0``, so probabilities never decrease with the score.
+comparable. Each relation has a :class:`Curve` for pairs of different entities and one for self pairs (equal entities).
+Slopes are ``β_i >= 0``, so probabilities never decrease with the score.
 
 A fold's model has not seen the fold's triples, which are a share c of all true unseen triples. Recipes outside train
 look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The whole model has seen
@@ -60,11 +58,14 @@ _Floats = NDArray[np.float64]
 
 
 class Curve(Record, frozen=True, kw_only=True):
-    """The probability that a triple is true, as a function of rank log-odds, for the model trained on all folds.
+    """The probability that a triple is true, from a score's rank log-odds t: ``σ(α + Σ_i β_i s_i(t))``.
+
+    With q the percentile rank among entity pairs, ``t = log(q / (1 - q))``; ``s_i`` is the part of t in the i-th
+    segment, an interval between :data:`SEGMENTS`. The curve is for the model trained on all folds.
 
     Attributes:
         intercept: α, for triples outside the train triples.
-        slopes: β by segment (see :data:`SEGMENTS`), a single slope, or empty for the base rate only.
+        slopes: β by segment, a single slope, or empty for the base rate only.
         rate: base rate, the probability without scores.
         true: number of true triples in the fit.
         cells: number of triples in the fit, true or not.
@@ -79,7 +80,7 @@ class Curve(Record, frozen=True, kw_only=True):
     reason: str = ""
 
     def probability(self, log_odds: _Floats) -> _Floats:
-        """Return probabilities, same shape as the given rank log-odds."""
+        """Return probabilities, same shape as ``log_odds``: rank log-odds from :func:`rank_log_odds`."""
         return np.asarray(expit(self.intercept + _segments(log_odds, len(self.slopes)) @ np.array(self.slopes)))
 
 
@@ -115,13 +116,10 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
     @classmethod
     def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
-        """Fit the curves from a scorer's ranks to probabilities.
+        """Fit curves from scores to probabilities, for the scorer ``whole``, trained on all ``folds``.
 
-        Args:
-            whole: scorer trained on all folds, which gets the probabilities.
-            folds: folds of train recipes; of the recipes outside train only the number is used.
-            seen: for each fold, score histograms by the model trained without this fold, from :func:`predictions`.
-            seed: seed for a sample of pairs.
+        ``seen`` holds a :class:`Seen` from :func:`predictions` for each fold: score histograms by the model trained
+        without the fold. The curves are fitted to these histograms; ``seed`` samples pairs for the ranks of ``whole``.
         """
         size, train = len(whole.entities), folds.triples()
         true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
@@ -155,10 +153,11 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Seen:
-    """Histograms of a fold model's scores for triples outside its training data.
+    """Score histograms by a fold model (trained without one fold), for triples outside the training data.
 
     Attributes:
-        true: shape (2, 2, B): the fold's triples, counted by relation, self pair (0 or 1) and bin of rank log-odds.
+        true: shape (2, 2, B): the fold's triples, counted by relation, self pair (0 or 1) and bin, an interval of rank
+            log-odds, see :class:`Curve`.
         others: as ``true``, for triples outside the train triples; weighted if sampled.
         results: shape (N, E): scores for all E entities as results, for N pairs sampled from the fold; None without
             recipe scores.
@@ -172,9 +171,9 @@ class Seen:
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
-    """Return histograms of a fold model's scores: true triples of the left-out fold, and all other unseen triples.
+    """Return score histograms by ``scorer``, trained without ``fold``: for the fold's triples, and for unknown triples.
 
-    Recipes outside train are not used; ``seed`` samples pairs.
+    Unknown triples are a sample (by ``seed``) or all pairs outside the train triples.
     """
     size = len(scorer.entities)
     train, trained_on = folds.triples(), folds.triples([fold])
@@ -200,11 +199,11 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
 
 
 def known_share(folds: Folds, relation: int) -> float:
-    """Return c, the fold's share among all true triples that the fold's model has not seen.
+    """Return c, a fold's share among all true triples that the model trained without the fold has not seen.
 
-    The number of new triples falls as a power p of the number of train recipes, measured without a fold and without two
-    folds: ``c = m / (m + m')`` with m the mean number of new triples per fold and ``m' = m (outside / n_fold) (K / (K -
-    1))^-p``. Only the number of recipes outside train is used.
+    ``c = m / (m + m')``: a fold has m new triples on average; the recipes outside train have an estimated ``m' = m
+    (outside / n_fold) (K / (K - 1))^-p``, for K folds with ``n_fold`` recipes each and ``outside`` recipes outside
+    train. The power p says how fast new triples fall with more training recipes, from leaving out one and two folds.
     """
     graph, count = folds.split.graph, folds.count
     train = folds.seen()
@@ -228,10 +227,10 @@ def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SE
     """Fit a probability curve to score histograms, or only the base rate if the scores are uninformative.
 
     Args:
-        true: shape (K, B), true triples, counted by fold and bin of rank log-odds.
+        true: shape (K, B), true triples, counted by fold and bin of rank log-odds (see :class:`Curve`).
         others: shape (K, B), remaining triples, including unknown true triples.
-        share: c, the known share among all true unseen triples.
-        slopes: number of axis segments with separate slopes.
+        share: share of ``true`` among all true triples, from :func:`known_share`.
+        slopes: number of segments with separate slopes.
     """
     known, total = float(true.sum()), float(true.sum() + others.sum())
     shift = math.log1p(-share)
@@ -256,7 +255,6 @@ def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SE
 
 
 def _base(true: _Floats, others: _Floats, share: float) -> float:
-    """Return the base rate's log-odds, with a pseudo-count of .5."""
     rate = min((true.sum() + 0.5) / (true.sum() + others.sum() + 1) / share, 0.5)
     return math.log(rate / (1 - rate))
 
@@ -282,7 +280,6 @@ def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tupl
 def _results(
     scorer: TripleScorer, folds: Folds, fold: int, seed: int
 ) -> tuple[_Floats, NDArray[np.bool_]] | tuple[None, None]:
-    """Return scores of all results for a sample of fold pairs, and a mask of correct results."""
     if not isinstance(scorer, RecipeScores):
         return None, None
     size = len(scorer.entities)
@@ -311,7 +308,7 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
 
 
 def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
-    """Return the log-odds of the scores' percentile ranks within ``among``; ties count half, and 0 is the median."""
+    """Return ``log(q / (1 - q))`` for the scores' percentile ranks q within ``among``; ties count half."""
     ordered, count = np.sort(among), len(among)
     above = count - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
     rank = np.clip((above + 0.5) / (count + 1), 0.5 / (count + 1), 1 - 0.5 / (count + 1))
@@ -319,7 +316,6 @@ def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
 
 
 def _score_map(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return score quantiles, ascending, and rank log-odds."""
     if not len(scores):
         return (0.0,), (0.0,)
     end = math.log(2 * len(scores) + 1)
@@ -346,7 +342,7 @@ def _bin(log_odds: _Floats) -> Ids:
 
 
 def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
-    """Return sampled triples, shape (N, 3), with all self pairs, and weights: how many triples each represents."""
+    """Return sampled triples with all self pairs, and weights: how many triples each represents."""
     everything = np.arange(size)
     pairs = size * (size - 1)
     if pairs <= MAX_CELLS:

@@ -90,8 +90,8 @@ class CrossFitted(Scorer):
     """A scorer trained on all train recipes, with K fold scorers: one trained without each of K folds.
 
     Scores and tables come from ``whole``; if ``whole`` is a recipe scorer, so do ``score_recipes``,
-    ``supporting_recipes`` and ``recipes``. Agents that learn on train tasks need :meth:`left_out`: knowledge sources by
-    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` choose the fold by task.
+    ``supporting_recipes`` and ``recipes``. Agents that learn on train tasks need :meth:`left_out`;
+    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` chooses the fold that contains a task's recipes.
 
     Attributes:
         whole: scorer trained on all train recipes.
@@ -173,7 +173,7 @@ class CrossFitted(Scorer):
         return self._made[fold]
 
     def train_sample(self, graph: RecipeGraph) -> TrainSample:
-        """Return the recipes that the scorer of all folds was trained on; GraphMismatchError for another graph."""
+        """Return the training recipes for :attr:`whole`, trained on all folds; GraphMismatchError for another graph."""
         if len(self.of_recipe) != graph.num_recipes:
             raise GraphMismatchError(
                 f"{self.name} has folds for {len(self.of_recipe):,} recipes but '{graph.name}' has "

@@ -160,7 +160,6 @@ class ComplExScorer(_Bilinear):
 
 
 def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
-    """Return whether ids query all tails for some heads, or all heads for some tails."""
     by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
     if not by_row or not heads.ndim == tails.ndim == 2:
         return False, False

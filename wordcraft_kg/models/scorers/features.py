@@ -96,15 +96,11 @@ def make_features(
     written, in lower case, then both with ``_`` for spaces; otherwise the words are pooled, each as written or in lower
     case. If a word has several vectors, the first is used.
 
-    Args:
-        spec: name or file of the features, as above.
-        labels: entity labels in id order.
-        pooling: mean, or element-wise maximum, over a label's word vectors.
-        allow_missing: use zeros even if more than a tenth of the entities lack a vector.
-        seed: random seed for ``random`` and ``shuffled:``, 0 or more.
+    ``pooling`` is the mean, or element-wise maximum, over a label's word vectors. ``allow_missing`` uses zeros even if
+    more than a tenth of the entities lack a vector. ``seed`` is for ``random`` and ``shuffled:``, 0 or more.
 
     Raises:
-        ConfigError: for an invalid argument, an unknown ``spec``, a damaged file (with the line), too large one-hot
+        ConfigError: for an invalid argument, a damaged file (with the line), too large one-hot
             vectors, or too few entities with a vector.
 
     Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released code.
@@ -191,8 +187,6 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
 
 @dataclass(frozen=True)
 class _WordVectors:
-    """Wanted words with vectors, shape (N, D), float32."""
-
     words: tuple[str, ...]
     vectors: NDArray[np.float32]
 
@@ -239,7 +233,6 @@ def _glove_folder() -> Path:
 
 
 def _glove_rows(words: list[str]) -> NDArray[np.int64]:
-    """Return the row of each word in GloVe's matrix, -1 for unknown words."""
     from pyarrow import parquet
 
     rows = dict.fromkeys(words, -1)

@@ -56,13 +56,8 @@ class Vocabulary(Record, frozen=True, kw_only=True):
 def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu") -> Scorer:
     """Load a scorer from a model folder.
 
-    Args:
-        folder: model folder written by a training command, ``elicit`` or ``save_scorer``.
-        graph: if given, the scorer must belong to this graph.
-        device: torch device.
-
-    Returns:
-        the scorer; a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer if the folder has folds.
+    A training command, ``elicit`` or ``save_scorer`` writes the folder. If given, ``graph`` must be the scorer's graph.
+    The result is a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer if the folder has folds.
 
     Raises:
         ArtefactError: if the folder is unfinished, incomplete or damaged.

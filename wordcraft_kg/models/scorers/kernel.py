@@ -59,8 +59,8 @@ def cosines(vectors: Tensor) -> Tensor:
 def similarity(recipes: Ids, text: Tensor) -> Tensor:
     """Return entity similarities ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E).
 
-    ``recipes`` (n, 3) give the profiles, ``text`` holds word cosines (E, E). The matrix is positive semi-definite
-    without words; vectors with few dimensions may cause negative eigenvalues.
+    Profiles list an entity's partners, results and ingredients in ``recipes`` (n, 3), see :func:`profiles`; ``text``
+    holds word cosines (E, E). Few word dimensions may cause negative eigenvalues.
     """
     rows = profiles(recipes, len(text))
     structure = torch.from_numpy((rows @ rows.T).toarray().astype(np.float32))
@@ -123,10 +123,10 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
 
 
 def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
-    """Return :func:`completion` in factored form: sparse G and R with ``completion = Gᵀ R³ G``.
+    """Return sparse G and R; ``Gᵀ R³ G`` is :func:`completion`, a score for ingredient pairs by shared results.
 
-    A node is an entity as ingredient for a single result: ``G[node, entity]`` is 1, shape (N, E); R, shape (N, N), is
-    block diagonal with all ``R_c``.
+    A node is an entity as ingredient for a single result: ``G[node, entity]`` is 1, shape (N, E). R, shape (N, N),
+    links nodes that make the result together, with degree-normalised weights.
     """
     from scipy import sparse
 
@@ -153,9 +153,9 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
 
 
 def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """Score all combinesWith and componentOf links by a similarity kernel, shape (E, E) each, row = head.
+    """Score all combinesWith and componentOf links by ``kernel``, entity similarities (E, E); (E, E) each, row = head.
 
-    Regression and scaling use only the entity ids in ``seen``, by default all entities.
+    Scores as in :class:`KernelScorer`; the fit and the standardisation use only entity ids in ``seen``, by default all.
     """
     size = len(kernel)
 
@@ -172,8 +172,8 @@ def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> t
 class KernelScorer(TableScorer):
     """A link scorer by kernel ridge regression: a closed-form solution without training steps.
 
-    The combinesWith score is the standardised :func:`kernel_regression` plus half the standardised :func:`completion`;
-    the componentOf score is the standardised regression. Do not pass test recipes.
+    Both scores are standardised :func:`kernel_regression`; combinesWith adds half the standardised :func:`completion`,
+    a score for ingredient pairs by known pairs with the same result. Do not pass test recipes.
     """
 
     def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):

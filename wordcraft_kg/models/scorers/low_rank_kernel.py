@@ -49,7 +49,8 @@ class SparseSimilarity:
     """The similarities of :func:`~wordcraft_kg.models.scorers.kernel.similarity`, without a table of all pairs.
 
     Attributes:
-        shared: entity profiles, only the columns with two or more entities, sparse, shape (E, M).
+        shared: rows with each entity's uses in recipes, by :func:`~wordcraft_kg.models.scorers.kernel.profiles`; the M
+            columns with two or more entities, sparse, shape (E, M).
         own: squared length in each profile's remaining columns, shape (E,); added to the diagonal only.
         words: unit word vectors, shape (E, D), zeros for unknown words; D is 0 without vectors.
     """
@@ -124,11 +125,13 @@ def smoothed(kernel: SparseSimilarity, block: _Block, ridge: float = SMOOTHING) 
 
 
 def two_step(kernel: SparseSimilarity, links: Any) -> _Product:
-    """Return a function that multiplies a matrix by ``P Y P``, with ``P = K (K + λ)⁻¹`` from the kernel K.
+    """Return a function from a matrix B (E, m) to ``P Y P B``, with ``P = K (K + λ)⁻¹``.
+
+    K is ``kernel``, λ is :data:`SMOOTHING`, Y is ``links``, sparse, shape (E, E), row = head.
 
     This is ridge regression over heads, then over tails. It replaces
     :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, where the filter ``w w' / (w w' + λ)`` needs all
-    eigenvectors. ``links`` is Y, sparse, shape (E, E), row = head.
+    eigenvectors.
 
     Source: Pahikkala et al. 2014, "A two-step learning approach for solving full and almost full cold start problems in
     dyadic prediction"; Stock et al. 2018.
@@ -145,7 +148,10 @@ def spread(image: _Block) -> float:
 
 
 class Term(NamedTuple):
-    """A matrix (E, E), given by products, with a weight in a sum after scaling to root mean square 1."""
+    """A matrix M (E, E) in :func:`factored_sum`, as functions that return ``M B`` and ``Mᵀ B`` for a matrix B (E, m).
+
+    The sum scales M to root mean square ``weight``.
+    """
 
     weight: float
     product: _Product
@@ -175,8 +181,8 @@ def factored_sum(terms: Sequence[Term], drawn: _Block) -> tuple[_Block, _Block]:
 class LowRankKernelScorer(FactorsScorer):
     """Approximates :class:`KernelScorer` by low-rank matrix factors, for graphs too large for a score table.
 
-    Two-step regression and completion are scaled to root mean square 1; a seeded randomised singular value
-    decomposition factors the sum. Truncating the kernel would lose more, because the kernel spectrum is flat.
+    :func:`two_step` and half of :func:`~wordcraft_kg.models.scorers.kernel.completion` are scaled and summed; a seeded
+    randomised singular value decomposition factors the sum. Truncating the flat kernel spectrum would lose more.
     combinesWith scores are only nearly symmetric: the error may differ between (a, b) and (b, a).
     """
 
@@ -222,7 +228,9 @@ class LowRankKernelScorer(FactorsScorer):
 def kernel_scorer(
     graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any
 ) -> KernelScorer | LowRankKernelScorer:
-    """Return a recipe-kernel scorer: a score table up to :data:`TABLE_LIMIT`, low-rank factors for larger graphs.
+    """Return a scorer by kernel ridge regression on recipes (n, 3), and on word vectors (E, D) if given.
+
+    The scorer has a score table up to :data:`TABLE_LIMIT`, low-rank factors for larger graphs.
 
     Example:
         >>> opened = open_graph("kitchen")

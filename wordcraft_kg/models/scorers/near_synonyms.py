@@ -39,8 +39,8 @@ def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: floa
 
 
 def near_synonym_triples(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> NDArray[np.bool_]:
-    """Return a mask for triples (T, 3) that a recipe in the mask ``recipes`` gives, shape (T,).
+    """Return a mask, shape (T,), for triples (T, 3) from near-synonym recipes: test recipes that reword a train recipe.
 
-    Triples from further recipes count as well, so the remaining triples contain no near-synonyms.
+    ``recipes`` is the mask from :func:`near_synonym_recipes`. A triple counts even if other recipes give it as well.
     """
     return is_in(triples, recipe_triples(graph.recipes[recipes]), graph.num_entities)

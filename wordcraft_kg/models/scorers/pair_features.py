@@ -137,7 +137,7 @@ class RecipeKnowledge(nn.Module):
         return {name: getattr(self, name) for name in BUFFERS}
 
     def with_ranker(self, weights: Mapping[str, Tensor]) -> Self:
-        """Return a copy with other network weights, for M = 1 (not for stacked fold models)."""
+        """Return a copy with other network weights (:data:`RANKER`, without axis M); only for a single model, M = 1."""
         return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
@@ -177,7 +177,6 @@ class RecipeKnowledge(nn.Module):
         return torch.cat([of_a + of_b, torch.minimum(of_a, of_b), torch.stack(rest), evidence.add(FLOOR).log()])
 
     def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return slot-pair evidence, by recipes and by words, shape (2, B, A, A)."""
         width = self.num_entities + 1
         supporting = self.supporting.flatten(0, 1).index_select(0, model * width + goal).long()
         first, second, result = supporting.unbind(-1)
@@ -215,9 +214,9 @@ class RecipeKnowledge(nn.Module):
         ]
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Score all slot pairs as recipes for the goal; arguments as in :meth:`features`.
+        """Score all slot pairs as recipes for the goal: shape (B, A, A), in nats; -inf for empty slots.
 
-        Returns shape (B, A, A), in nats; -inf for empty slots.
+        Arguments as in :meth:`features`; ``model`` holds model numbers below M, shape (B,).
         """
         features = self.features(goal, table, model).transpose(0, 1)
         first = self.first.transpose(1, 2).index_select(0, model)
@@ -243,7 +242,7 @@ BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "
 def knowledge_of(
     recipes: Ids, kernel: Tensor, text: Tensor, tables: tuple[Tensor, Tensor], links: tuple[Tensor, Tensor]
 ) -> RecipeKnowledge:
-    """Return the arrays for recipe features from training recipes (n, 3); the recipe ranker's weights are 0.
+    """Return feature arrays from training recipes (n, 3), M = 1; network weights are 0 until :meth:`with_ranker`.
 
     All tables have shape (E, E): ``kernel`` holds similarities, ``text`` word cosines, ``tables`` combinesWith and
     componentOf scores by the recipe kernel, ``links`` the same by the learned link ranker.
@@ -300,13 +299,11 @@ def _square(slots: int, device: torch.device) -> Tensor:
 
 
 def _rows(table: Tensor, cells: Tensor) -> Tensor:
-    """Return cells from a half table as floats; cells may contain several numbers."""
     numbers = table.shape[3:]
     flat = table.reshape(-1, *numbers)
     return flat.index_select(0, cells.reshape(-1)).view(*cells.shape, *numbers).float()
 
 
 def _padded(table: Tensor) -> Tensor:
-    """Append a zero row and column for empty slots; half precision."""
     pad = (0, 0) * (table.ndim - 2) + (0, 1, 0, 1)
     return nn.functional.pad(table, pad).half()

@@ -81,10 +81,7 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
     Filtered: further true answers in ``known`` do not compete. Ties get the realistic rank (mean of best and worst), so
     a constant scorer ranks like chance.
 
-    Args:
-        scorer: the scorer to evaluate.
-        triples: shape (T, 3), the triples to rank.
-        known: shape (K, 3), all true triples from train and test recipes.
+    ``triples`` (T, 3) are ranked; ``known`` (K, 3) are all true triples from train and test recipes.
 
     Returns:
         2 T rows, first all tail queries, then all head queries, in the given order. Columns: head, relation, tail

@@ -25,7 +25,10 @@ _DTYPES = {
 
 
 class Witness(Record):
-    """A supporting recipe as labels, see :class:`~wordcraft_kg.models.scorers.pair_features.Support`."""
+    """A known recipe that supports a scored recipe, as labels.
+
+    Weight and share as in :class:`~wordcraft_kg.models.scorers.pair_features.Support`.
+    """
 
     ingredient_a: str
     ingredient_b: str
@@ -35,7 +38,7 @@ class Witness(Record):
 
     @classmethod
     def of(cls, supporting: Support, entities: Sequence[str]) -> "Witness":
-        """Return a known recipe that supports a recipe score, with labels in place of ids."""
+        """Return ``supporting`` with labels in place of ids; ``entities`` are labels in id order."""
         a, b, result = (entities[entity] for entity in supporting.recipe)
         return cls(a, b, result, supporting.weight, supporting.share)
 

@@ -39,7 +39,7 @@ class EntityRoles:
 
     @classmethod
     def of(cls, scorer: TripleScorer) -> "EntityRoles":
-        """Compute the similarities from a scorer's table or factors.
+        """Compute each entity's vectors, one per role, from a scorer's table or factors.
 
         Raises:
             ConfigError: if the graph is too large and the scorer has no factors.
@@ -58,12 +58,12 @@ class EntityRoles:
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))  # type: ignore[arg-type]
 
     def alike(self, entity: int, relation: int, side: Side) -> _Rows:
-        """Return cosines between an entity and all entities in a role (relation and side), shape (E,)."""
+        """Return cosines between an entity's and all entities' vectors in a role (relation and side), shape (E,)."""
         rows = self.units[relation][side == "tail"]
         return np.asarray(rows @ rows[entity])
 
     def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
-        """Return the most similar entity ids with cosines over all roles, nearest first; roles weigh the same."""
+        """Return the most similar entity ids with cosines, nearest first, for vectors joined over the four roles."""
         weights = self.lengths * self.lengths[entity] / np.maximum(self._total * self._total[entity], 1e-12)[:, None]
         cosines = np.stack([self.alike(entity, relation, side) for relation, side in ROLES], axis=1)
         means = (weights * cosines).sum(axis=1)
@@ -86,7 +86,6 @@ def centred(scores: NDArray[Any]) -> NDArray[Any]:
 
 
 def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
-    """Return table rows as heads and as tails, shape (E, m) each."""
     whole = centred(scores)
     return whole, np.ascontiguousarray(whole.T)
 
@@ -104,6 +103,5 @@ def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
 
 
 def _unit(rows: _Rows, lengths: _Rows) -> _Rows:
-    """Scale rows to length 1; rows that are zero up to rounding become zeros."""
     least = 1e-6 * float(np.max(lengths, initial=0)) or 1.0
     return np.asarray(np.where(lengths > least, 1 / np.maximum(lengths, least), 0)[:, None] * rows, dtype=np.float32)

@@ -25,14 +25,10 @@ def scaled_table(
 ) -> Tensor:
     """Return scaled scores for all entity pairs in a relation: shape (E, E), row = head.
 
-    Args:
-        scorer: any scorer.
-        relation: relation id.
-        scale: ``standardise`` (mean 0, deviation 1), ``ranks`` (percentile ranks among all pairs), ``log-softmax``
-            (over heads, for each tail) or ``none`` (raw scores).
-        self_edges: pairs with equal head and tail: ``keep`` all scores, keep only pairs in ``observed``, or ``drop``
-            all. Dropped scores become the mean over pairs of different entities.
-        observed: the scorer's training triples, shape (T, 3).
+    ``scale`` is ``standardise`` (mean 0, deviation 1), ``ranks`` (percentile ranks among all pairs), ``log-softmax``
+    (over heads, for each tail) or ``none``. Self edges have equal head and tail: ``keep`` all scores, keep only
+    ``observed`` pairs (training triples, shape (T, 3)), or ``drop`` all. Dropped scores become the mean over pairs of
+    different entities.
 
     Raises:
         ConfigError: for an unknown scale or kind of self edges, or for ``self_edges`` ``observed`` without triples.
@@ -66,7 +62,8 @@ class ScaledFactors:
     Attributes:
         left, right: factors, shape (E, m).
         shift: the same for all pairs, shape ().
-        dropped: shape (E,), bool: entities with self score ``itself``, shape ().
+        dropped: shape (E,), bool: True if :attr:`itself` replaces the score of the entity with itself.
+        itself: score for these self pairs, shape ().
     """
 
     left: Tensor
@@ -84,7 +81,7 @@ def scaled_factors(
     self_edges: SelfEdges = "keep",
     observed: Ids | None = None,
 ) -> ScaledFactors:
-    """Return :func:`scaled_table` as factors; mean and deviation follow from the factors' moments.
+    """Return scaled scores for a relation as factors, without a table; arguments as in :func:`scaled_table`.
 
     With X and Y the factors, scores sum to ``Σ x · Σ y`` and squared scores to the sum over all entries in ``XᵀX *
     YᵀY``, both without self pairs.

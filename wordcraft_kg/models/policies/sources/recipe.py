@@ -149,11 +149,10 @@ class BestRecipe(FoldedSource):
         return torch.where((selection == self.num_entities)[:, None], best, scores)
 
     def _scores(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return scores for all slot pairs, shape (B, A, A).
+        """Return scores for all slot pairs, shape (B, A, A); trailing slots that are empty in all tables are skipped.
 
-        Most tables recur once, before and after the first action, so the last scores are cached. Trailing slots that
-        are empty in all tables are skipped. Threads may call concurrently: the cache is read once and replaced as a
-        whole.
+        The last scores are cached, because most tables recur once, before and after the first action. Threads may call
+        concurrently: the cache is read once and replaced as a whole.
         """
         slots, is_used = table.shape[1], (table != self.num_entities).any(0)
         used = int(is_used.nonzero().max()) + 1 if is_used.any() else 0

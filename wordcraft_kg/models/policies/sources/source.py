@@ -102,11 +102,8 @@ class Source(nn.Module, ABC):
 def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int) -> None:
     """Check types and shapes of a source's saved tensors.
 
-    Args:
-        constants: tensors by name.
-        layouts: names of axes, then type, by tensor name, such as ``N N float32``; axes with the same name have the
-            same size.
-        sizes: known sizes by axis name.
+    ``layouts`` gives each tensor's axis names, then the type, such as ``N N float32``; axes with the same name have the
+    same size. ``sizes`` are known sizes by axis name.
 
     Raises:
         KeyError: if a constant is missing.

@@ -457,10 +457,10 @@ def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
 
 
 def test_fetch_reports_the_real_book_that_the_cache_holds(printed, run, home, alchemy_path, monkeypatch):
-    monkeypatch.setattr(library._OPENER, "open", lambda url, **options: io.BytesIO(alchemy_path.read_bytes()))
+    monkeypatch.setattr(library, "_opened", lambda url: io.BytesIO(alchemy_path.read_bytes()))
     result = printed("books", "--fetch", "little-alchemy-2")
     assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
-    monkeypatch.setattr(library._OPENER, "open", None)
+    monkeypatch.setattr(library, "_opened", None)
     assert "next: wordcraft-kg build-graph little-alchemy-2" in run("books", "--fetch", "little-alchemy-2").out
     assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
 

@@ -43,14 +43,14 @@ def server(monkeypatch):
     """Answer each download with the next of the given answers, bytes or an error, and keep the addresses."""
     answers, addresses = [], []
 
-    def urlopen(url, **options):
+    def urlopen(url):
         addresses.append(url)
         answer = answers.pop(0)
         if isinstance(answer, Exception):
             raise answer
         return io.BytesIO(answer)
 
-    monkeypatch.setattr(library._OPENER, "open", urlopen)
+    monkeypatch.setattr(library, "_opened", urlopen)
 
     def serve(*given):
         answers.extend(given)

@@ -116,14 +116,16 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
 
 def nearest_words(graph: RecipeGraph) -> Player:
-    """Return a player that chooses the two entities nearest to the goal by GloVe cosine, without graph or training."""
+    """Return a player that chooses the two entities with labels nearest to the goal's label by GloVe cosine.
+
+    Only the labels of ``graph`` are used, and no recipe.
+    """
     unit = np.pad(glove_features(graph.entities).unit_vectors, ((0, 1), (0, 0)))  # the last row is for empty slots
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
         # Cosines differ by at most 2, so the selection is repeated only if alone on the table.
-        cosines = np.einsum("nd,nsd->ns", unit[state.goal], unit[state.table])
-        scores = cosines - 3.0 * is_selected
+        scores = np.einsum("nd,nsd->ns", unit[state.goal], unit[state.table]) - 3.0 * is_selected
         return _best(np.where(state.action_masks(), scores, -np.inf), rng)
 
     return choose

@@ -34,9 +34,6 @@ class _NoRedirects(urllib.request.HTTPRedirectHandler):
         """Return no further request, so that the redirect is an error."""
 
 
-_OPENER = urllib.request.build_opener(_NoRedirects)
-
-
 @dataclass(frozen=True)
 class _Fetchable:
     """A published book that may not be bundled; ``base`` has the base entities, which the file does not name."""
@@ -176,9 +173,13 @@ def fetch_book(name: str) -> Path:
     return target
 
 
+def _opened(url: str) -> Any:
+    return urllib.request.build_opener(_NoRedirects).open(url, timeout=_SILENCE)
+
+
 def _downloaded(url: str) -> bytes:
     ends, data = time.monotonic() + _DEADLINE, bytearray()
-    with _OPENER.open(url, timeout=_SILENCE) as response:
+    with _opened(url) as response:
         while chunk := response.read1(2**16):
             data += chunk
             if len(data) > _MAX_BYTES:

@@ -146,7 +146,7 @@ def test_kernel_regression_of_those_seen_is_ridge_regression_on_their_pairs():
     for x in range(6):
         for y in range(6):
             expected[x, y] = sum(w * kernel[x, s] * kernel[y, t] for w, (s, t) in zip(weights, pairs, strict=True))
-    found = kernel_regression(kernel.float(), links.float(), ridge, torch.tensor(seen))
+    found = kernel_regression(kernel.float(), links.float(), ridge=ridge, seen=torch.tensor(seen))[0]
     torch.testing.assert_close(found, expected.float(), rtol=1e-3, atol=1e-3)
 
 

@@ -106,7 +106,7 @@ def test_words_of_few_dimensions_can_make_the_similarity_indefinite_and_the_regr
     values, vectors = torch.linalg.eigh(kernel.double())
     assert values[0] < -0.01
     cut, links = ((vectors * values.clamp(min=0)) @ vectors.T).float(), torch.eye(60)
-    found, expected = (kernel_regression(one, links) for one in (kernel, cut))
+    found, expected = (kernel_regression(one, links)[0] for one in (kernel, cut))
     torch.testing.assert_close(found, expected, atol=1e-5, rtol=0)
 
 
@@ -135,7 +135,7 @@ def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed: int, ridge: 
     rng = np.random.default_rng(seed)
     parts, links = rng.standard_normal((5, 7)), (rng.random((5, 5)) < 0.4).astype(float)
     kernel = parts @ parts.T / 7
-    found = kernel_regression(torch.from_numpy(kernel), torch.from_numpy(links), ridge)
+    found = kernel_regression(torch.from_numpy(kernel), torch.from_numpy(links), ridge=ridge)[0]
     np.testing.assert_allclose(found.numpy(), explicit_ridge(kernel, links, ridge), atol=1e-5)
 
 
@@ -200,7 +200,7 @@ def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
     scorer = KernelScorer(graph, recipes, vectors)
     kernel = similarity(recipes, cosines(torch.tensor(vectors)))
     combines, component = (
-        standardised(kernel_regression(kernel, links).numpy()) for links in link_matrices(recipes, SIZE)
+        standardised(kernel_regression(kernel, links)[0].numpy()) for links in link_matrices(recipes, SIZE)
     )
     combines = combines + 0.5 * standardised(completion(recipes, SIZE).numpy())
     np.testing.assert_allclose(scorer.table("combinesWith").numpy(), combines, atol=1e-4)

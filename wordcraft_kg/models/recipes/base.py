@@ -52,7 +52,8 @@ class Base:
         kernel = similarity(recipes, text)
         combines, components = link_matrices(recipes, size)
         seen = torch.from_numpy(np.unique(recipes) if len(recipes) else np.arange(size))
-        pairs, parts = kernel_scores(recipes, kernel, seen)
+        completed = completion(recipes, size)
+        pairs, parts = kernel_scores(recipes, kernel, completed, seen)
         return cls(
             recipes=recipes,
             seen=seen,
@@ -63,7 +64,7 @@ class Base:
             words_like=text.clamp(min=0) ** 4,
             combines=combines,
             components=components,
-            completed=completion(recipes, size),
+            completed=completed,
             pairs=pairs,
             parts=parts,
         )

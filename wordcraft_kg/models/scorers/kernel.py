@@ -88,17 +88,22 @@ COMPLETION = 0.5
 """Weight of the completion term; regression and completion are standardised."""
 
 
-def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen: Tensor | None = None) -> Tensor:
-    """Fit links by ridge regression with the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``; return (E, E).
+def kernel_regression(
+    kernel: Tensor, *links: Tensor, ridge: float = _RIDGE, seen: Tensor | None = None
+) -> tuple[Tensor, ...]:
+    """Fit links by ridge regression with the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
 
     With ``k = V diag(w) Vᵀ`` the solution is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not E² x E².
     Entities outside ``seen`` are only predicted, ``K A Kᵀ``: missing links give no negative evidence.
 
     Args:
         kernel: k, entity similarities, shape (E, E), symmetric; negative eigenvalues count as 0.
-        links: Y, shape (E, E), 1 for known links, else 0.
+        *links: tables Y, shape (E, E) each, 1 for known links, else 0.
         ridge: λ, the regularisation strength.
         seen: ids of training entities; all by default.
+
+    Returns:
+        Scores of all links for each table, shape (E, E) each.
 
     Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel ridge regression";
     Pahikkala et al. 2013 (Kronecker kernels).
@@ -106,10 +111,10 @@ def kernel_regression(kernel: Tensor, links: Tensor, ridge: float = _RIDGE, seen
     seen = torch.arange(len(kernel)) if seen is None else seen
     kernel = kernel.double()[:, seen]
     values, vectors = torch.linalg.eigh(kernel[seen])
-    weights = values.clamp(min=0)[:, None] * values.clamp(min=0)
-    inner = vectors.T @ links.double()[seen][:, seen] @ vectors
+    shrinkage = values.clamp(min=0)[:, None] * values.clamp(min=0) + ridge
     factor = kernel @ (vectors * (values > 0))
-    return (factor @ (inner / (weights + ridge)) @ factor.T).float()
+    inner = [vectors.T @ table.double()[seen][:, seen] @ vectors for table in links]
+    return tuple((factor @ (each / shrinkage) @ factor.T).float() for each in inner)
 
 
 def completion(recipes: Ids, num_entities: int) -> Tensor:
@@ -152,20 +157,19 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
     return tables[COMBINES_WITH], tables[COMPONENT_OF]
 
 
-def kernel_scores(recipes: Ids, kernel: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
+def kernel_scores(recipes: Ids, kernel: Tensor, completed: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Score all combinesWith and componentOf links by ``kernel``, entity similarities (E, E); (E, E) each, row = head.
 
     Scores as in :class:`KernelScorer`; the fit and the standardisation use only entity ids in ``seen``, by default all.
+    ``completed`` is :func:`completion`.
     """
-    size = len(kernel)
 
     def scaled(table: Tensor) -> NDArray[np.float64]:
         return standardised(table.numpy(), None if seen is None else seen.numpy())
 
-    combines, component = (
-        scaled(kernel_regression(kernel, links, seen=seen)) for links in link_matrices(recipes, size)
-    )
-    combines += COMPLETION * scaled(completion(recipes, size))
+    fitted = kernel_regression(kernel, *link_matrices(recipes, len(kernel)), seen=seen)
+    combines, component = map(scaled, fitted)
+    combines += COMPLETION * scaled(completed)
     return torch.from_numpy(combines).float(), torch.from_numpy(component).float()
 
 
@@ -186,5 +190,5 @@ class KernelScorer(TableScorer):
         check_table("the recipe kernel as a table", size)
         check_vectors(vectors, size)
         alike = torch.zeros(size, size) if vectors is None else cosines(torch.tensor(vectors, dtype=torch.float32))
-        scores = kernel_scores(recipes, similarity(recipes, alike))
+        scores = kernel_scores(recipes, similarity(recipes, alike), completion(recipes, size))
         super().__init__(torch.stack(scores), graph.entities, graph.hash, **{"name": NAME, **kwargs})

@@ -151,13 +151,23 @@ def test_repeated_unknown_impossible_and_changed_games_are_refused_and_kept(play
     assert lines_of(games) == edited
 
 
-@pytest.mark.parametrize("name", [RESULT_FILE, GAMES_FILE])
-def test_a_result_that_does_not_follow_from_its_games_is_no_row_of_the_reference_table(play, run, games, name):
+@pytest.mark.parametrize(
+    ("name", "old", "new", "fragment"),
+    [
+        (RESULT_FILE, '"invalid_actions": 0', '"invalid_actions": 1', "is not the result of"),
+        (GAMES_FILE, '"invalid_actions": 0', '"invalid_actions": 1', "is not the result of"),
+        (GAMES_FILE, '"distractor_seed": 0', '"distractor_seed": 7', "2 games: expected 2 tasks with 2"),
+    ],
+)
+def test_a_result_that_does_not_follow_from_its_games_is_no_row_of_the_reference_table(
+    play, run, games, name, old, new, fragment
+):
     play("--tasks", "2")
     path = games.parent / name
-    path.write_text(path.read_text().replace('"invalid_actions": 0', '"invalid_actions": 1'))
+    head, line, rest = path.read_text().partition("\n")
+    path.write_text(head + line + rest.replace(old, new, 1))
     outcome = run("reference", "kitchen", "--external-results", "out")
-    assert (outcome.code, outcome.kind, "is not the result of" in outcome.err) == (1, "ArtefactError", True)
+    assert (outcome.code, outcome.kind, fragment in outcome.err) == (1, "ArtefactError", True)
 
 
 def test_games_in_another_order_have_the_same_result(play, games):

@@ -205,9 +205,15 @@ def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder:
     copy = Path(shutil.copytree(folder, tmp_path / "copy"))
     run = json.loads((copy / "run.json").read_text())
     assert run["outputs"]["calibration.json"] == sha256_of(copy / "calibration.json")
-    (copy / "calibration.json").write_text("{}")
-    with pytest.raises(ArtefactError, match=r"calibration\.json"):
-        load_scorer(copy)
+    shorter, slopes = (json.loads((copy / "calibration.json").read_text()) for _ in range(2))
+    shorter["relations"][1]["scores"].pop()
+    slopes["relations"][0]["distinct"]["slopes"] = [1.0, 1.0]
+    for spoilt in ({}, shorter, slopes):
+        (copy / "calibration.json").write_text(json.dumps(spoilt))
+        run["outputs"]["calibration.json"] = sha256_of(copy / "calibration.json")
+        (copy / "run.json").write_text(json.dumps(run))
+        with pytest.raises(ArtefactError, match=r"calibration\.json"):
+            load_scorer(copy)
     (copy / "calibration.json").unlink()
     del run["outputs"]["calibration.json"]
     (copy / "run.json").write_text(json.dumps(run))

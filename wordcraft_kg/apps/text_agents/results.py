@@ -154,7 +154,10 @@ def read_result(folder: Path) -> TextResult:
     result, path = read_record(folder / RESULT_FILE, TextResult), folder / GAMES_FILE
     if path.is_file():
         header, played, _ = read_games(path)
-        expected = result_of(header.player, header.settings, played)
+        try:
+            expected = result_of(header.player, header.settings, played)
+        except ValueError as error:
+            raise ArtefactError(f"{path} was edited: {error}. Restore a copy.") from None
         if result != msgspec.structs.replace(expected, games_hash=sha256_of(path)):
             raise ArtefactError(f"'{folder}': {RESULT_FILE} is not the result of {GAMES_FILE}. Restore a copy.")
     return result

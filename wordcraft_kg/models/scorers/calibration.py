@@ -79,6 +79,10 @@ class Curve(Record, frozen=True, kw_only=True):
     cells: Count
     reason: str = ""
 
+    def __post_init__(self) -> None:
+        if len(self.slopes) not in (0, 1, len(SEGMENTS) + 1):
+            raise ValueError(f"{len(self.slopes)} `slopes`")
+
     def probability(self, log_odds: _Floats) -> _Floats:
         """Return probabilities, same shape as ``log_odds``: rank log-odds from :func:`rank_log_odds`."""
         return np.asarray(expit(self.intercept + _segments(log_odds, len(self.slopes)) @ np.array(self.slopes)))
@@ -100,6 +104,10 @@ class RelationCurves(Record, frozen=True, kw_only=True):
     rank_log_odds: tuple[float, ...]
     distinct: Curve
     itself: Curve
+
+    def __post_init__(self) -> None:
+        if len(self.scores) != len(self.rank_log_odds):
+            raise ValueError(f"{len(self.scores)} `scores` for {len(self.rank_log_odds)} `rank_log_odds`")
 
 
 class Probabilities(Record, frozen=True, kw_only=True):

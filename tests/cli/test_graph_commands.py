@@ -232,12 +232,14 @@ def test_an_output_that_exists_is_kept_until_it_is_forced(refused, run, out):
         ("file", [], "file' is a file, but the output is a folder. Choose another --out."),
         ("file", ["--force"], "file' is a file, but the output is a folder. Choose another --out."),
         ("file/below/kitchen", [], "below': Not a directory. Nothing was changed."),
+        ("loop", [], "Not a directory. Nothing was changed."),
     ],
 )
 def test_an_output_that_is_not_ours_or_a_file_is_never_replaced(refused, out, path, options, says):
     (out / "thesis").mkdir()
     for name in ("file", "thesis/chapter.tex"):
         (out / name).write_text("mine", encoding="utf-8")
+    (out / "loop").symlink_to("loop")
     before = contents(out)
     refused("build-graph", "kitchen", "--out", out / path, *options, says=says)
     assert contents(out) == before

@@ -53,7 +53,7 @@ def build_graph(
         name: graph name in reports and model folders. Default: the folder's name.
         out: folder to write. Default: graphs/<name>, or graphs/<book's name>.
     """
-    from wordcraft_kg.base.artefacts import check_output
+    from wordcraft_kg.base.artefacts import check_output, with_a_name
     from wordcraft_kg.evaluation.graphs import view_build
     from wordcraft_kg.graphs.book_files import book_name
     from wordcraft_kg.graphs.folder import write_graph_folder
@@ -66,7 +66,7 @@ def build_graph(
     folder = out or Path("graphs") / (name or recipes.name)
     check_output(folder, force=force)
     graph = RecipeGraph.from_book(recipes, _base(base, base_file))
-    graph.name = book_name(folder.resolve() / "graph.json") if name is None else check_label(name, "`name`")
+    graph.name = book_name(with_a_name(folder) / "graph.json") if name is None else check_label(name, "`name`")
     drawn = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
     audited = write_graph_folder(folder, recipes, drawn, force=force)
     warn_of_base(audited)

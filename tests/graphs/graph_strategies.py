@@ -1,5 +1,6 @@
 """Random recipes, graphs and labels for hypothesis."""
 
+from dataclasses import replace
 from itertools import product
 
 from hypothesis import strategies as st
@@ -19,12 +20,13 @@ def rows(letters: tuple[str, ...] = FEW, **size: int) -> st.SearchStrategy[list[
 
 @st.composite
 def graphs(draw: st.DrawFn, letters: tuple[str, ...] = FEW, min_size: int = 0, max_size: int = 24) -> RecipeGraph:
-    """Graphs with self results, duplicates, self pairs, ambiguous pairs, idle entities, and any base or none given."""
+    """Graphs with self results, duplicates, self pairs, ambiguous pairs, idle entities, kinds, any base or none."""
     recipes = draw(rows(letters, min_size=min_size, max_size=max_size))
     listed = draw(st.sets(st.sampled_from(IDLE)))
     entities = sorted({label for recipe in recipes for label in recipe} | listed)
     base = draw(st.none() | st.sets(st.sampled_from(entities))) if entities else None
-    return RecipeGraph.from_book(RecipeBook.of("random", recipes, base=base, listed=listed, keep_self_results=True))
+    book = RecipeBook.of("random", recipes, base=base, listed=listed, keep_self_results=True)
+    return RecipeGraph.from_book(replace(book, kinds={recipe: recipe.ingredient_a for recipe in book.recipes}))
 
 
 def splittable_graphs() -> st.SearchStrategy[RecipeGraph]:
@@ -57,4 +59,5 @@ def books(draw: st.DrawFn, name: str = "book") -> RecipeBook:
     recipes = draw(st.lists(st.tuples(label, label, label), min_size=1, max_size=10, unique_by=_canonical))
     base = draw(st.none() | st.sets(label))
     listed = draw(st.sets(label))
-    return RecipeBook.of(name, recipes, base=base, listed=listed, keep_self_results=True)
+    book = RecipeBook.of(name, recipes, base=base, listed=listed, keep_self_results=True)
+    return replace(book, kinds=draw(st.dictionaries(st.sampled_from(book.recipes), labels())))

@@ -4,6 +4,7 @@ import io
 import json
 import threading
 import urllib.error
+from collections import Counter
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
@@ -11,8 +12,9 @@ import pytest
 
 from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
-from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, library, open_book
-from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE
+from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, layers, library, open_book
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, locate_book
+from wordcraft_kg.models.scorers.features import glove_features
 
 NAME = "little-alchemy-2"
 BASE = ("air", "earth", "fire", "time", "water")
@@ -87,6 +89,25 @@ def test_a_file_or_graph_folder_of_the_same_name_goes_before_a_known_book(home, 
     (home / "kitchen" / "graph.json").write_text("{}", encoding="utf-8")
     with pytest.raises(RecipeFileError, match="neither of the known layouts"):
         open_book("kitchen")
+
+
+def test_made_up_words_keep_the_graph_and_hide_the_words(home):
+    book, twin = open_book("everyday"), open_book("made-up-3:everyday")
+    assert twin == open_book("made-up-3:everyday") != open_book("made-up:everyday")
+    assert not {word for label in book.entities for word in label.split()} & {
+        word for label in twin.entities for word in label.split()
+    }
+    graph, other = map(RecipeGraph.from_book, (book, twin))
+    seen, hidden = (
+        Counter(zip(layers(one).tolist(), one.recipe_counts.tolist(), one.use_counts.tolist(), strict=True))
+        for one in (graph, other)
+    )
+    assert seen == hidden
+    assert len(other.base) == len(graph.base)
+    assert Counter(twin.kinds.values()) == Counter(book.kinds.values())
+    assert not glove_features(twin.entities).known.any()
+    with pytest.raises(RecipeFileError, match="is made from another book"):
+        locate_book("made-up:kitchen")
 
 
 TABLE = "ingredient_a,ingredient_b,result\na,b,c\n"

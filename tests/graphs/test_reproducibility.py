@@ -15,7 +15,7 @@ def global_states() -> tuple:
     return random.getstate(), np.random.get_state()[1].tolist(), np.random.get_state()[2]  # noqa: NPY002
 
 
-@pytest.mark.parametrize("kind", graphs.SPLITS)
+@pytest.mark.parametrize("kind", [kind for kind in graphs.SPLITS if kind != "by-kind"])  # the kitchen has none
 def test_nothing_touches_the_global_generators(tmp_path, kind):
     random.seed(1)
     np.random.seed(1)  # noqa: NPY002

@@ -16,7 +16,7 @@ from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_sp
 from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, groups_of, read_split
 from wordcraft_kg.graphs.triples import RELATIONS
 
-HELD_OUT_KINDS = [kind for kind in SPLITS if kind != "none"]
+HELD_OUT_KINDS = [kind for kind in SPLITS if kind not in ("none", "by-kind")]  # the kitchen names no kinds
 
 
 def drawn(graph: RecipeGraph, config: SplitConfig) -> Split:
@@ -262,3 +262,18 @@ def test_a_damaged_split_is_refused(kitchen, change, message):
     content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json())) | change
     with pytest.raises(ArtefactError, match=message):
         read_split({key: value for key, value in content.items() if value is not None}, kitchen)
+
+
+@given(splittable_graphs(), configs("by-kind"))
+def test_by_kind_holds_out_whole_kinds(graph, config):
+    split = drawn(graph, config)
+    parts = defaultdict(set)
+    for kind, part in zip(graph.kinds, split.parts.tolist(), strict=True):
+        parts[kind].add(part)
+    assert all(len(of_kind) == 1 for of_kind in parts.values())
+    assert sum(of_kind == {0} for of_kind in parts.values()) == round(config.train_ratio * len(parts))
+
+
+def test_by_kind_needs_a_book_with_kinds(kitchen):
+    with pytest.raises(SplitError, match="names no kinds of recipes"):
+        make_split(kitchen, SplitConfig("by-kind"))

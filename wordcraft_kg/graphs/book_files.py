@@ -10,7 +10,7 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +22,8 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.recipes import MAX_LABEL_LENGTH, Recipe, RecipeBook, check_label, label_fault, shown
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
+KIND = "kind"
+"""Optional fourth column: the kind of reasoning behind a recipe."""
 DELIMITERS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
 """Column delimiters by file ending."""
 MAX_BOOK_SIZE = 2**30
@@ -39,7 +41,7 @@ def read_book(
 
     The file ending selects the layout: ``.csv``, ``.tsv`` (or ``.tab``), ``.json``. In CSV and TSV, leading lines with
     ``#`` are comments; ``# base: a, b`` declares base entities (known at the start), and ``# entities: a, b`` lists
-    entities without a recipe.
+    entities without a recipe. A fourth column ``kind`` may name each recipe's kind of reasoning.
 
     Args:
         path: the file, or a folder by :func:`~wordcraft_kg.graphs.folder.write_graph_folder`.
@@ -60,18 +62,20 @@ def read_book(
     text = _decode(path, data)
     ending = path.suffix.lower()
     lines_of_base: dict[str, int] = {}
+    kinds: dict[Recipe, str] = {}
     base: Collection[str] | None
     if ending == ".json":
-        base, listed, rows = _parse_json(path, text, single_ingredient)
+        base, listed, rows, kinds = _parse_json(path, text, single_ingredient)
     elif ending in DELIMITERS:
         table = Table(text, DELIMITERS[ending], single_ingredient)
         base, listed, rows = table.base, table.listed, _without_faults(path, table)
-        lines_of_base = table.base or {}
+        lines_of_base, kinds = table.base or {}, table.kinds
     else:
         raise RecipeFileError(f"{path}: unknown ending '{path.suffix}'; a recipe book is .csv, .tsv or .json.")
     sha256 = hashlib.sha256(data).hexdigest()
     name = name or book_name(path)
     book = RecipeBook.of(name, rows, listed=listed, keep_self_results=keep_self_results, sha256=sha256)
+    book = replace(book, kinds={recipe: kinds[recipe] for recipe in book.recipes if recipe in kinds})
     if not book.recipes:
         raise RecipeFileError(f"{path} has no recipe to keep ({book.dropped_self_results} self results dropped).")
     known = set(book.entities)
@@ -152,13 +156,16 @@ Row = tuple[int, Sequence[str]]
 class Table:
     """A CSV or TSV recipe book, read line by line; iterate once over recipes and invalid lines.
 
-    ``base`` (None without a declaration) and ``listed`` map labels in ``# base`` and ``# entities`` to line numbers.
+    ``base`` (None without a declaration) and ``listed`` map labels in ``# base`` and ``# entities`` to line numbers;
+    ``kinds`` maps recipes to their kinds.
     """
 
     def __init__(self, text: str, delimiter: str, single: str | None):
         """Read ``text`` up to the header; ``single`` is ``single_ingredient`` in :func:`read_book`."""
         self.base: dict[str, int] | None = None
         self.listed: dict[str, int] = {}
+        self.kinds: dict[Recipe, str] = {}
+        self._has_kinds = False
         self._delimiter, self._single = delimiter, single
         self._lines = enumerate(io.StringIO(text, newline=""), start=1)
         self._head = list(self._read_head())
@@ -192,7 +199,9 @@ class Table:
     def _is_header(self, line: str) -> bool:
         if CSV_HEADER[0] not in line[:_MAX_LINE_LENGTH]:
             return False
-        return tuple(map(str.strip, line.rstrip("\r\n").split(self._delimiter))) == CSV_HEADER
+        header = tuple(map(str.strip, line.rstrip("\r\n").split(self._delimiter)))
+        self._has_kinds |= header == (*CSV_HEADER, KIND)
+        return header in (CSV_HEADER, (*CSV_HEADER, KIND))
 
     def _read_directive(self, number: int, line: str) -> Fault | None:
         key, colon, rest = line[1:].strip().partition(":")
@@ -222,8 +231,13 @@ class Table:
                 (cells,) = csv.reader([line], delimiter=self._delimiter, strict=True)
             except csv.Error as error:
                 return Fault(number, "row", f"{error}; a quoted cell ends in its line, and a quote in it is doubled.")
+        kind = cells.pop() if self._has_kinds and len(cells) == 4 else ""
         if len(cells) != 3:
             return Fault(number, "row", self._not_three(cells))
+        if kind:
+            if fault := label_fault(kind):
+                return Fault(number, "label", fault)
+            self.kinds[Recipe.of(*cells)] = kind
         is_plain = all(cells) and all(map(str.isprintable, cells)) and not any(map(str.isspace, cells))
         if is_plain and max(map(len, cells)) <= MAX_LABEL_LENGTH:
             return number, cells
@@ -280,12 +294,12 @@ _Raw = tuple[str, list[Any], list[Any], Any]
 
 def _parse_json(
     path: Path, text: str, single: str | None
-) -> tuple[list[str] | None, Iterable[str], Iterator[Sequence[str]]]:
+) -> tuple[list[str] | None, Iterable[str], Iterator[Sequence[str]], dict[Recipe, str]]:
     content = _load_json(path, text)
     entities = content.get("entities") if isinstance(content, dict) else None
     if isinstance(entities, dict):
         known = {check_label(label, f"{path}: entities") for label in entities}
-        return None, entities, _rows(_official_recipes(path, entities), known, single)
+        return None, entities, _rows(_official_recipes(path, entities), known, single), {}
     if isinstance(entities, list) and isinstance(content.get("recipes"), list):
         known = {check_label(label, f"{path}: entities[{index}]") for index, label in enumerate(entities)}
         base = content.get("base")
@@ -293,7 +307,16 @@ def _parse_json(
             raise RecipeFileError(f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null.")
         for index, label in enumerate(base or ()):
             _known(label, known, f"{path}: base[{index}]")
-        return base, known, _rows(_own_recipes(path, content["recipes"]), known, single)
+        recipes = [*_rows(_own_recipes(path, content["recipes"]), known, single)]
+        kinds = content.get("kinds", [])
+        if kinds and (not isinstance(kinds, list) or len(kinds) != len(recipes)):
+            raise RecipeFileError(f"{path}: 'kinds' is {shown(kinds)}; expected a list with a kind for each recipe.")
+        named = {
+            Recipe.of(*row): check_label(kind, f"{path}: kinds")
+            for row, kind in zip(recipes, kinds, strict=False)
+            if kind
+        }
+        return base, known, iter(recipes), named
     raise RecipeFileError(
         f"{path}: neither of the known layouts. Expected an object with the lists 'entities' and 'recipes', "
         "or the official layout with an object 'entities'."
@@ -369,22 +392,26 @@ def write_book(book: RecipeBook, path: Path) -> None:
     elif ending in (".csv", ".tsv"):
         directives = [("base", book.base), ("entities", book.idle or None)]
         head = [f"# {key}: {_csv_line(labels, ',')}" for key, labels in directives if labels is not None]
-        write_atomically(path, [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t")])
+        write_atomically(path, [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t", book.kinds)])
     else:
         raise RecipeFileError(f"{path}: unknown ending '{ending}'; a recipe book is written as .csv, .tsv or .json.")
 
 
-def recipe_table(recipes: Iterable[Recipe], delimiter: str = ",") -> Iterator[str]:
-    """Yield table lines: a header, then (ingredient, ingredient, result) per recipe."""
-    yield delimiter.join(CSV_HEADER) + "\n"
+def recipe_table(
+    recipes: Iterable[Recipe], delimiter: str = ",", kinds: Mapping[Recipe, str] | None = None
+) -> Iterator[str]:
+    """Yield table lines: a header, then (ingredient, ingredient, result) per recipe, with its kind if any has one."""
+    yield delimiter.join((*CSV_HEADER, KIND) if kinds else CSV_HEADER) + "\n"
     for recipe in recipes:
-        yield _csv_line(recipe, delimiter)
+        yield _csv_line((*recipe, kinds.get(recipe, "")) if kinds else recipe, delimiter)
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
     """Yield a book in this package's JSON layout, one recipe per line; ``extra`` adds top-level keys."""
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
     yield f'{{\n"format": {dump(_JSON_FORMAT)},\n"name": {dump(book.name)},\n'
+    if book.kinds:
+        extra["kinds"] = [book.kinds.get(recipe, "") for recipe in book.recipes]
     for key, value in extra.items():
         yield f"{dump(key)}: {dump(value)},\n"
     yield f'"base": {dump(book.base)},\n"entities": {dump(book.entities)},\n"recipes": [\n'
@@ -397,7 +424,7 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
 def _csv_line(labels: Iterable[str], delimiter: str) -> str:
     # Quotes only where they are needed; csv.writer needs a buffer because it only writes to files.
     cells = list(labels)
-    if not any(delimiter in cell or '"' in cell or cell != cell.strip() or cell[0] == "#" for cell in cells):
+    if not any(delimiter in cell or '"' in cell or cell != cell.strip() or cell[:1] == "#" for cell in cells):
         return delimiter.join(cells) + "\n"
     buffer = io.StringIO()
     csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL).writerow(cells)

@@ -58,10 +58,10 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
         source = {name: getattr(book, name) for name in ("sha256", "dropped_self_results", "merged_duplicates")}
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
-        of_graph = RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base, book.idle)
+        of_graph = RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base, book.idle, kinds=book.kinds)
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
-        write_atomically(folder / "recipes.csv", recipe_table(of_graph.recipes))
+        write_atomically(folder / "recipes.csv", recipe_table(of_graph.recipes, kinds=book.kinds))
         frame = entities_frame(graph)
         frame.insert(0, "id", range(len(frame)))
         write_atomically(folder / "entities.tsv", frame.to_csv(sep="\t", index=False, lineterminator="\n"))

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -16,12 +17,14 @@ from wordcraft_kg.base.errors import FetchError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.book_files import read_book
+from wordcraft_kg.graphs.made_up import PREFIX, with_made_up_words
 from wordcraft_kg.graphs.recipes import RecipeBook
 
 DATA_VARIABLE = "WORDCRAFT_KG_DATA"
 """Environment variable for the data folder, which holds the user's recipe books."""
 ENDINGS = (".csv", ".tsv", ".json")
 _BUILT_IN = Path(__file__).parent / "books"
+_MADE_UP = re.compile(rf"{PREFIX}(?:-(\d{{1,9}}))?:(.+)")
 _SILENCE = 30  # seconds without a byte from the server
 _DEADLINE = 300  # seconds for the whole download
 _MAX_BYTES = 64 * 2**20
@@ -102,6 +105,8 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
         RecipeFileError: for an unknown book, a book to download first, or a changed published book.
     """
     path = Path(name_or_path)
+    if _MADE_UP.fullmatch(str(name_or_path)):
+        raise RecipeFileError(f"'{name_or_path}' is made from another book; check or show that book instead.")
     if path.is_file() or (path / "graph.json").is_file():
         return LocatedBook(path)
     books = {book.name: book for book in known_books()}
@@ -131,10 +136,16 @@ def open_book(
 ) -> RecipeBook:
     """Read a recipe book by path or name, see :func:`locate_book` and :func:`read_book`.
 
+    ``made-up:BOOK`` replaces all words by invented words, ``made-up-SEED:BOOK`` with another seed than 0; see
+    :func:`~wordcraft_kg.graphs.made_up.with_made_up_words`.
+
     Example:
         >>> len(open_book("kitchen").recipes)
         326
     """
+    if made_up := _MADE_UP.fullmatch(str(name_or_path)):
+        book = open_book(made_up[2], keep_self_results=keep_self_results, single_ingredient=single_ingredient)
+        return with_made_up_words(book, int(made_up[1] or 0))
     located = locate_book(name_or_path)
     content = read_book(
         located.path, keep_self_results=keep_self_results, single_ingredient=single_ingredient, name=located.name

@@ -31,6 +31,7 @@ class RecipeGraph:
             sorted, unique.
         base_is_inferred: whether no base was given, so that the base is the entities without a recipe; not part of the
             content.
+        kinds: each recipe's kind of reasoning, empty if unknown; None without kinds; not part of the content.
 
     Example:
         >>> graph = RecipeGraph.from_book(open_book("kitchen"))
@@ -54,6 +55,7 @@ class RecipeGraph:
         """
         self.name = name
         self.base_is_inferred = False
+        self.kinds: tuple[str, ...] | None = None
         self.entities = tuple(entities)
         if any(left >= right for left, right in zip(self.entities, self.entities[1:], strict=False)):
             raise GraphError("entity labels must be sorted and unique.")
@@ -94,6 +96,7 @@ class RecipeGraph:
             base_ids = np.array([index[label] for label in labels], dtype=np.int64)
         graph = cls(entities, recipes, base_ids, book.name)
         graph.base_is_inferred = labels is None
+        graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in book.recipes) if book.kinds else None
         return graph
 
     @classmethod

@@ -1,8 +1,8 @@
 """Recipes, recipe books and the rules for labels; :mod:`~wordcraft_kg.graphs.book_files` reads and writes files."""
 
 import unicodedata
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -45,6 +45,7 @@ class RecipeBook:
         dropped_self_results: omitted rows with the result among the ingredients.
         merged_duplicates: omitted rows that repeat a recipe.
         sha256: hash of the file; None without a file.
+        kinds: kind of reasoning by recipe, such as ``making``; empty for a book without kinds.
     """
 
     name: str
@@ -54,6 +55,7 @@ class RecipeBook:
     dropped_self_results: int = 0
     merged_duplicates: int = 0
     sha256: str | None = None
+    kinds: Mapping[Recipe, str] = field(default_factory=dict)
 
     @classmethod
     def of(

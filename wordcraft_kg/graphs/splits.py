@@ -35,8 +35,8 @@ class SplitConfig:
 
     Attributes:
         kind: name in :data:`SPLITS`: by-recipe holds out ingredient pairs, by-goal results, by-slot groups of recipes
-            with the same ingredient and result.
-        train_ratio: fraction of the pairs, goals or groups for training; between 0 and 1, 0.8 in the paper.
+            with the same ingredient and result, by-kind kinds of reasoning.
+        train_ratio: fraction of the pairs, goals, groups or kinds for training; between 0 and 1, 0.8 in the paper.
         valid_ratio: fraction for validation, from 0; the rest is the test part and must not be empty.
         seed: random seed.
 
@@ -339,6 +339,19 @@ def _by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) 
     return Draw(_part_of_groups(group.max(initial=-1) + 1, config, rng)[group])
 
 
+def _kinds(graph: RecipeGraph) -> Ids:
+    if graph.kinds is None:
+        raise SplitError(
+            f"{graph.name} names no kinds of recipes. Add a fourth column `kind` to the book, or choose another split."
+        )
+    return np.unique(graph.kinds, return_inverse=True)[1].astype(np.int64)
+
+
+def _by_kind(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+    kind = _kinds(graph)
+    return Draw(_part_of_groups(kind.max() + 1, config, rng)[kind])
+
+
 def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
     return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
 
@@ -350,6 +363,7 @@ SPLITS = {
     "by-slot": SplitKind(_by_slot, _slots, "the ingredients of each result are held out"),
     "by-goal": SplitKind(_by_goal, _goals, "goals are held out"),
     "by-goal-terminals": SplitKind(_by_goal_terminals, _goals, "goals that nothing needs stay in train"),
+    "by-kind": SplitKind(_by_kind, _kinds, "kinds of reasoning are held out; the book names them"),
     "none": SplitKind(_none, _PAIRS, "full graph only"),
 }
 """Methods of splitting recipes, by name."""

@@ -1,0 +1,408 @@
+"""The life cycle of run folders of both kinds: lock, replacement, failure, full disk, damaged checkpoints."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plain_run
+import pytest
+
+from wordcraft_kg.agents.agent_folder import AGENTS
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
+from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
+from wordcraft_kg.models.links.training import LinksTraining, train_links
+from wordcraft_kg.runs.checkpoints import Checkpoints
+from wordcraft_kg.runs.folder import RunKind, new_run, resumed_run
+from wordcraft_kg.runs.record import read_run
+
+Progress = Callable[[int, int, dict[str, float]], None]
+
+
+class Links:
+    """A small training of a link predictor: 6 epochs, a checkpoint after each."""
+
+    kind: RunKind[Any] = LinksTraining.kind
+    weights = "model.safetensors"
+    numbers = (1, 2, 3, 4, 5, 6)
+
+    def train(self, out: Path, *, seed: int = 0, force: bool = False, progress: Progress | None = None) -> Any:
+        settings = ComplExConfig(dim=4, epochs=6, n3=0.1, folds=0, checkpoint_every=1, seed=seed)
+        return train_links(LinksConfig("kitchen", settings), out, force=force, progress=progress)
+
+
+class Agent:
+    """A small training of an agent: 6 times 64 steps, a checkpoint after each."""
+
+    kind: RunKind[Any] = AGENTS
+    weights = "policy.safetensors"
+    numbers = (64, 128, 192, 256, 320, 384)
+
+    def train(self, out: Path, *, seed: int = 0, force: bool = False, progress: Progress | None = None) -> Any:
+        every = {"log_every": 64, "eval_every": 0, "checkpoint_every": 64}
+        trainer = ImpalaConfig(steps=384, batch_size=16, unroll=2, seed=seed, **every)
+        config = AgentConfig("kitchen", tasks=TaskConfig(distractors=1), trainer=trainer)
+        return train_agent(config, out, force=force, progress=progress)
+
+
+Trainer = Links | Agent
+Learned = dict[str, Any]
+
+
+def learned(folder: Path) -> Learned:
+    """The hashes of a run's outputs that hold no time of the training, and the figures that are no speed."""
+    outputs = read_run(folder).outputs
+    weights = {name: value for name, value in outputs.items() if name.endswith(".safetensors")}
+    lines = [json.loads(line) for path in folder.glob("*.jsonl") for line in path.read_text().splitlines()]
+    return {**weights, "": [{key: row[key] for key in row if "second" not in key} for row in lines]}
+
+
+@pytest.fixture(params=[Links(), Agent()], ids=["links", "agent"], scope="module")
+def trainer(request: pytest.FixtureRequest) -> Trainer:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def whole(trainer: Trainer, tmp_path_factory: pytest.TempPathFactory) -> Learned:
+    """The results of an undisturbed run."""
+    return learned(trainer.train(tmp_path_factory.mktemp("whole") / "run").folder)
+
+
+def after(number: int, act: Callable[[], object]) -> Progress:
+    """A progress callback that does something when so many epochs or steps are done."""
+
+    def progress(done: int, total: int, figures: dict[str, float]) -> None:
+        if done == number:
+            act()
+
+    return progress
+
+
+def ctrl_c(times: int = 1) -> None:
+    for _ in range(times):
+        signal.raise_signal(signal.SIGINT)
+
+
+def fail() -> None:
+    raise RuntimeError("no more")
+
+
+def interrupted(trainer: Trainer, out: Path, **options: Any) -> Path:
+    """A run that was stopped in its middle."""
+    assert trainer.train(out, progress=after(trainer.numbers[2], ctrl_c), **options).interrupted
+    return out
+
+
+def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
+    folder = trainer.train(tmp_path / "run").folder
+    run = read_run(folder)
+    assert (run.status, run.kind in trainer.kind.commands) == ("done", True)
+    assert {trainer.weights, "config.toml", "README.md"} <= {path.name for path in folder.iterdir()}
+    assert not (folder / "checkpoints").exists()
+    assert run.inputs["config.toml"] == sha256_of(folder / "config.toml")
+    assert all(sha256_of(folder / name) == value for name, value in run.outputs.items())
+    with pytest.raises(ArtefactError, match="is finished"), resumed_run(folder, trainer.kind):
+        pass
+
+
+def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
+    seen = []
+    trainer.train(tmp_path / "run", progress=after(trainer.numbers[0], lambda: seen.append(read_run(tmp_path / "run"))))
+    assert [run.status for run in seen] == ["running"]
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_ctrl_c_keeps_two_checkpoints_and_resume_ends_with_the_bits_of_an_undisturbed_run(trainer, tmp_path, whole):
+    folder = interrupted(trainer, tmp_path / "run")
+    assert read_run(folder).status == "interrupted"
+    assert len(trainer.kind.checkpoints(folder).records()) == 2
+    resumed = trainer.train(folder)
+    assert learned(resumed.folder) == whole
+    assert len(read_run(folder).resumed) == 1
+
+
+def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, whole):
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*Repeat the command"):
+        trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], lambda: ctrl_c(2)))
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert read_run(tmp_path / "run").status == "interrupted"
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
+
+
+def test_a_run_may_be_interrupted_more_than_once(trainer, tmp_path, whole):
+    for number in trainer.numbers[:4:2]:
+        assert trainer.train(tmp_path / "run", progress=after(number, ctrl_c)).interrupted
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
+    assert len(read_run(tmp_path / "run").resumed) == 2
+
+
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_forced_training_starts_anew_and_goes_on_as_the_new_run(trainer, tmp_path, whole, is_finished):
+    out = trainer.train(tmp_path / "run", seed=1).folder if is_finished else interrupted(trainer, tmp_path / "run")
+    assert learned(trainer.train(interrupted(trainer, out, force=True)).folder) == whole
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_nobody_else_trains_in_a_folder_in_use(trainer, tmp_path, whole):
+    tried = []
+
+    def meddle() -> None:
+        for attempt in (trainer.train, lambda folder: trainer.train(folder, force=True)):
+            with pytest.raises(ArtefactError, match="being trained by another process"):
+                attempt(tmp_path / "run")
+            tried.append(attempt)
+
+    trained = trainer.train(tmp_path / "run", progress=after(trainer.numbers[2], meddle))
+    assert len(tried) == 2
+    assert learned(trained.folder) == whole
+
+
+def test_an_error_is_on_record_and_the_run_can_go_on(trainer, tmp_path, whole):
+    with pytest.raises(RuntimeError, match="no more"):
+        trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], fail))
+    assert read_run(tmp_path / "run").status == "failed"
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
+
+
+def test_an_existing_run_is_replaced_on_demand_only(trainer, tmp_path, whole):
+    trainer.train(tmp_path / "run")
+    with pytest.raises(OutputExistsError):
+        trainer.train(tmp_path / "run", seed=1)
+    assert learned(tmp_path / "run") == whole
+    trainer.train(tmp_path / "run", seed=1, force=True)
+    assert learned(tmp_path / "run") != whole
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_an_unfinished_run_is_kept_from_another_seed(trainer, tmp_path):
+    folder = interrupted(trainer, tmp_path / "run")
+    with pytest.raises(ConfigError, match="`seed` 0, and this command has 1"):
+        trainer.train(folder, seed=1)
+    assert read_run(folder).status == "interrupted"
+
+
+def disk_full(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """Let the checkpoint of a number, and all later ones, find no space."""
+    save = Checkpoints.save
+
+    def full(self: Checkpoints[Any], at: int, *arguments: Any) -> None:
+        if at >= number:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        save(self, at, *arguments)
+
+    monkeypatch.setattr(Checkpoints, "save", full)
+
+
+def test_a_replaced_run_comes_back_if_the_new_one_leaves_nothing(trainer, tmp_path, whole, monkeypatch):
+    trainer.train(tmp_path / "run")
+    disk_full(monkeypatch, 0)
+    with pytest.raises(OSError, match="No space"):
+        trainer.train(tmp_path / "run", seed=1, force=True)
+    assert learned(tmp_path / "run") == whole
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_full_disk_loses_nothing_that_was_safe(trainer, tmp_path, whole, monkeypatch):
+    last, full = trainer.numbers[2:4]
+    with monkeypatch.context() as patch:
+        disk_full(patch, full)
+        with pytest.raises(
+            ArtefactError, match=rf"No space left.*{trainer.kind.unit} {last} is safe.*repeat the command"
+        ):
+            trainer.train(tmp_path / "run")
+    assert learned(trainer.train(tmp_path / "run").folder) == whole
+
+
+@pytest.mark.parametrize("what", ["tensors", "record", "missing", "another kind"])
+def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(trainer, tmp_path, whole, caplog, what):
+    folder = interrupted(trainer, tmp_path / "run")
+    last, before = trainer.kind.checkpoints(folder).records().values()
+    tensors = last.with_suffix(".safetensors")
+    if what == "tensors":
+        data = bytearray(tensors.read_bytes())
+        data[-5] ^= 1
+        tensors.write_bytes(data)
+    elif what == "missing":
+        tensors.unlink()
+    else:
+        last.write_text("{" if what == "record" else '{"sha256": "0", "progress": 5}')
+    resumed = trainer.train(folder)
+    assert before.stem in caplog.text
+    assert learned(resumed.folder) == whole
+
+
+def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(trainer, tmp_path):
+    folder = interrupted(trainer, tmp_path / "run")
+    for path in (folder / "checkpoints").glob("*.safetensors"):
+        path.write_bytes(b"nothing")
+    with pytest.raises(ArtefactError, match=r"all checkpoints .* are damaged"):
+        trainer.train(folder)
+    assert read_run(folder).status == "interrupted"
+
+
+def test_a_run_that_goes_on_with_another_torch_says_so(trainer, tmp_path, caplog):
+    folder = interrupted(trainer, tmp_path / "run")
+    run = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps({**run, "versions": {**run["versions"], "torch": "0.1"}}))
+    trainer.train(folder)
+    assert "began with torch 0.1" in caplog.text
+
+
+def test_settings_that_were_changed_by_hand_are_refused(trainer, tmp_path):
+    folder = interrupted(trainer, tmp_path / "run")
+    path = folder / "config.toml"
+    path.write_text(path.read_text().replace("learning_rate = 0", "learning_rate = 1"))
+    with pytest.raises(ArtefactError, match=r"config\.toml is damaged or was changed"):
+        trainer.train(folder)
+
+
+def test_a_run_of_one_kind_does_not_go_on_as_the_other(tmp_path):
+    for one, other in ((Agent(), Links()), (Links(), Agent())):
+        folder = interrupted(one, tmp_path / one.kind.name)
+        with pytest.raises(OutputExistsError, match="`force`"):
+            other.train(folder)
+
+
+# --- killed before the first checkpoint ------------------------------------------------------------------------------
+
+
+def kill(moment: str, folder: Path) -> Path:
+    """Begin a run in a process that is killed at a moment."""
+    command = [sys.executable, plain_run.__file__, moment, str(folder)]
+    assert subprocess.run(command, check=False, timeout=120).returncode == -signal.SIGKILL
+    return folder
+
+
+@pytest.fixture
+def killed(tmp_path: Path) -> Path:
+    """A finished run whose replacement was killed before its first checkpoint."""
+    plain_run.train(tmp_path / "run", "the first")
+    kill("before the first checkpoint", tmp_path / "run")
+    assert not (tmp_path / "run" / "result").exists()
+    return tmp_path / "run"
+
+
+def resume_killed(folder: Path) -> None:
+    with resumed_run(folder, plain_run.PLAIN) as run:
+        run.checkpoints.load()
+
+
+@pytest.mark.parametrize(
+    ("act", "error", "result"),
+    [
+        (lambda folder: plain_run.train(folder, "", force=True), "no more", "the first"),
+        (lambda folder: plain_run.train(folder, "the third", force=True), None, "the third"),
+        (resume_killed, "no checkpoint yet", "the first"),
+    ],
+    ids=["the next one fails", "the next one ends", "resumed without a checkpoint"],
+)
+def test_what_a_killed_run_was_to_replace_comes_back_unless_it_is_replaced_after_all(killed, act, error, result):
+    with pytest.raises((RuntimeError, ArtefactError), match=error) if error else nullcontext():
+        act(killed)
+    assert (killed / "result").read_text() == result
+    assert [path.name for path in killed.parent.iterdir()] == ["run"]
+
+
+BEGINNINGS = ["before the first file", "while the first file is written"]
+
+
+@pytest.mark.parametrize("moment", BEGINNINGS)
+def test_a_trainer_starts_again_where_it_was_killed_before_the_first_record(trainer, tmp_path, whole, moment):
+    folder = kill(moment, tmp_path / "run")
+    assert not (folder / "run.json").exists()
+    assert learned(trainer.train(folder).folder) == whole
+    assert [path.name for path in tmp_path.glob("**/.*")] == []
+
+
+def test_a_run_that_begins_is_left_alone_by_others(tmp_path):
+    with new_run(tmp_path / "run", AGENTS):
+        for force in (False, True):
+            with pytest.raises(ArtefactError, match="by another process"):
+                plain_run.train(tmp_path / "run", "mine", force=force)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_killed_beginning_of_a_replacement_does_not_make_force_needless(tmp_path):
+    plain_run.train(tmp_path / "run", "the first")
+    (tmp_path / "run").rename(tmp_path / ".run.replaced-by-wordcraft-kg")
+    kill("before the first file", tmp_path / "run")
+    with pytest.raises(OutputExistsError):
+        plain_run.train(tmp_path / "run", "the second")
+    with pytest.raises(RuntimeError, match="no more"):
+        plain_run.train(tmp_path / "run", "", force=True)
+    assert (tmp_path / "run/result").read_text() == "the first"
+
+
+@pytest.mark.parametrize("name", [".search.json.a1b2c3d4.wordcraft-kg", ".mine.json"])
+def test_only_temporary_files_of_a_killed_process_make_way_for_a_new_run(tmp_path, name):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / name).touch()
+    with nullcontext() if name.endswith("wordcraft-kg") else pytest.raises(OutputExistsError):
+        plain_run.train(tmp_path / "run", "mine")
+        assert not (tmp_path / "run" / name).exists()
+
+
+def test_a_first_run_that_fails_leaves_nothing(tmp_path):
+    with pytest.raises(RuntimeError, match="no more"):
+        plain_run.train(tmp_path / "run", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_somebody_else_is_never_replaced(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/thesis.tex").write_text("everything")
+    with pytest.raises(OutputExistsError), new_run(tmp_path / "mine", AGENTS, force=True):
+        pass
+    assert (tmp_path / "mine/thesis.tex").read_text() == "everything"
+
+
+# --- killed at any moment --------------------------------------------------------------------------------------------
+
+COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
+LONG = {
+    "train-complex": ("--epochs", 15, "--dim", 32, "--n3", 0.1, "--folds", 2, "--checkpoint-every", 5),
+    "train-recipes": ("--folds", 3, "--train-fraction", 0.3),
+    "train-agent": ("--distractors", 4, "--steps", 200_000, "--checkpoint-every", 5_000, "--eval-every", 50_000),
+}
+
+
+def start(*arguments: object) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "moments"), [("train-complex", 70), ("train-recipes", 30), ("train-agent", 100)])
+def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one(tmp_path, command, moments):
+    """Several runs, if need be: one ends after a few kills. A process may also be killed when its work is done."""
+    rng, whole, began = np.random.default_rng(0), tmp_path / "whole", time.monotonic()
+    assert start(command, "everyday", *LONG[command], "--out", whole).wait() == 0
+    took = time.monotonic() - began
+    kills = 0
+    while kills < moments:
+        folder = tmp_path / f"from-{kills}"
+        while True:
+            process = start(command, "everyday", *LONG[command], "--out", folder)
+            try:
+                code = process.wait(took * rng.uniform(0.1, 0.9) if kills < moments else None)
+                break
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                kills += 1
+        said = process.stderr.read().decode() if process.stderr else ""
+        assert code == 0 or f"'{folder}' exists" in said, said
+        assert learned(folder) == learned(whole)
+        assert {path.name for path in folder.iterdir()} == {path.name for path in whole.iterdir()}

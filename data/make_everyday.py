@@ -30,7 +30,7 @@ COLUMNS = {
     },
     "entities.csv": {
         "entity": "label",
-        "category": "one of 29 categories, such as animal or tool",
+        "category": "one of 30 categories, such as animal or tool",
         "wordnet": "WordNet 3.0 noun synset, an offset; empty if WordNet lists no fitting sense",
     },
     "judged.csv": {

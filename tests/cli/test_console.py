@@ -348,8 +348,8 @@ def test_the_completion_script_is_valid_bash_and_completes_commands_and_options(
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        ("describe ", ["everyday", "kitchen", "paper-examples", "own.csv", "graph"]),
-        ("describe {}/", ["everyday", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"]),
+        ("describe ", ["everyday", "everyday-1", "kitchen", "paper-examples", "own.csv", "graph"]),
+        ("describe {}/", ["everyday", "everyday-1", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"]),
         ("books --fetch ", ["little-alchemy-2"]),
     ],
 )

@@ -328,8 +328,12 @@ def test_build_graph_of_little_alchemy_2_reports_the_known_figures(printed, alch
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_every_split_can_be_built(built, split):
-    assert built("kitchen", "--split", split).split.config.kind == split
+def test_every_split_can_be_built(built, book, split):
+    rows = "".join(f"a,b{i},c{i % 7},kind {i % 5}\n" for i in range(40))
+    path = book("kinds.csv", f"ingredient_a,ingredient_b,result,kind\n{rows}")
+    opened = built(path, "--split", split)
+    assert opened.split.config.kind == split
+    assert opened.graph.kinds == tuple(f"kind {int(label[1:]) % 5}" for _, label, _ in opened.graph.recipe_labels())
 
 
 def test_base_entities_come_from_options_and_a_file(built, book):
@@ -450,7 +454,7 @@ def test_labels_of_any_script_are_printed(printed, run, built, home, book):
 
 def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     values = printed("books")
-    origins = dict.fromkeys(("everyday", "kitchen", "paper-examples"), "built in") | {"little-alchemy-2": "to fetch"}
+    origins = dict.fromkeys(("everyday", "everyday-1", "kitchen", "paper-examples"), "built in") | {"little-alchemy-2": "to fetch"}
     assert {book["name"]: book["origin"] for book in values["books"]} == origins
     assert values["data_folder"] is None
     text = run("books").out

@@ -68,10 +68,10 @@ def test_a_bad_value_is_one_line_that_names_the_option(run, empty, home, command
 
 
 REFUSED = [
-    ("tasks evryday", "'evryday' is neither a file nor a known book. Did you mean 'everyday'?"),
+    ("tasks evryday", "'evryday' is neither a file nor a known book. Did you mean 'everyday'"),
     ("tasks kitchen --part valid", "kitchen has no task of depth 1 in the valid part"),
     ("check-book nowhere", "'nowhere' is neither a file nor a known book"),
-    ("check-book kitchen --against evryday", "Did you mean 'everyday'?"),
+    ("check-book kitchen --against evryday", "Did you mean 'everyday'"),
     ("evaluate-agent kitchn", "Did you mean 'kitchen'"),
     ("evaluate-agent kitchen --part valid", "kitchen has no task of depth 1 in the valid part"),
     ("evaluate-agent kitchen --scorer nowhere", "nowhere"),

@@ -61,7 +61,7 @@ def server(monkeypatch):
     return serve
 
 
-BUILT_IN = dict.fromkeys(["everyday", "kitchen", "paper-examples"], "built in")
+BUILT_IN = dict.fromkeys(["everyday", "everyday-1", "kitchen", "paper-examples"], "built in")
 
 
 def origins():

@@ -124,9 +124,7 @@ def main() -> int:
     made = {"recipes.csv": recipes_table()}
     others = {name: (HERE / name).read_bytes() for name in COLUMNS if name not in made}
     made["croissant.json"] = croissant({**{name: text.encode() for name, text in made.items()}, **others})
-    changed = [
-        name for name, text in made.items() if not (HERE / name).is_file() or (HERE / name).read_text() != text
-    ]
+    changed = [name for name, text in made.items() if not (HERE / name).is_file() or (HERE / name).read_text() != text]
     if "--check" in sys.argv[1:]:
         print("\n".join(f"{HERE / name} is out of date: python data/make_everyday.py" for name in changed))
         return int(bool(changed))

@@ -181,7 +181,7 @@ def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed: 
     ("lines", "command", "kept", "message"),
     [
         (["1"] * 3, (*PLAY, "--seed", "2"), None, "goals made: 0 of 1   to repeat these tasks: --seed 2\n"),
-        ([*GOOD, "air"], (*WORLD, "--out"), 3, "known items: 7 of 739 (2 discovered) after 2 of 100 attempts; "),
+        ([*GOOD, "air"], (*WORLD, "--out"), 3, "known items: 7 of 1177 (2 discovered) after 2 of 100 attempts; "),
         (["1"] * 5, (*PROTOCOL, "--out"), 3, "2 answers are saved in"),
     ],
 )
@@ -209,7 +209,7 @@ def test_the_open_ended_world_is_discovered_by_typing_names(typed: Run):
     made = graph.labels(graph.results("mud", "time"))
     discovered = 2 + len(set(made) - {"mud", "wind"})
     assert outcome.out.splitlines()[-2:] == [
-        f"known items: {5 + discovered} of 739 ({discovered} discovered) after 4 of 100 attempts",
+        f"known items: {5 + discovered} of 1177 ({discovered} discovered) after 4 of 100 attempts",
         f"attempts without a new item: {1 + (not made)}, repeated pairs: 1",
     ]
 

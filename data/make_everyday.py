@@ -2,8 +2,8 @@
 
     python data/make_everyday.py [--check]
 
-The book itself is wordcraft_kg/graphs/books/everyday.csv. entities.csv, judged.csv and README.md are written by hand. With
-``--check`` nothing is written, and the exit code is 1 if something would be.
+The book itself is wordcraft_kg/graphs/books/everyday.csv. entities.csv, judged.csv and README.md are written by hand.
+With ``--check`` nothing is written, and the exit code is 1 if something would be.
 """
 
 import csv
@@ -26,7 +26,7 @@ COLUMNS = {
         "result": "what both make together",
         "kind": "kind of reasoning: matter, making, part, place, nature, use, tale or wordplay",
         "layer": "depth: rounds of combining everything known until the recipe can be made, from 1",
-        "votes_rank": "difficulty: rank of the result among all entities by the votes of all other recipes, ties in half",
+        "votes_rank": "difficulty: rank of the result among all entities by votes of the other recipes, ties in half",
     },
     "entities.csv": {
         "entity": "label",

@@ -143,6 +143,35 @@ def test_trimming_a_line_takes_the_spaces_outside_of_quotes_and_nothing_else(cel
     assert trimmed(long, ",") == long.replace(", ", ",")
 
 
+KINDS = TABLE.replace("result", "result,kind")
+
+
+def test_a_fourth_column_names_kinds(read):
+    book = read(KINDS + "b,a,c,making\na,b,d,\n", "book.csv")
+    assert book.kinds == {Recipe("a", "b", "c"): "making"}
+    single = read(KINDS + "sand,,glass,matter\n", "book.csv", single_ingredient="fire")
+    assert single.kinds == {Recipe("fire", "sand", "glass"): "matter"}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("book.csv", KINDS + "a,b,c,\x01\n", "line 2: the label '\\\\x01' holds a tab"),
+        ("book.csv", TABLE + "a,b,c,d\n", "line 2: 'a,b,c,d' has 3 ingredients"),
+        (
+            "book.json",
+            '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": ["x", "y"]}',
+            "expected a list with a kind",
+        ),
+        ("book.json", '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": 3}', "kinds is 3; expected a list"),
+        ("book.json", '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": [3]}', "3 is not a label"),
+    ],
+)
+def test_bad_kinds_are_refused(read, name, text, says):
+    with pytest.raises(RecipeFileError, match=says):
+        read(text, name)
+
+
 UNKNOWN_BASE = {
     "book.csv, line 2": "# a book\n# base: water, fier\n" + TABLE + "water,fire,steam\n",
     "book.tsv, line 1": ("# base: fier\n" + TABLE + "water,fire,steam\n").replace(",", "\t"),

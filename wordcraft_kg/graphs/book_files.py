@@ -232,12 +232,16 @@ class Table:
             except csv.Error as error:
                 return Fault(number, "row", f"{error}; a quoted cell ends in its line, and a quote in it is doubled.")
         kind = cells.pop() if self._has_kinds and len(cells) == 4 else ""
+        if kind and (fault := label_fault(kind)):
+            return Fault(number, "label", fault)
+        row = self._labels(number, cells)
+        if kind and not isinstance(row, Fault):
+            self.kinds[Recipe.of(*row[1])] = kind
+        return row
+
+    def _labels(self, number: int, cells: list[str]) -> Row | Fault:
         if len(cells) != 3:
             return Fault(number, "row", self._not_three(cells))
-        if kind:
-            if fault := label_fault(kind):
-                return Fault(number, "label", fault)
-            self.kinds[Recipe.of(*cells)] = kind
         is_plain = all(cells) and all(map(str.isprintable, cells)) and not any(map(str.isspace, cells))
         if is_plain and max(map(len, cells)) <= MAX_LABEL_LENGTH:
             return number, cells
@@ -294,7 +298,7 @@ _Raw = tuple[str, list[Any], list[Any], Any]
 
 def _parse_json(
     path: Path, text: str, single: str | None
-) -> tuple[list[str] | None, Iterable[str], Iterator[Sequence[str]], dict[Recipe, str]]:
+) -> tuple[list[str] | None, Iterable[str], Iterable[Sequence[str]], dict[Recipe, str]]:
     content = _load_json(path, text)
     entities = content.get("entities") if isinstance(content, dict) else None
     if isinstance(entities, dict):
@@ -308,19 +312,19 @@ def _parse_json(
         for index, label in enumerate(base or ()):
             _known(label, known, f"{path}: base[{index}]")
         recipes = [*_rows(_own_recipes(path, content["recipes"]), known, single)]
-        kinds = content.get("kinds", [])
-        if kinds and (not isinstance(kinds, list) or len(kinds) != len(recipes)):
-            raise RecipeFileError(f"{path}: 'kinds' is {shown(kinds)}; expected a list with a kind for each recipe.")
-        named = {
-            Recipe.of(*row): check_label(kind, f"{path}: kinds")
-            for row, kind in zip(recipes, kinds, strict=False)
-            if kind
-        }
-        return base, known, iter(recipes), named
+        return base, known, recipes, _kinds(content.get("kinds"), recipes, f"{path}: kinds")
     raise RecipeFileError(
         f"{path}: neither of the known layouts. Expected an object with the lists 'entities' and 'recipes', "
         "or the official layout with an object 'entities'."
     )
+
+
+def _kinds(kinds: Any, recipes: list[Sequence[str]], where: str) -> dict[Recipe, str]:
+    if kinds is None:
+        return {}
+    if not isinstance(kinds, list) or len(kinds) != len(recipes):
+        raise RecipeFileError(f'{where} is {shown(kinds)}; expected a list with a kind, or "", for each recipe.')
+    return {Recipe.of(*row): check_label(kind, where) for row, kind in zip(recipes, kinds, strict=True) if kind != ""}
 
 
 def _load_json(path: Path, text: str) -> Any:

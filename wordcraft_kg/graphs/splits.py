@@ -342,7 +342,7 @@ def _by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) 
 def _kinds(graph: RecipeGraph) -> Ids:
     if graph.kinds is None:
         raise SplitError(
-            f"{graph.name} names no kinds of recipes. Add a fourth column named kind to the book, or choose another split."
+            f"{graph.name} names no kinds of recipes. Add a column named kind to the book, or choose another split."
         )
     return np.unique(graph.kinds, return_inverse=True)[1].astype(np.int64)
 

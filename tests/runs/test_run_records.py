@@ -10,7 +10,7 @@ import pytest
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import RunRecord, end_run, read_finished_run, read_run, start_run
+from wordcraft_kg.runs.record import RunRecord, end_run, read_finished_run, read_run, run_name, start_run
 
 
 @pytest.fixture
@@ -100,3 +100,8 @@ def test_bytes_that_differ_or_that_the_record_does_not_know_are_refused(folder, 
     (folder / name).write_bytes(data)
     with pytest.raises(ArtefactError, match=f"{name} is damaged"):
         files.bytes(name)
+
+
+def test_a_loop_of_links_has_a_name_too(tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    assert run_name(tmp_path / "loop") == "loop"

@@ -177,7 +177,7 @@ def run_folders(path: Path) -> list[Path]:
 
 def run_name(folder: Path) -> str:
     """Return a display name for a run: the folder name; for a folder ``seed-N``, ``<parent folder>-seed-N``."""
-    folder = folder.resolve()
+    folder = Path(os.path.realpath(folder))  # Path.resolve raises on a loop of links before Python 3.13
     return f"{folder.parent.name}-{folder.name}" if _SEED.fullmatch(folder.name) else folder.name
 
 

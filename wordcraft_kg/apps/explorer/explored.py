@@ -1,5 +1,6 @@
 """Content for all pages, and values that are computed once."""
 
+import os
 import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from pathlib import Path
@@ -93,8 +94,8 @@ class Explored:
 def _named(folders: Iterable[Path]) -> dict[str, Path]:
     named: dict[str, Path] = {}
     for folder in folders:
-        name, above = run_name(folder), folder.resolve().parent
-        while name in named and named[name].resolve() != folder.resolve() and above.name:
+        name, above = run_name(folder), Path(os.path.realpath(folder)).parent
+        while name in named and os.path.realpath(named[name]) != os.path.realpath(folder) and above.name:
             name, above = f"{above.name}-{name}", above.parent
         named[name] = folder
     return named

@@ -32,7 +32,8 @@ BOOKS = {
     "alchemy2": "Little Alchemy 2",
     "little-alchemy-2": "Little Alchemy 2",
     "everyday": "`everyday`",
-    "everyday-700": "700 recipes of `everyday`",
+    "everyday-1": "`everyday-1`",
+    "everyday-1-700": "700 recipes of `everyday-1`",
 }
 NAMES = {
     "no graph": "no graph",

@@ -6,7 +6,7 @@
     python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2
 
 The test columns are filtered MRRs on unseen triples: ComplEx; ComplEx and the neighbour rule without near-synonyms;
-votes; frequency; and the train triples as a fact graph, which contains no unseen triple.
+the recipe kernel; votes; frequency; and the train triples as a fact graph, which contains no unseen triple.
 
 The sweep never ranks test triples (which are only filtered from the candidates), and uses splits 10, 11 and 12, while
 the test uses splits 0, 1 and 2.
@@ -29,6 +29,7 @@ from wordcraft_kg.models.links.training import TrainedLinks, train_links
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.kernel import KernelScorer
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
 
@@ -78,7 +79,7 @@ def sweep_votes(graph: RecipeGraph) -> None:
 
 def test(graph: RecipeGraph, folder: Path) -> None:
     features = glove_features(graph.entities)
-    columns = ("ComplEx", "no near-synonym", "neighbours", "no near-synonym", "votes", "frequency", "facts only")
+    columns = ("ComplEx", "no near-synonym", "neighbours", "no near-synonym", "kernel", "votes", "frequency", "facts")
     print("filtered MRR   " + "".join(f"{name:>17}" for name in columns) + "   ComplEx hits@1, @10")
     rows = []
     for seed in (0, 1, 2):
@@ -88,6 +89,7 @@ def test(graph: RecipeGraph, folder: Path) -> None:
         ranks = rank_triples(load_scorer(trained.folder), queries, graph.triples)
         repeated = near_synonym_triples(graph, near_synonym_recipes(split, features), queries)
         baselines = [
+            KernelScorer(graph, split.recipes("train"), features.vectors),
             VoteScorer(graph, split.recipes("train")),
             FrequencyScorer(graph, split.partial),
             SymbolicScorer(graph, split.partial),

@@ -11,7 +11,16 @@ from refusals import refuses
 
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.cli.export import Format
-from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, read_book
+from wordcraft_kg.graphs import (
+    Recipe,
+    RecipeBook,
+    RecipeGraph,
+    SplitConfig,
+    make_split,
+    open_book,
+    open_graph,
+    read_book,
+)
 from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.frames import entities_frame, triples_frame
@@ -61,6 +70,14 @@ def test_tables_hold_the_triples(source, tmp_path, format):
 def test_exported_books_read_back_to_an_equal_graph(source, tmp_path, format):
     book = read_book(exported(source, format, tmp_path), keep_self_results=True)
     assert RecipeGraph.from_book(book) == source.graph
+
+
+@pytest.mark.parametrize("format", ["csv", "json"])
+def test_exported_books_keep_kinds(tmp_path, format):
+    export_graph(open_graph("everyday"), format, tmp_path / f"train.{format}", part="partial")
+    kinds, of_book = read_book(tmp_path / f"train.{format}").kinds, open_book("everyday").kinds
+    assert kinds.items() < of_book.items()
+    assert len(kinds) > 5_000
 
 
 def recipes_in(view: nx.MultiDiGraph) -> list[Recipe]:

@@ -1,7 +1,7 @@
 """Export recipe graphs to file formats for other tools; add a format as an :class:`Exporter` in :data:`EXPORTERS`."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
@@ -93,6 +93,9 @@ def _book(ending: str) -> Callable[[Content, Path], None]:
         graph = content.graph
         recipes = graph.recipe_labels()
         book = RecipeBook.of(graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True)
+        whole = content.opened.graph
+        kinds = dict(zip(whole.recipe_labels(), whole.kinds or (), strict=False))
+        book = replace(book, kinds={recipe: kinds[recipe] for recipe in recipes if kinds.get(recipe)})
         staged = path.with_name("book" + ending)
         write_book(book, staged)
         staged.rename(path)

@@ -107,10 +107,10 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
 def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     """Partition the train recipes at random into ``count`` folds with about equally many ingredient pairs.
 
-    By-goal and by-slot splits partition goals and recipe groups instead of pairs.
+    By-goal, by-slot and by-kind splits partition goals, recipe groups and kinds instead of pairs.
 
     Raises:
-        ConfigError: for fewer than two folds, or more folds than train pairs (goals, groups).
+        ConfigError: for fewer than two folds, or more folds than train pairs (goals, groups, kinds).
 
     Example:
         >>> folds = make_folds(open_graph("kitchen").split, 5)
@@ -122,7 +122,9 @@ def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     groups, group_of_row = np.unique(groups_of(split.graph, split.config.kind)[rows], return_inverse=True)
     if count > len(groups):
         raise refuse(
-            "folds", count, f"2 to {len(groups):,}, as many as there are train pairs, goals or groups to keep together"
+            "folds",
+            count,
+            f"2 to {len(groups):,}, as many as there are train pairs, goals, groups or kinds to keep together",
         )
     fold_of_group = np.empty(len(groups), dtype=np.int64)
     fold_of_group[np.random.default_rng([seed, count]).permutation(len(groups))] = np.arange(len(groups)) % count

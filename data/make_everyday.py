@@ -38,7 +38,8 @@ COLUMNS = {
         "ingredient_b": "the other ingredient",
         "answer": "a model's answer that the book does not list",
         "accepted": "1 if a reader judged the answer sensible, else 0",
-        "models": "models that gave the answer first, separated by blanks",
+        "first": "models with the answer on rank 1, separated by blanks",
+        "second": "models with the answer on rank 2",
     },
 }
 NUMBERS = ("layer", "votes_rank", "accepted")

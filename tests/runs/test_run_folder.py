@@ -24,7 +24,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsErr
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import LinksTraining, train_links
 from wordcraft_kg.runs.checkpoints import Checkpoints
-from wordcraft_kg.runs.folder import RunKind, new_run, resumed_run
+from wordcraft_kg.runs.folder import RunKind, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.record import read_run
 
 Progress = Callable[[int, int, dict[str, float]], None]
@@ -114,6 +114,18 @@ def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
     assert all(sha256_of(folder / name) == value for name, value in run.outputs.items())
     with pytest.raises(ArtefactError, match="is finished"), resumed_run(folder, trainer.kind):
         pass
+
+
+def test_checkpoints_of_a_run_killed_after_its_last_record_leave_with_the_next_command(trainer, tmp_path):
+    folder = trainer.train(tmp_path / "run").folder
+    (folder / "checkpoints").mkdir()
+    with pytest.raises(OutputExistsError):
+        trainer.train(folder)
+    assert not (folder / "checkpoints").exists()
+    (folder / "checkpoints").mkdir()
+    with pytest.raises(OutputExistsError):
+        check_run_output(folder, force=False)
+    assert not (folder / "checkpoints").exists()
 
 
 def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):

@@ -236,6 +236,7 @@ def check_run_output(out: Path, *, force: bool) -> None:
     with suppress(ArtefactError):  # without a run, or damaged
         if read_run(out).status != "done":
             return
+        shutil.rmtree(out / "checkpoints", ignore_errors=True)  # of a run killed between its record and its end
     check_new_run(out, force=force)
 
 

@@ -129,7 +129,10 @@ def train(
 def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
     with suppress(ArtefactError):
         record = read_run(folder)
-        return record if record.kind in kind.commands else None
+        if record.kind in kind.commands:
+            if record.status == "done":
+                kind.checkpoints(folder).drop()  # of a run killed between its record and its end
+            return record
     return None
 
 

@@ -224,7 +224,7 @@ def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(printed, refus
     [
         (lambda path: path.mkdir(), "", "is an empty folder; expected a run folder of 'train-agent'"),
         (lambda path: path.write_text("hello"), "", "is a file; expected a run folder of 'train-agent'"),
-        (lambda path: session(path, right=1, wrong=0, graph="everyday"), "", "was played on graph 917cafc4ad20, but"),
+        (lambda path: session(path, right=1, wrong=0, graph="everyday"), "", "was played on graph 82dcde20aeb1, but"),
         (lambda path: session(path, right=1, wrong=0, distractors=3), "--distractors 1,4", "tasks with 3 distractors"),
     ],
     ids=["empty folder", "text", "another graph", "other distractors"],

@@ -236,7 +236,7 @@ def check_run_output(out: Path, *, force: bool) -> None:
     with suppress(ArtefactError):  # without a run, or damaged
         if read_run(out).status != "done":
             return
-        shutil.rmtree(out / "checkpoints", ignore_errors=True)  # of a run killed between its record and its end
+        shutil.rmtree(out / "checkpoints", ignore_errors=True)  # left by a run killed after the last record
     check_new_run(out, force=force)
 
 

@@ -131,7 +131,7 @@ def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
         record = read_run(folder)
         if record.kind in kind.commands:
             if record.status == "done":
-                kind.checkpoints(folder).drop()  # of a run killed between its record and its end
+                kind.checkpoints(folder).drop()  # left by a run killed after the last record
             return record
     return None
 

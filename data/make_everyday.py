@@ -17,6 +17,7 @@ from pathlib import Path
 import mlcroissant as mlc
 
 from wordcraft_kg.graphs import RecipeGraph, layers, open_book
+from wordcraft_kg.graphs.library import locate_book
 
 HERE = Path(__file__).parent / "everyday"
 COLUMNS = {
@@ -80,6 +81,12 @@ def recipes_table() -> str:
     return out.getvalue()
 
 
+def canary() -> str:
+    """Return the canary line of the book."""
+    with locate_book("everyday").path.open(encoding="utf-8") as file:
+        return next(line.strip("# \n") for line in file if "canary" in line)
+
+
 def croissant(files: dict[str, bytes]) -> str:
     """Return Croissant metadata for the files, by name."""
     distribution, records = [], []
@@ -107,7 +114,7 @@ def croissant(files: dict[str, bytes]) -> str:
         records.append(mlc.RecordSet(id=table, name=table, fields=fields))
     metadata = mlc.Metadata(
         name="everyday",
-        description=ABOUT,
+        description=f"{ABOUT} {canary()}",
         license=["https://creativecommons.org/publicdomain/zero/1.0/"],
         url="https://creativecommons.org/publicdomain/zero/1.0/",
         version="2.0.0",

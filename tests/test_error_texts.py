@@ -50,13 +50,13 @@ a recipe of one ingredient | RecipeFileError: half.csv, line 2: 'flour' is the o
     it is combined with.
 a book without recipes | RecipeFileError: empty.csv has no recipe to keep (0 self results dropped).
 a book without its columns | RecipeFileError: wrong.csv, line 1: the header is 'a,b,c'; expected
-    'ingredient_a,ingredient_b,result'.
+    'ingredient_a,ingredient_b,result'; kind may follow.
 an unknown entity | UnknownEntityError: no entity 'bred' in kitchen. Did you mean 'bread'?
 an unknown kind of split | ConfigError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot,
-    by-goal, by-goal-terminals, none. Did you mean 'by-goal', 'by-goal-terminals'?
+    by-goal, by-goal-terminals, by-kind, none. Did you mean 'by-goal', 'by-goal-terminals'?
 a ratio outside its range | ConfigError: `train_ratio` 2: expected more than 0 and less than 1, such as 0.8.
-a graph too small to split | SplitError: the test part of a by-recipe split of 1 recipes is empty; choose another
-    `train_ratio`, or `kind` none for the full graph only.
+a graph too small to split | SplitError: the test part of a by-recipe split of 1 recipe in 1 group is empty; choose
+    another `train_ratio` or `valid_ratio`, or `kind` none for the full graph only.
 a damaged graph folder | ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name
     enclosed in double quotes). The graph folder is damaged; build it again.
 a graph folder that exists | OutputExistsError: 'graph' exists. Choose another `out`, or replace it with `force`.

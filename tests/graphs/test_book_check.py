@@ -149,7 +149,10 @@ MESSAGES = {
     "base": ("# base: a, idle\n# entities: idle\n" + HEADER + "a,a,b\n", "base entities that no recipe uses: idle"),
     "idle": ("# base: a\n# entities: z\n" + HEADER + "a,a,b\n", "listed, but in no recipe: z"),
     "duplicate": (HEADER.replace(",", ", ") + "a, b, c\na,b,c\n", "a + b -> c is listed 2 times"),  # cells as read
-    "header": ("a,a,b\na,b,c\n", "the header is 'a,a,b'; expected 'ingredient_a,ingredient_b,result'."),
+    "header": (
+        "a,a,b\na,b,c\n",
+        "the header is 'a,a,b'; expected 'ingredient_a,ingredient_b,result'; kind may follow.",
+    ),
     "directive": ("# base: a, \t\n" + HEADER + "a,a,b\n", "the label '' is blank; every entity needs a name."),
 }
 

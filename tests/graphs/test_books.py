@@ -12,7 +12,15 @@ import pytest
 
 from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
-from wordcraft_kg.graphs import RecipeGraph, fetch_book, known_books, layers, library, open_book
+from wordcraft_kg.graphs import (
+    RecipeGraph,
+    SplitConfig,
+    fetch_book,
+    known_books,
+    library,
+    make_split,
+    open_book,
+)
 from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, locate_book
 from wordcraft_kg.models.scorers.features import glove_features
 
@@ -98,16 +106,22 @@ def test_made_up_words_keep_the_graph_and_hide_the_words(home):
         word for label in twin.entities for word in label.split()
     }
     graph, other = map(RecipeGraph.from_book, (book, twin))
-    seen, hidden = (
-        Counter(zip(layers(one).tolist(), one.recipe_counts.tolist(), one.use_counts.tolist(), strict=True))
-        for one in (graph, other)
-    )
-    assert seen == hidden
-    assert len(other.base) == len(graph.base)
+    assert other.recipes.tolist() == graph.recipes.tolist()
+    assert other.base_ids.tolist() == graph.base_ids.tolist()
+    assert make_split(other, SplitConfig()).parts.tolist() == make_split(graph, SplitConfig()).parts.tolist()
     assert Counter(twin.kinds.values()) == Counter(book.kinds.values())
     assert not glove_features(twin.entities).known.any()
-    with pytest.raises(RecipeFileError, match="is made from another book"):
+    with pytest.raises(RecipeFileError, match="it is made from 'kitchen'; give that book"):
         locate_book("made-up:kitchen")
+
+
+def test_made_up_words_keep_blanks_and_names_keep_seeds(tmp_path):
+    path = tmp_path / "blanks.csv"
+    path.write_text("ingredient_a,ingredient_b,result\nblack hole,c,d\nblack  hole,c,e\n", encoding="utf-8")
+    book, twin = open_book(path), open_book(f"made-up-7:{path}")
+    assert RecipeGraph.from_book(twin).recipes.tolist() == RecipeGraph.from_book(book).recipes.tolist()
+    assert twin.name == "made-up-7-blanks"
+    assert hash(twin) != hash(book)
 
 
 TABLE = "ingredient_a,ingredient_b,result\na,b,c\n"

@@ -30,6 +30,13 @@ def test_folds_partition_the_train_recipes_and_keep_together_what_the_split_keep
         assert len(np.unique(folds.of_recipe[train & (groups == group)])) == 1
 
 
+def test_kinds_that_cannot_be_left_out_are_refused():
+    graph = open_graph("kitchen").graph
+    graph.kinds = tuple("ab"[row % 2] for row in range(graph.num_recipes))
+    with pytest.raises(ConfigError, match="by-kind split keeps all train recipes together"):
+        make_folds(make_split(graph, SplitConfig("by-kind", train_ratio=0.5)), 3)
+
+
 def test_a_fold_is_unseen_and_nothing_else_of_train_is():
     split = open_graph("kitchen").split
     folds = make_folds(split, 4)

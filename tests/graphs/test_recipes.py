@@ -157,6 +157,8 @@ def test_a_fourth_column_names_kinds(read):
     ("name", "text", "says"),
     [
         ("book.csv", KINDS + "a,b,c,\x01\n", "line 2: the label '\\\\x01' holds a tab"),
+        ("book.csv", KINDS + "a,b,c,d\nb,a,c,e\n", "line 3: a . b -> c has the kind 'e' here, and 'd' above"),
+        ("book.csv", "ingredient_a,ingredient_b,result,type\na,b,c,d\n", "; kind may follow"),
         ("book.csv", TABLE + "a,b,c,d\n", "line 2: 'a,b,c,d' has 3 ingredients"),
         (
             "book.json",

@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, SplitError
-from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split
+from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, groups_of, read_split
 from wordcraft_kg.graphs.triples import RELATIONS
 
@@ -227,7 +227,9 @@ def test_a_setting_outside_its_range_is_refused(name, value):
 @pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal"])
 def test_a_graph_too_small_for_the_ratios_is_refused(kind):
     graph = RecipeGraph.from_recipes([("a", "b", "c")])
-    with pytest.raises(SplitError, match=rf"the test part of a {kind} split of 1 recipes is empty; .*`kind` none"):
+    with pytest.raises(
+        SplitError, match=rf"the test part of a {kind} split of 1 recipe in 1 group is empty; .*`kind` none"
+    ):
         make_split(graph, SplitConfig(kind))
 
 
@@ -277,3 +279,11 @@ def test_by_kind_holds_out_whole_kinds(graph, config):
 def test_by_kind_needs_a_book_with_kinds(kitchen):
     with pytest.raises(SplitError, match="names no kinds of recipes"):
         make_split(kitchen, SplitConfig("by-kind"))
+
+
+def test_the_hash_of_a_split_by_kind_covers_the_kinds():
+    graphs = [open_graph("everyday").graph for _ in range(2)]
+    graphs[1].kinds = graphs[1].kinds[::-1]
+    parts = np.zeros(graphs[0].num_recipes, dtype=np.int8)
+    hashes = {Split(graph, SplitConfig("by-kind"), Draw(parts)).hash for graph in graphs}
+    assert len(hashes) == 2

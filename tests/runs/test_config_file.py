@@ -130,3 +130,14 @@ def test_runs_and_models_have_folders_of_their_own_names():
     assert rotate.default_folder("everyday") == Path("models/everyday-rotate-full")
     assert AgentConfig("g").default_folder("everyday") == Path("runs/everyday-no-kg")
     assert AgentConfig("g", "models/cx").default_folder("everyday") == Path("runs/everyday-cx")
+
+
+def test_the_file_of_a_made_up_book_stays_found_from_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("book.csv").write_text("")
+    Path("run").mkdir()
+    write_config(Path("run"), "train-agent", {"graph": "made-up-7:book.csv"})
+    assert read_config(Path("run"))[1]["graph"] == "made-up-7:book.csv"
+    Path("below").mkdir()
+    monkeypatch.chdir("below")
+    assert read_config(Path("../run"))[1]["graph"] == "made-up-7:../book.csv"

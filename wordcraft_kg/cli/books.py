@@ -65,6 +65,7 @@ def _text(view: "BookList") -> Iterator[str]:
         sizes = ["" if size is None else f"{size:,}" for size in (book.entities, book.recipes)]
         rows.append((book.name, book.origin, *(f"{size:>8}" for size in sizes), f"{place}{note}".lstrip()))
     yield from aligned(rows)
+    yield "with invented words: made-up:BOOK, such as made-up:everyday; made-up-3:BOOK with seed 3"
     yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({view.data_folder or 'not set'})"
 
 

@@ -188,9 +188,10 @@ class Table:
             if fault is not None:
                 yield fault
         if not number or self._is_header(line):
+            self._has_kinds = line.rstrip().endswith(KIND)
             return
         expected = self._delimiter.join(CSV_HEADER) + "'" + " separated by tabs" * (self._delimiter == "\t")
-        yield Fault(number, "header", f"the header is '{line.strip()[:80]}'; expected '{expected}.")
+        yield Fault(number, "header", f"the header is '{line.strip()[:80]}'; expected '{expected}; {KIND} may follow.")
         # A misspelt header is not a recipe, unlike a recipe in the header's place.
         is_header = sum(cell.strip() in CSV_HEADER for cell in line.split(self._delimiter)) >= 2 or line[0] == "#"
         if not is_header and (row := self._read(number, line)) is not None:
@@ -200,7 +201,6 @@ class Table:
         if CSV_HEADER[0] not in line[:_MAX_LINE_LENGTH]:
             return False
         header = tuple(map(str.strip, line.rstrip("\r\n").split(self._delimiter)))
-        self._has_kinds |= header == (*CSV_HEADER, KIND)
         return header in (CSV_HEADER, (*CSV_HEADER, KIND))
 
     def _read_directive(self, number: int, line: str) -> Fault | None:
@@ -236,7 +236,9 @@ class Table:
             return Fault(number, "label", fault)
         row = self._labels(number, cells)
         if kind and not isinstance(row, Fault):
-            self.kinds[Recipe.of(*row[1])] = kind
+            recipe = Recipe.of(*row[1])
+            if self.kinds.setdefault(recipe, kind) != kind:
+                return Fault(number, "row", f"{recipe} has the kind '{kind}' here, and '{self.kinds[recipe]}' above.")
         return row
 
     def _labels(self, number: int, cells: list[str]) -> Row | Fault:
@@ -324,7 +326,8 @@ def _kinds(kinds: Any, recipes: list[Sequence[str]], where: str) -> dict[Recipe,
         return {}
     if not isinstance(kinds, list) or len(kinds) != len(recipes):
         raise RecipeFileError(f'{where} is {shown(kinds)}; expected a list with a kind, or "", for each recipe.')
-    return {Recipe.of(*row): check_label(kind, where) for row, kind in zip(recipes, kinds, strict=True) if kind != ""}
+    rows = enumerate(zip(recipes, kinds, strict=True))
+    return {Recipe.of(*row): check_label(kind, f"{where}[{index}]") for index, (row, kind) in rows if kind != ""}
 
 
 def _load_json(path: Path, text: str) -> Any:

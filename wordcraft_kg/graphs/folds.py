@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import GraphMismatchError
+from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.settings import refuse, whole
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.splits import Split, groups_of
@@ -120,6 +120,11 @@ def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     whole("folds", count, 2)
     rows = np.flatnonzero(split.is_in("train"))
     groups, group_of_row = np.unique(groups_of(split.graph, split.config.kind)[rows], return_inverse=True)
+    if len(groups) < 2:
+        raise ConfigError(
+            f"the {split.config.kind} split keeps all train recipes together, so none can be left out; choose "
+            "another split, or a larger `train_ratio`."
+        )
     if count > len(groups):
         raise refuse(
             "folds",

@@ -24,7 +24,8 @@ DATA_VARIABLE = "WORDCRAFT_KG_DATA"
 """Environment variable for the data folder, which holds the user's recipe books."""
 ENDINGS = (".csv", ".tsv", ".json")
 _BUILT_IN = Path(__file__).parent / "books"
-_MADE_UP = re.compile(rf"{PREFIX}(?:-(\d{{1,9}}))?:(.+)")
+MADE_UP = re.compile(rf"{PREFIX}(?:-(\d+))?:(.+)")
+"""Name of a book with invented words; groups: the seed, and the name or file of the original book."""
 _SILENCE = 30  # seconds without a byte from the server
 _DEADLINE = 300  # seconds for the whole download
 _MAX_BYTES = 64 * 2**20
@@ -105,8 +106,8 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
         RecipeFileError: for an unknown book, a book to download first, or a changed published book.
     """
     path = Path(name_or_path)
-    if _MADE_UP.fullmatch(str(name_or_path)):
-        raise RecipeFileError(f"'{name_or_path}' is made from another book; check or show that book instead.")
+    if made_up := MADE_UP.fullmatch(str(name_or_path)):
+        raise RecipeFileError(f"'{name_or_path}' has no file, because it is made from '{made_up[2]}'; give that book.")
     if path.is_file() or (path / "graph.json").is_file():
         return LocatedBook(path)
     books = {book.name: book for book in known_books()}
@@ -143,7 +144,7 @@ def open_book(
         >>> len(open_book("kitchen").recipes)
         326
     """
-    if made_up := _MADE_UP.fullmatch(str(name_or_path)):
+    if made_up := MADE_UP.fullmatch(str(name_or_path)):
         book = open_book(made_up[2], keep_self_results=keep_self_results, single_ingredient=single_ingredient)
         return with_made_up_words(book, int(made_up[1] or 0))
     located = locate_book(name_or_path)

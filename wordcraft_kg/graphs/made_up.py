@@ -1,5 +1,6 @@
 """Recipe books with made-up words: the same recipes without the meaning of words, a control for memorised words."""
 
+import re
 from dataclasses import replace
 from hashlib import sha256
 
@@ -16,28 +17,28 @@ _ENDS = ["k", "l", "m", "n", "p", "r", "t", "x"]
 def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
     """Return a copy of a book in which each word of the labels is replaced by an invented, pronounceable word.
 
-    A word gets the same replacement in all labels, so that the last words of "cake" and "birthday cake" stay equal. No
+    A word gets the same replacement in all labels, so that the last words of "cake" and "birthday cake" stay equal. The
+    invented words have the alphabetical order of the words, so that entity ids, splits and tasks stay the same. No
     invented word is a word of the book. Kinds of recipes and base entities stay.
 
     Example:
         >>> print(with_made_up_words(open_book("kitchen")).recipes[0])
-        banglidrel + brekgekret -> zumdraran
+        betgegil + lenkrodim -> siksevan
     """
     words = sorted({word for label in book.entities for word in label.split()})
-    rng, taken, invented = np.random.default_rng(seed), set(words), {}
-    for word in words:
-        while (new := _word(rng)) in taken:
-            pass
-        taken.add(new)
-        invented[word] = new
+    digest = sha256("\n".join(words).encode()).digest()  # so that two books do not share invented words
+    rng, invented = np.random.default_rng([seed, *digest]), set[str]()
+    while len(invented) < len(words):
+        invented |= {_word(rng)} - set(words)
+    replacement = dict(zip(words, sorted(invented), strict=True))
 
     def renamed(label: str) -> str:
-        return " ".join(invented[word] for word in label.split())
+        return re.sub(r"\S+", lambda word: replacement[word[0]], label)
 
     recipe_of = {recipe: Recipe.of(*map(renamed, recipe)) for recipe in book.recipes}
     return replace(
         book,
-        name=f"{PREFIX}-{book.name}",
+        name=f"{PREFIX}-{seed}-{book.name}" if seed else f"{PREFIX}-{book.name}",
         recipes=tuple(sorted(recipe_of.values())),
         base=None if book.base is None else tuple(sorted(map(renamed, book.base))),
         idle=tuple(sorted(map(renamed, book.idle))),

@@ -55,7 +55,7 @@ class RecipeBook:
     dropped_self_results: int = 0
     merged_duplicates: int = 0
     sha256: str | None = None
-    kinds: Mapping[Recipe, str] = field(default_factory=dict)
+    kinds: Mapping[Recipe, str] = field(default_factory=dict, hash=False)
 
     @classmethod
     def of(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import one_of, require, whole
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
@@ -165,8 +166,9 @@ class Split:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 hash of the graph, the settings and each recipe's part."""
-        head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage])
+        """SHA-256 hash of the graph, the settings and each recipe's part; by kind, also of each recipe's kind."""
+        kinds = [self.graph.kinds] if self.config.kind == "by-kind" else []
+        head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage, *kinds])
         return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
     def to_json(self) -> Iterator[str]:
@@ -205,9 +207,11 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     needed = ["train", "test", *(["valid"] if config.valid_ratio else [])]
     empty = [part for part in needed if not np.any(draw.parts == PARTS.index(part))]
     if empty and config.kind != "none":
+        groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
+        recipes = counted(graph.num_recipes, "recipe")
         raise SplitError(
-            f"the {empty[0]} part of a {config.kind} split of {graph.num_recipes} recipes is empty; "
-            "choose another `train_ratio`, or `kind` none for the full graph only."
+            f"the {empty[0]} part of a {config.kind} split of {recipes} in {groups} is empty; "
+            "choose another `train_ratio` or `valid_ratio`, or `kind` none for the full graph only."
         )
     return split
 

@@ -15,6 +15,7 @@ from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.records import as_record
+from wordcraft_kg.graphs.library import MADE_UP
 
 CONFIG_FILE = "config.toml"
 T = TypeVar("T")
@@ -105,13 +106,20 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> Non
     """
 
     def relative(path: str) -> str:
-        return os.path.relpath(path, folder) if os.path.exists(path) else path
+        twin, path = _twin_of(path)
+        return twin + (os.path.relpath(path, folder) if os.path.exists(path) else path)
 
     lines = (f"{key} = {toml_value(value)}" for key, value in moved(settings, relative).items() if value is not None)
     text = "\n".join([f"[{command}]", *lines]) + "\n"
     path = folder / CONFIG_FILE
     if not path.is_file() or path.read_bytes() != text.encode():
         write_atomically(path, text, durable=True)
+
+
+def _twin_of(source: str) -> tuple[str, str]:
+    """Split ``made-up:book.csv``, a book with invented words, into the prefix and the book; other paths have none."""
+    made_up = MADE_UP.fullmatch(source)
+    return (source[: made_up.start(2)], made_up[2]) if made_up else ("", source)
 
 
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
@@ -122,7 +130,8 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """
 
     def from_here(path: str) -> str:
-        return os.path.normpath(folder / path) if os.path.exists(folder / path) else path
+        twin, path = _twin_of(path)
+        return twin + (os.path.normpath(folder / path) if os.path.exists(folder / path) else path)
 
     path = folder / CONFIG_FILE
     try:

@@ -92,9 +92,9 @@ def make_graph(task: Task, root: Path, book: str) -> None:
     folder = task.folder(root)
     recipes = open_book(book)
     graph = RecipeGraph.from_book(recipes)
-    if graph.hash != task.settings["graph"]:
-        raise ArtefactError(f"the book '{book}' has changed since the study was planned; repeat the command.")
     split = make_split(graph, SplitConfig(**task.settings["split"]))
+    if graph.hash != task.settings["graph"] or split.hash != task.settings.get("split_hash", split.hash):
+        raise ArtefactError(f"the book '{book}' has changed since the study was planned; repeat the command.")
     write_graph_folder(folder, recipes, split, force=True)
     write_figures(folder, Figures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")}))
 

@@ -148,6 +148,8 @@ class _Planner:
                     "and a large enough book."
                 )
             described = {"graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
+            if split.config.kind == "by-kind":  # depends on kinds, which are not part of the graph's hash
+                described["split_hash"] = split.hash
             task = Task(
                 "graphs",
                 _versioned("graphs", described),

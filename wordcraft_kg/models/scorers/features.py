@@ -174,7 +174,7 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
         f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. Unknown words: {words}"
         + (f" and {more:,} more. " if more > 0 else ". ")
         + (
-            "Use vectors for the labels' language."
+            "Use vectors for the labels' language, or one-hot, without words."
             if missing == size
             else f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use different vectors, or `allow_missing` for "
             "zeros."

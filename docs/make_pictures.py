@@ -1,6 +1,6 @@
-"""Takes the pictures of docs/explorer.md and docs/people.md; needs Chromium and Playwright.
+"""Takes the pictures of the guides to reports, the explorer and human studies; needs Chromium and Playwright.
 
-make site && python docs/make_pictures.py site/everyday
+make site demo && python docs/make_pictures.py site/everyday demo
 """
 
 import argparse
@@ -21,6 +21,11 @@ PICTURES = {
     "explorer-episode": ("episode", 900),
 }
 """Page of the static site, or folder whose first page it is, and height of each picture."""
+REPORTS = {
+    "link_report": ("models/everyday-partial/report/index.html", 1390),
+    "agent_report": ("reports/agents/index.html", 1810),
+}
+"""Report of the demo, and height of each picture."""
 STUDY = ("people", "serve", "everyday", "--tasks", "20", "--port", "0", "--no-browser", "--json")
 
 
@@ -30,6 +35,16 @@ def of_the_site(browser: Browser, site: Path) -> None:
         path = site / page
         tab = browser.new_page(viewport={"width": WIDTH, "height": height})
         tab.goto((path if path.is_file() else min(path.iterdir())).as_uri())
+        tab.wait_for_timeout(500)
+        tab.screenshot(path=IMAGES / f"{name}.png")
+        tab.close()
+
+
+def of_reports(browser: Browser, demo: Path) -> None:
+    """Take pictures of the demo's reports."""
+    for name, (page, height) in REPORTS.items():
+        tab = browser.new_page(viewport={"width": 1060, "height": height})
+        tab.goto((demo / page).as_uri())
         tab.wait_for_timeout(500)
         tab.screenshot(path=IMAGES / f"{name}.png")
         tab.close()
@@ -55,10 +70,12 @@ def main() -> None:
     """Take all pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("site", type=Path)
-    site = parser.parse_args().site.resolve()
+    parser.add_argument("demo", type=Path)
+    given = parser.parse_args()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        of_the_site(browser, site)
+        of_the_site(browser, given.site.resolve())
+        of_reports(browser, given.demo.resolve())
         of_a_study(browser)
         browser.close()
 

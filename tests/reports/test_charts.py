@@ -195,7 +195,7 @@ def test_long_names_have_room_and_very_long_ones_are_cut():
     long, longer = "random embeddings, dim 50", "random embeddings of 50 dimensions, 8 distractors"
     root = drawn({"a": straight(0.9), long: straight(0.7), longer: straight(0.5)}, percent=False)
     labels = end_labels(root)
-    assert list(labels) == ["a", long, "random embeddings of 50 dim…"]
+    assert list(labels) == ["a", long, "random embeddings of 50 dimensi…"]
     for text, (x, _) in labels.items():
         assert x + 6 * len(text) <= WIDTH
     assert of_text(root, "series-2")[0].find("title").text == longer

@@ -24,7 +24,7 @@ LEFT, _RIGHT, TOP, BOTTOM = 46, 12, 12, 42
 _LINE_HEIGHT = 13
 LETTER, SMALL_LETTER = 6.3, 5.5
 """Mean letter widths in pixels, for usual (11 px) and small text."""
-_LONGEST_NAME = 28
+_LONGEST_NAME = 32
 """Most letters in a name; a shortened name's tooltip is complete."""
 ABOVE = 28
 """Margin above the axes, for a title or a legend."""

@@ -211,7 +211,7 @@ def test_a_line_of_twenty_megabytes_is_refused_in_a_short_message(run, out, home
 
 def test_a_book_too_small_to_split_is_refused_and_says_how_to_go_on(not_built, run, book, home):
     path = book("tiny.csv", TABLE + "a,b,c\n")
-    not_built(path, says="the test part of a by-recipe split of 1 recipes is empty")
+    not_built(path, says="the test part of a by-recipe split of 1 recipe in 1 group is empty")
     assert run("build-graph", path, "--split", "none", "--out", home / "tiny").code == 0
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 from urllib.parse import quote
@@ -44,8 +45,10 @@ class Content:
         if self.part == "full":
             return graph
         is_train = split.is_in("train")
-        kept = graph.recipes[is_train if self.part == "partial" else ~is_train]
-        return RecipeGraph(graph.entities, kept, graph.base_ids, graph.name)
+        kept = is_train if self.part == "partial" else ~is_train
+        exported = RecipeGraph(graph.entities, graph.recipes[kept], graph.base_ids, graph.name)
+        exported.kinds = None if graph.kinds is None else tuple(compress(graph.kinds, kept))
+        return exported
 
     @property
     def triples(self) -> Ids:
@@ -93,9 +96,10 @@ def _book(ending: str) -> Callable[[Content, Path], None]:
         graph = content.graph
         recipes = graph.recipe_labels()
         book = RecipeBook.of(graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True)
-        whole = content.opened.graph
-        kinds = dict(zip(whole.recipe_labels(), whole.kinds or (), strict=False))
-        book = replace(book, kinds={recipe: kinds[recipe] for recipe in recipes if kinds.get(recipe)})
+        if graph.kinds is not None:
+            book = replace(
+                book, kinds={recipe: kind for recipe, kind in zip(recipes, graph.kinds, strict=True) if kind}
+            )
         staged = path.with_name("book" + ending)
         write_book(book, staged)
         staged.rename(path)

@@ -73,11 +73,13 @@ class SplitKind:
     """A method for splitting recipes: ``draw`` assigns recipes to parts.
 
     ``groups`` returns each recipe's group number, shape (num_recipes,). All recipes of a group are in the same part.
+    ``uses_kinds``: the split depends on the kinds of recipes, which the graph's hash leaves out.
     """
 
     draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw]
     groups: Callable[[RecipeGraph], Ids]
     about: str
+    uses_kinds: bool = False
 
 
 class Split:
@@ -166,8 +168,8 @@ class Split:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 hash of the graph, the settings and each recipe's part; by kind, also of each recipe's kind."""
-        kinds = [self.graph.kinds] if self.config.kind == "by-kind" else []
+        """SHA-256 hash of the graph, the settings and each recipe's part, and kinds if the split uses them."""
+        kinds = [self.graph.kinds] if SPLITS[self.config.kind].uses_kinds else []
         head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage, *kinds])
         return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
@@ -367,7 +369,7 @@ SPLITS = {
     "by-slot": SplitKind(_by_slot, _slots, "the ingredients of each result are held out"),
     "by-goal": SplitKind(_by_goal, _goals, "goals are held out"),
     "by-goal-terminals": SplitKind(_by_goal_terminals, _goals, "goals that nothing needs stay in train"),
-    "by-kind": SplitKind(_by_kind, _kinds, "kinds of reasoning are held out; the book names them"),
+    "by-kind": SplitKind(_by_kind, _kinds, "kinds of reasoning are held out; the book names them", uses_kinds=True),
     "none": SplitKind(_none, _PAIRS, "full graph only"),
 }
 """Methods of splitting recipes, by name."""

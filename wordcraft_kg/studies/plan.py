@@ -13,7 +13,7 @@ from wordcraft_kg.base.settings import MAX_THREADS, nearest, one_of, refuse, who
 from wordcraft_kg.graphs.folder import default_split
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, make_split
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
@@ -148,7 +148,7 @@ class _Planner:
                     "and a large enough book."
                 )
             described = {"graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
-            if split.config.kind == "by-kind":  # depends on kinds, which are not part of the graph's hash
+            if SPLITS[split.config.kind].uses_kinds:
                 described["split_hash"] = split.hash
             task = Task(
                 "graphs",

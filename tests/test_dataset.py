@@ -1,24 +1,16 @@
 """The dataset folder data/everyday belongs to the book of the package, and its metadata are valid Croissant."""
 
 import csv
-import importlib.util
+import runpy
 from pathlib import Path
 
 import mlcroissant
-import pytest
 
 from wordcraft_kg.graphs import Recipe, RecipeGraph, open_book
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "data/everyday"
-
-
-@pytest.fixture(scope="module")
-def maker():
-    spec = importlib.util.spec_from_file_location("make_everyday", ROOT / "data/make_everyday.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+MAKER = runpy.run_path(str(ROOT / "data/make_everyday.py"))
 
 
 def rows_of(name):
@@ -26,17 +18,17 @@ def rows_of(name):
         return list(csv.DictReader(file))
 
 
-def test_the_generated_files_are_those_of_the_book(maker, monkeypatch):
+def test_the_generated_files_are_those_of_the_book(monkeypatch):
     monkeypatch.setattr("sys.argv", ["make_everyday.py", "--check"])
-    assert maker.main() == 0
+    assert MAKER["main"]() == 0
     kinds = open_book("everyday").kinds
     recipes = {Recipe(row["ingredient_a"], row["ingredient_b"], row["result"]): row for row in rows_of("recipes.csv")}
     assert {recipe: row["kind"] for recipe, row in recipes.items()} == kinds
 
 
-def test_votes_ranks_are_those_of_counting(maker):
+def test_votes_ranks_are_those_of_counting():
     graph = RecipeGraph.from_book(open_book("kitchen"))
-    rows = graph.recipes.tolist()
+    rows, ranks = graph.recipes.tolist(), MAKER["votes_ranks"](graph)
     for index in range(0, len(rows), 30):
         a, b, result = rows[index]
         votes = [
@@ -45,7 +37,7 @@ def test_votes_ranks_are_those_of_counting(maker):
         ]
         own = votes[result]
         expected = sum(count > own for count in votes) + (sum(count == own for count in votes) + 1) / 2
-        assert maker.votes_ranks(graph)[index] == expected
+        assert ranks[index] == expected
 
 
 def test_croissant_metadata_are_valid_and_their_records_can_be_read():

@@ -1,10 +1,11 @@
 """Knowledge folders: what a source outside the book says about pairs of entities, as tables and triples."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import msgspec
 import safetensors.torch
 import torch
 from torch import Tensor
@@ -76,8 +77,8 @@ class Knowledge:
                 result[rows[:, None], rows] = table[columns[:, None], columns]
             return result
 
-        record = KnowledgeRecord(**{**_fields(self.record), "entities": tuple(entities)})
-        return replace(self, record=record, tables=tuple(map(moved, self.tables)))
+        record = msgspec.structs.replace(self.record, entities=tuple(entities))
+        return Knowledge(record, tuple(map(moved, self.tables)))
 
     def coverage(self, entities: Sequence[str]) -> float:
         """Return the share of labels that the source describes: labels with a cell other than 0."""
@@ -91,10 +92,6 @@ class Knowledge:
             if is_known
         }
         return sum(label in known for label in entities) / max(len(entities), 1)
-
-
-def _fields(record: Record) -> dict[str, object]:
-    return {name: getattr(record, name) for name in record.__struct_fields__}
 
 
 def write_knowledge(

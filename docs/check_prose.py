@@ -26,7 +26,7 @@ WORDS = {
 LIMITS = {"of": 30.0, "what-": 1.5, "pronouns": 12.0, "told": 0.5, "is no": 0.4}
 EXCEPTIONS: dict[tuple[str, str], tuple[float, str]] = {
     ("prompts", "pronouns"): (15, "the rule 'combine an item with itself' occurs in several prompts"),
-    ("prompts", "is no"): (2, "two plain sentences, such as 'There is no goal item.', among about 1,000 words"),
+    ("prompts", "is no"): (2.2, "two plain sentences, such as 'There is no goal item.', among about 1,000 words"),
 }
 """Other limits: kind of text and rate, limit and reason."""
 NAMES = ("found", "there", "asked", "told", "said", "beside", "judged")
@@ -36,7 +36,6 @@ PROMPTS = (
     "wordcraft_kg/envs/words.py",
     "wordcraft_kg/apps/text_agents/knowledge.py",
     "wordcraft_kg/apps/text_agents/mcp_server.py",
-    "wordcraft_kg/apps/elicitation/prompts.py",
 )
 """Modules whose strings language models read; people read the templates of ``apps/people``."""
 

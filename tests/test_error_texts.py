@@ -75,14 +75,14 @@ a choice with a nearest one | ConfigError: `mixing` 'fre': expected one of softm
 patience without validation | ConfigError: `patience` counts validations; give `eval_every` too, such as 5.
 settings of a scorer without one | ConfigError: `use` configures the use of a scorer: give a `scorer` too.
 no model of this name | ArtefactError: 'models/none' does not exist; expected a model folder from train-complex,
-    train-links, train-recipes or elicit.
+    train-links or train-recipes.
 a graph where a model is expected | ArtefactError: 'graph' is a graph folder; expected a model folder from
-    train-complex, train-links, train-recipes or elicit.
+    train-complex, train-links or train-recipes.
 a model of another graph | GraphMismatchError: model was trained on graph 43fe37e2e912 (80 entities) but
     'paper-examples' is 8e9614822341 (93). Train on this graph, or use the training graph.
 a model folder that exists | OutputExistsError: 'model' exists. Choose another `out`, or replace it with `force`.
 a scorer that cannot be used so | ConfigError: `use` w needs recipe scores, and this scorer only has link scores. Use
-    a scorer from `wordcraft-kg train-recipes` or `wordcraft-kg elicit`, or leave out w.
+    a scorer from `wordcraft-kg train-recipes`, or leave out w.
 a query that cannot be parsed | UnknownEntityError: no relation 'and'; expected combinesWith or componentOf.
 an unknown setting of a study | ConfigError: study.toml: unknown setting 'settings.bok'. Did you mean 'book'?
 a study without variants | ConfigError: study.toml: Object missing required field 'variants'.

@@ -5,6 +5,7 @@ from pykeen.pipeline import pipeline
 from quick import SMALL
 
 from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.pykeen_import import from_pykeen
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
@@ -37,6 +38,21 @@ def test_links_commands_take_it(printed, name, run, models, tmp_path):
     assert compared["models"][1]["difference"] < 0  # an epoch teaches DistMult nothing
     options = ("--scorer", models / name, "--distractor-seeds", 1, "--distractors", 1)
     assert run("evaluate-agent", "kitchen", *options).code == 0
+
+
+def test_a_scorer_that_has_seen_no_recipe_is_compared_with_baselines_of_the_train_recipes(printed, models, tmp_path):
+    opened = open_graph("kitchen")
+    scorer = NeighbourScorer(opened.graph, opened.split.partial)
+    folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")
+    assert "no recipe from the graph" in (folder / "README.md").read_text()
+    model = open_model(folder)
+    assert (model.kg, len(model.triples), len(model.train_sample.recipes)) == ("none", 0, 0)
+    report = printed("evaluate-links", folder)
+    assert not report["has_seen_the_test_recipes"]
+    assert 0 < report["baselines"]["frequency"]["all"] < 1
+    page = (folder / "report/index.html").read_text()
+    assert "trained on no recipe" in page
+    assert "none knowledge graph" not in page
 
 
 def test_an_agent_can_be_guided_by_it_explained_and_compared(run, models, tmp_path):

@@ -26,7 +26,7 @@ GIVEN = {
     **dict.fromkeys(("attempts", "top"), "3"),
     **dict.fromkeys(("limit", "runs"), "2"),
     **{"model folder": "in/model", "sessions folder": "in/session/human.jsonl"},
-    **{"agent": "trained", "batch_size": "16", "device": "cpu", "endpoint": "http://127.0.0.1:9/v1"},
+    **{"agent": "trained", "batch_size": "16", "device": "cpu"},
     **{"features": "random", "format": "tsv", "mcp transport": "http", "model": "distmult", "player": "cat"},
     **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
     "people summary sessions folder": "in/study",

@@ -172,9 +172,9 @@ def test_other_bytes_than_the_pinned_ones_are_not_kept(home, published, server):
     server(b"<html>not found</html>")
     with pytest.raises(FetchError, match=rf"expected {published.sha256[:12]}…; not kept\. Or place the file by hand"):
         fetch_book(NAME)
-    assert not cache_folder("books").exists()
-    cache_folder("books").mkdir(parents=True)
-    earlier = cache_folder("books") / "alchemy2.json"
+    assert not cache_folder().exists()
+    cache_folder().mkdir(parents=True)
+    earlier = cache_folder() / "alchemy2.json"
     earlier.write_bytes(b"mine")
     server(b"<html>not found</html>")
     with pytest.raises(FetchError, match="not kept"):
@@ -199,9 +199,9 @@ def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, s
     message = str(caught.value)
     assert f"could not download '{NAME}'" in message
     assert reason in message
-    assert f"save {published.url} as {cache_folder('books') / 'alchemy2.json'}" in message
+    assert f"save {published.url} as {cache_folder() / 'alchemy2.json'}" in message
     assert DATA_VARIABLE in message
-    assert not cache_folder("books").exists()
+    assert not cache_folder().exists()
 
 
 @pytest.mark.parametrize(

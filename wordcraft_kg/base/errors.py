@@ -94,9 +94,5 @@ class FetchError(WordCraftKGError, OSError):
     """A published recipe book could not be downloaded, or the download differs from the expected file."""
 
 
-class EndpointError(WordCraftKGError, ConnectionError):
-    """A language model's server refuses a request or does not answer; the message names the saved answers."""
-
-
 class MissingExtraError(WordCraftKGError, ImportError):
     """An optional dependency is missing; the message names the extra (package group) to install."""

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 
 from wordcraft_kg.base.errors import MissingExtraError
 
-PACKAGES = {"explore": ("starlette", "uvicorn"), "mcp": ("mcp",), "elicit": ("openai",)}
+PACKAGES = {"explore": ("starlette", "uvicorn"), "mcp": ("mcp",)}
 """Import names: the packages that each extra installs."""
 
 

@@ -40,7 +40,7 @@ def books(
     Args:
         fetch: book to download into the cache; the SHA-256 is checked.
         show_cache: list the cache folders with sizes.
-        clear_cache: remove downloaded books and language models' answers; PyKEEN's folder is kept.
+        clear_cache: remove downloaded books; PyKEEN's folder is kept.
     """
     if (fetch is not None) + (show_cache or clear_cache) > 1:
         raise ConfigError("`fetch` cannot be combined with the cache options; leave out either.")
@@ -77,8 +77,7 @@ def _cache(clear: bool, output: Output) -> None:
     if clear:
         clear_cache()
     places = {
-        "fetched recipe books": cache_folder("books"),
-        "answers of language models": cache_folder("elicited"),
+        "fetched recipe books": cache_folder(),
         PYKEEN: Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data") / "pykeen",
     }
     folders: list[dict[str, Any]] = []

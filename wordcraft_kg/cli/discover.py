@@ -39,7 +39,7 @@ def discover(
         runs: runs for each player.
         players: comma-separated: random, random-no-repeat, greedy, empowerment (greedy and empowerment know the graph),
             empowerment-scorer (guided by --scorer). Default: all; empowerment-scorer only with --scorer.
-        scorer: model folder, written by train-complex, train-links, train-recipes or elicit on this graph.
+        scorer: model folder, written by train-complex, train-links or train-recipes on this graph.
         base: comma-separated entities known at the start. Default: the graph's base. People begin with air, earth,
             fire and water.
         seed: root seed.

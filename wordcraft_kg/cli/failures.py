@@ -19,7 +19,6 @@ from wordcraft_kg.cli.console import Output
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
 """Option names by Python setting name, where the two differ."""
 RENAMED = {
-    "ask-opinions": "elicit",
     "baselines": "evaluate-agent",
     "cache": "books --cache",
     "compare-agents": "compare",

@@ -62,7 +62,7 @@ def view_books() -> BookList:
         for size in [_size(book)]
     )
     folder = data_folder()
-    return BookList(books, str(cache_folder("books")), None if folder is None else str(folder))
+    return BookList(books, str(cache_folder()), None if folder is None else str(folder))
 
 
 def _size(book: KnownBook) -> tuple[int, int] | None:

@@ -61,7 +61,7 @@ class RankedLinks:
 
     @property
     def observed(self) -> Ids:
-        """Triples that the scorer takes as true, shape (T, 3): its training triples, or elicited triples."""
+        """Triples that the scorer takes as true, shape (T, 3): by default its training triples."""
         observed: Ids | None = getattr(self.scorer, "observed", None)
         return self.trained_on if observed is None else observed
 

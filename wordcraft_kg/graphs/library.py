@@ -90,7 +90,7 @@ def data_folder() -> Path | None:
 def known_books() -> list[KnownBook]:
     """Return all recipe books with a name; for a repeated name, the book that :func:`open_book` opens."""
     books: dict[str, KnownBook] = {}
-    for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder("books")), ("data folder", data_folder())):
+    for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder()), ("data folder", data_folder())):
         for path in _books_in(folder):
             name = next((name for name, book in FETCHABLE.items() if book.file_name == path.name), path.stem)
             books.setdefault(name, KnownBook(name, origin, path))
@@ -166,7 +166,7 @@ def fetch_book(name: str) -> Path:
         raise FetchError(
             f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}"
         )
-    target = cache_folder("books") / book.file_name
+    target = cache_folder() / book.file_name
     if target.is_file() and sha256_of(target) == book.sha256:
         return target
     by_hand = f"Or place the file by hand: save {book.url} as {target}, or into the folder that {DATA_VARIABLE} names."

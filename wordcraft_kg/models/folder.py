@@ -32,7 +32,7 @@ MODELS: Registry[Callable[[RunFiles], History]] = Registry(
 def open_model(folder: str | Path, graph: str | None = None) -> Model:
     """Open a model folder: scorer, training graph and history.
 
-    A training command, ``elicit`` or ``save_scorer`` writes the folder; ``graph`` is the training graph's new path, if
+    A training command or ``save_scorer`` writes the folder; ``graph`` is the training graph's new path, if
     moved.
 
     Raises:

@@ -167,11 +167,6 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
             "Baseline without training: follow the links of entities with the same neighbours in the training graph.",
         ),
         "random": ("random order", "Baseline: the expected metric of a random ranking, computed exactly."),
-        "elicited": (
-            "elicited knowledge",
-            "Pairs that a language model names as recipes of an entity. Pairs named early have larger weights. No "
-            "recipe of the graph is used.",
-        ),
         "evaluated": (
             "evaluated",
             "Ranked against all entities on the test triples, and reported with an interval and baselines.",

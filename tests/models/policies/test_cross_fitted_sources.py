@@ -308,7 +308,10 @@ def test_an_agent_with_a_scorer_that_has_seen_no_recipe_is_not_warned_of_memory(
     folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")
     trainer = ImpalaConfig(steps=64, batch_size=32, eval_every=0)
     train_agent(AgentConfig("kitchen", str(folder), policy=PolicyConfig(**SMALL), trainer=trainer), tmp_path / "run")
-    assert "in-sample" not in caplog.text + (tmp_path / "run/README.md").read_text()
+    card = (tmp_path / "run/README.md").read_text()
+    assert "in-sample" not in caplog.text + card
+    assert "a scorer not trained on recipes" in card
+    assert "knowledge graph mixed" not in card
 
 
 def test_in_sample_needs_a_scorer():

@@ -29,7 +29,7 @@ class PolicyConfig:
         embedding_size: dimensions for learned features; by default as many as GloVe has.
         use: knowledge sources to mix in, comma-separated: u (combinesWith score with the selection), v (componentOf
             score with the goal), w (recipe score with the selection, or without a selection with the best partner on
-            the table; needs a scorer from train-recipes or elicit).
+            the table; needs a scorer from train-recipes).
         kg_only: mix only the sources' scores, without attention logits.
         mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This and the next three
             defaults were chosen on validation tasks, see docs/agents.md.

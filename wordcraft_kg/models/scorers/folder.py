@@ -35,7 +35,7 @@ OF_RECIPE = "of_recipe"
 """Tensor with folds by recipe."""
 TRAIN_RESULTS = "train_results"
 """Tensor with the train sample's results; absent for unchanged train recipes."""
-MODEL = "a model folder from train-complex, train-links, train-recipes or elicit"
+MODEL = "a model folder from train-complex, train-links or train-recipes"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models", {kind.kind: kind for kind in (ComplExScorer, FactorsScorer, TableScorer, RecipeScorer)}
@@ -56,7 +56,7 @@ class Vocabulary(Record, frozen=True, kw_only=True):
 def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu") -> Scorer:
     """Load a scorer from a model folder.
 
-    A training command, ``elicit`` or ``save_scorer`` writes the folder. If given, ``graph`` must be the scorer's graph.
+    A training command or ``save_scorer`` writes the folder. If given, ``graph`` must be the scorer's graph.
     The result is a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer if the folder has folds.
 
     Raises:

@@ -9,7 +9,6 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import lazily_zero, with_prefix
 from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source, check_constants
-from wordcraft_kg.models.policies.sources.weighted import BestWeighted, WeightedRecipes
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, FEATURES, RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -35,8 +34,7 @@ class BestRecipe(FoldedSource):
     """The source w, ``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)``.
 
     Slot i, selection s and goal g form a recipe; j runs over the table. S is a recipe score in nats, so w needs no
-    common scale. Scorers with a weighted recipe list use
-    :class:`~wordcraft_kg.models.policies.sources.weighted.BestWeighted`.
+    common scale.
 
     Attributes:
         knowledge: arrays and networks that compute S; for cross-fitted scorers K + 1 models, on all folds and without
@@ -52,14 +50,12 @@ class BestRecipe(FoldedSource):
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
-    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe | BestWeighted":  # noqa: D102 - inherited
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "BestRecipe":  # noqa: D102 - inherited
         whole = whole_of(scorer)
-        if isinstance(whole, WeightedRecipes):
-            return BestWeighted.of_scorer(whole, view)
         if not isinstance(whole, RecipeScorer):
             raise ConfigError(
                 "`use` w needs recipe scores, and this scorer only has link scores. Use a scorer from "
-                "`wordcraft-kg train-recipes` or `wordcraft-kg elicit`, or leave out w."
+                "`wordcraft-kg train-recipes`, or leave out w."
             )
         size, folded = len(scorer.entities), folds_of(scorer)
         if folded is None:
@@ -77,12 +73,10 @@ class BestRecipe(FoldedSource):
     @staticmethod
     def serves(scorer: TripleScorer) -> bool:
         """Return whether a scorer has recipe scores, which this source needs."""
-        return isinstance(whole_of(scorer), RecipeScorer | WeightedRecipes)
+        return isinstance(whole_of(scorer), RecipeScorer)
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Source:  # noqa: D102 - inherited
-        if "keys" in constants:
-            return BestWeighted.restored(num_entities, constants)
         knowledge = with_prefix(constants, "knowledge.")
         models = (cls.num_folds(constants) or 0) + 1
         check_constants(knowledge, _LAYOUTS, N=num_entities + 1, models=models, F=len(FEATURES), two=2, three=3)
@@ -92,8 +86,6 @@ class BestRecipe(FoldedSource):
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
-        if isinstance(whole_of(scorer), WeightedRecipes):
-            return 0  # a few numbers per recipe
         return 16 * (len(scorer.entities) + 1) ** 2
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited

@@ -218,25 +218,6 @@ def test_figures_begin_anew_each_time_and_are_none_where_no_episode_ended(traine
     assert impala.take_figures()["loss"] == 0
 
 
-@pytest.mark.parametrize("lag", [0, 1, 3])
-def test_the_actor_has_the_weights_of_exactly_so_many_updates_before(trainer, monkeypatch, lag):
-    impala = trainer(policy_lag=lag)
-    used, collect = [], impala._collect
-
-    def spy(weights):
-        used.append([tensor.clone() for tensor in weights.values()])
-        return collect(weights)
-
-    monkeypatch.setattr(impala, "_collect", spy)
-    history = []
-    for _ in range(8):
-        history.append([tensor.detach().clone() for tensor in impala.policy.weights().values()])
-        impala.update()
-    for number, weights in enumerate(used):
-        matches = [past for past, other in enumerate(history) if all(map(torch.equal, weights, other))]
-        assert matches == [max(0, number - lag)]
-
-
 def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
     impala = trainer(policy={"embedding_size": 40})
     count = 10_000

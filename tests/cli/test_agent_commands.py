@@ -60,33 +60,6 @@ def test_the_oracle_makes_every_goal_chance_few_and_the_scorer_alone_plays_too(p
     assert scorer["scores"]
 
 
-def test_explain_splits_every_logit_into_what_the_sources_contributed(printed, world):
-    episodes = printed("explain", world / "guided", "--episodes", 4)["episodes"]
-    assert len(episodes) == 4
-    steps = [step for episode in episodes for step in episode["steps"]]
-    assert {step["selection"] is None for step in steps} == {True, False}
-    for step in steps:
-        assert step["lambdas"].keys() == {"alpha", "u", "v"}
-        assert sum(slot["probability"] for slot in step["slots"]) == pytest.approx(1, abs=1e-9)
-        assert max(step["slots"], key=lambda slot: slot["logit"])["entity"] == step["action"]
-        for slot in step["slots"]:
-            assert sum(slot["contributions"].values()) == pytest.approx(slot["logit"], abs=1e-6)
-            for name, value in slot["sources"].items():
-                assert slot["contributions"][name] == pytest.approx(value * step["lambdas"][name], abs=1e-9)
-            assert step["selection"] is not None or slot["sources"]["u"] == 0
-
-
-def test_explained_episodes_end_as_the_evaluation_says(printed, world):
-    agent = world / "plain/seed-0"
-    rows = [json.loads(line) for line in (agent / "episodes.jsonl").read_text().splitlines()]
-    terminations = {(row["goal"], tuple(row["start"])): row["terminations"][0] for row in rows if row["part"] == "test"}
-    episodes = printed("explain", agent, "--episodes", 5_000)["episodes"]
-    assert len(episodes) == len(terminations)  # no more episodes than tasks
-    for episode in episodes:
-        termination = terminations[episode["goal"], tuple(episode["start"])]
-        assert (episode["outcome"] == "goal") == (termination == "goal")
-
-
 def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):
     goal = printed("explain", world / "plain/seed-0", "--episodes", 1)["episodes"][0]["goal"]
     episodes = printed("explain", world / "plain/seed-0", "--goal", goal, "--episodes", 3)["episodes"]

@@ -69,14 +69,6 @@ def test_two_picks_make_an_attempt_and_all_results_come_to_the_table(world):
     assert seen["selection"] == env.world.nothing
 
 
-def test_nothing_is_used_up_and_nothing_lies_there_twice(world):
-    env = posed(world, "brick", ["earth", "water"], depth=2, num_distractors=0, max_attempts=4)
-    pick(env, "earth", "water")
-    seen, *_ = pick(env, "earth", "water")
-    assert labels_on(env, seen) == ["earth", "water", "clay", "mud"]
-    assert pick(env, "mud", "mud")[1] == 1
-
-
 def test_the_last_attempt_ends_the_episode_and_is_seen_coming(world):
     env = posed(world, "glass", ["sand", "sun", "earth"], max_attempts=2)
     assert pick(env, "sand", "earth")[0]["attempts_left"] == 1

@@ -210,17 +210,6 @@ def test_pages_fit_any_split(tmp_path: Path, kind: str, part: str):
         assert look(explored, PAGES[name].state()).page
 
 
-def test_recipes_of_one_ingredient_are_tasks_like_others(tmp_path: Path):
-    rows = [("a", "a", "b"), ("b", "b", "c"), ("c", "c", "d"), ("d", "d", "e")]
-    explored = explored_of(RecipeBook.of("chain", rows), SplitConfig("none"), tmp_path, distractors=2)
-    rows = view_of(explored, Tasks()).table.rows
-    assert [(row.goal, row.start) for row in rows] == [("b", ("a",)), ("c", ("b",)), ("d", ("c",)), ("e", ("d",))]
-    state = Episode(goal="c", table=("b",))
-    episode = view_of(explored, state).episode.first.episode
-    assert ([step.action for step in episode.steps], episode.outcome) == (["b", "b"], "goal")
-    assert "b + b → c" in look(explored, state).text
-
-
 def lines_of(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
 

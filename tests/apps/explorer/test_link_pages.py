@@ -133,10 +133,6 @@ def test_reasons_stand_below_their_rows(explored: Explored):
     assert [attributes for tag, attributes in shown.tags if tag == "tr"].count({"class": "why"}) == 10
 
 
-def test_an_entity_may_be_paired_with_itself(kernel: LinkPredictor):
-    assert view_by(kernel, Pair("bread", "bread")).link.status in ("itself", "held out", "learned")
-
-
 def test_the_headline_of_predictions_is_on_the_page(explored: Explored):
     for name in explored.models:
         metrics = view_of(explored, Predictions(model=name, part="test")).metrics
@@ -211,16 +207,6 @@ def test_too_few_unseen_triples_leave_no_headline(of_recipes: OfRecipes):
     explored = Explored(predictor.model.opened, {"model": predictor, "again": predictor})
     assert view_of(explored, Compare()).headline is None
     assert "No headline: only" in look(explored, Compare()).text
-
-
-def test_many_recipes_of_an_entity_are_on_pages_of_their_own():
-    explored = explored_graph([("hub", f"part {i:04}", f"thing {i:04}") for i in range(600)])
-    page = look(explored, Entity("hub"))
-    assert "12 of 600 shown" in page.text
-    assert len(page.page.encode()) < 100 * 1024
-    assert PAGES["recipes"].address(Recipes("hub")) in page.links
-    assert "501 to 600 of 600 recipes" in look(explored, Recipes("hub", page=6)).text
-    assert set(PAGES["recipes"].states(explored)) == {Recipes("hub", page=page) for page in range(1, 7)}
 
 
 def test_ranks_are_made_once_however_many_ask(

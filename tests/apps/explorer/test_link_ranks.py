@@ -170,12 +170,6 @@ def test_a_model_of_the_full_graph_has_learned_every_row(all_seeing: LinkPredict
     assert view_link_ranks(ranked, UNSEEN).queries == ()
 
 
-def test_a_book_without_a_split_has_no_unseen_rows(of_recipes: Callable[..., LinkPredictor]):
-    ranked = rank_graph(of_recipes([("a", "b", "c"), ("b", "c", "d"), ("a", "d", "e")], kind="none"))
-    assert view_link_ranks(ranked, RankFilter(known="all")).learned == 2 * ranked.sample.others > 0
-    assert view_link_ranks(ranked, UNSEEN).metrics.queries == 0
-
-
 def test_two_models_are_compared_query_by_query(ranked: RankedTriples, by_kernel: RankedTriples):
     found = view_compared_ranks(ranked, by_kernel, UNSEEN)
     one, other = (

@@ -74,15 +74,6 @@ def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours: Lin
     assert compared > 20
 
 
-def test_a_model_of_the_full_graph_has_learned_all_that_is_true(all_seeing: LinkPredictor):
-    slot = all_seeing.slot(all_seeing.graph.id_of("water"), COMBINES_WITH, "tail")
-    assert ((slot.part != NEW) == slot.learned).all()
-    found = all_seeing.best(slot)
-    assert (found.truth, found.true_unlearned) == ((), 0)
-    assert found.true_learned > 5
-    assert {row.known for row in found.best} == {"new"}
-
-
 @pytest.mark.parametrize(
     ("known", "learned", "is_itself", "status"),
     [
@@ -176,10 +167,3 @@ def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours: LinkPr
             or (relation == COMPONENT_OF and head in (a, b) and tail == c)
         ]
         assert recipes_giving(graph, head, relation, tail).tolist() == expected
-
-
-def test_a_book_without_a_split_has_nothing_held_out(of_recipes: Callable[..., LinkPredictor]):
-    predictor = of_recipes([("a", "b", "c"), ("a", "c", "d"), ("b", "d", "e")], kind="none")
-    found = predictor.best(predictor.slot(0, COMBINES_WITH, "tail"), with_learned=True)
-    assert (found.true_unlearned, found.true_learned) == (0, 2)
-    assert {row.status for row in found.best} == {"learned", "not in the book", "itself"}

@@ -104,14 +104,6 @@ def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol: Hum
     assert summed(session(protocol, ""), session(protocol, "")).sessions == 2
 
 
-def test_a_torn_session_and_no_session_are_refused(protocol: HumanProtocol):
-    with pytest.raises(ArtefactError, match="torn"):
-        summed(replace(session(protocol, "1"), torn=3))
-    for nothing in ({}, {Path("study"): ()}):
-        with pytest.raises(ConfigError, match="at least one"):
-            view_people(nothing)
-
-
 @pytest.fixture(scope="module")
 def agent(recipes_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> OpenedAgent:
     """A little trained agent of the kitchen, whose scorer is cross-fitted."""

@@ -205,23 +205,6 @@ def test_the_export_has_a_line_for_each_answer_and_the_study_stays(summary: Run,
         assert "--export" in refused(summary(*wrong))
 
 
-def test_answers_can_be_exported_while_they_come_in(summary: Run, tmp_path: Path):
-    with served(tmp_path / "study") as (_, address):
-        code = begin(address)
-        answer(address, code, 0)
-        assert "answers: 1, people: 1" in summary(tmp_path / "study", "--export", tmp_path / "one.jsonl").out
-        answer(address, code, 1)
-        assert "of 2 correct" in summary(tmp_path / "study").out
-
-
-@pytest.mark.parametrize("options", [["--export", "out"], []])
-def test_a_folder_that_is_no_study_is_named(summary: Run, tmp_path: Path, monkeypatch, options: list[str]):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "empty").mkdir()
-    assert "'empty' is an empty folder; expected the folder" in refused(summary("empty", *options), "ArtefactError")
-    assert not Path("out").exists()
-
-
 def test_the_summary_of_a_study_is_by_condition_with_its_people(summary: Run, begun: Path):
     values = json.loads(summary(begun, "--json").out)
     assert (values["graph"], values["sessions"], values["finished"]) == ("kitchen", 4, 1)

@@ -163,12 +163,6 @@ def test_numbers_of_folds_that_cannot_be_are_refused(kind, settings):
         kind(**settings)
 
 
-def test_more_folds_than_pairs_are_refused_before_anything_is_written(opened_kitchen, tmp_path):
-    with refuses("folds"):
-        train(opened_kitchen, replace(SHORT, folds=5_000), tmp_path / "model")
-    assert not (tmp_path / "model").exists()
-
-
 def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, monkeypatch):
     monkeypatch.setattr(cross_fitting, "TABLE_LIMIT", 2**18)
     with refuses("folds"):

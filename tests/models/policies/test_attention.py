@@ -65,38 +65,11 @@ def test_alpha_is_the_product_of_query_and_key_over_the_root_of_the_key_size(kin
     torch.testing.assert_close(alpha_of(attention, vectors, *state), torch.tensor(expected), atol=1e-4, rtol=1e-4)
 
 
-@pytest.mark.parametrize("size", [NUM_ENTITIES, ABOVE])
-def test_one_hot_vectors_attend_as_the_rows_of_an_identity_matrix(size: int):
-    attention, state = attention_of(size), states(size)
-    one_hot = alpha_of(attention, EntityVectors(size), *state)
-    torch.testing.assert_close(one_hot, alpha_of(attention, EntityVectors(size, torch.eye(size)), *state))
-    assert one_hot.abs().max() > 0.1
-
-
 @pytest.mark.parametrize(("dim", "is_folded"), [(5, True), (FOLD_LIMIT, True), (ABOVE, False)])
 def test_keys_are_folded_into_the_query_up_to_the_limit(dim: int, is_folded: bool):
     weights = attention_of(dim).weights()
     assert (len(weights) == 2) is is_folded
     assert weights["query"].shape == (2 * dim, dim if is_folded else KEY_SIZE)
-
-
-@pytest.mark.parametrize("kind", ["dense", "one-hot", "learned"])
-def test_folded_and_unfolded_keys_give_the_same_logits(kind: str, monkeypatch: pytest.MonkeyPatch):
-    vectors = VECTORS[kind]()
-    attention, state = attention_of(vectors.dim), states(NUM_ENTITIES)
-    folded = alpha_of(attention, vectors, *state)
-    monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", 0)
-    assert len(attention.weights()) == 3
-    torch.testing.assert_close(alpha_of(attention, vectors, *state), folded)
-
-
-def test_the_goal_and_the_selection_have_places_of_their_own_in_the_query():
-    vectors, attention = VECTORS["dense"](), attention_of(5)
-    table = torch.arange(NUM_ENTITIES)[None]
-    one = alpha_of(attention, vectors, torch.tensor([1]), torch.tensor([2]), table)
-    other = alpha_of(attention, vectors, torch.tensor([2]), torch.tensor([1]), table)
-    assert (one - other).abs().max() > 0.1
-    assert attention.key.bias is None  # it would shift all logits
 
 
 @any_vectors
@@ -160,22 +133,6 @@ def test_the_log_policy_is_the_log_of_the_softmax_with_slots_first(drawn: tuple[
     torch.testing.assert_close(found.exp(), masked_softmax(logits, mask).T)
 
 
-def slow_mixture(logits: Tensor, lambdas: Tensor, mask: Tensor) -> list[list[float]]:
-    """``β_i = Σ_s λ_s · source_s,i``, and -inf for empty slots."""
-    return [
-        [dot(row, [channel[i] for channel in channels]) if is_real else -math.inf for i, is_real in enumerate(slots)]
-        for row, channels, slots in zip(lambdas.tolist(), logits.tolist(), mask.tolist(), strict=True)
-    ]
-
-
-@pytest.mark.parametrize("num_sources", [1, 2, 3])
-def test_beta_is_the_sum_of_sources_weighted_by_lambda(num_sources: int):
-    logits, lambdas, mask = normal(5, num_sources, 4), normal(5, num_sources, seed=1), normal(5, 4, seed=2) < 0.3
-    found = mix_logits(logits, lambdas, mask)
-    assert torch.equal(found.isneginf(), ~mask)
-    torch.testing.assert_close(found, torch.tensor(slow_mixture(logits, lambdas, mask)))
-
-
 LARGE = st.floats(-(2.0**100), 2.0**100, width=32) | st.sampled_from([0.0, -1.0, 1e-45, -1e30, 1e30])
 
 
@@ -231,14 +188,6 @@ def test_learned_vectors_are_parameters_and_one_hot_ones_are_never_written_out()
     assert (one_hot.weights(), list(one_hot.parameters())) == ({}, [])
     assert (vectors.dim, vectors.is_one_hot) == (6, False)
     assert (one_hot.dim, one_hot.is_one_hot) == (NUM_ENTITIES, True)
-
-
-@pytest.mark.parametrize("kind", ["dense", "learned"])
-def test_the_vector_of_nothing_is_zero(kind: str):
-    vectors = VECTORS[kind]()
-    assert vectors.weights()["vectors"].shape == (NUM_ENTITIES + 1, 5)
-    assert not vectors.weights()["vectors"][NUM_ENTITIES].any()
-    assert vectors.weights()["vectors"][:NUM_ENTITIES].any(dim=1).all()
 
 
 def test_the_vector_of_nothing_is_still_zero_after_a_step_that_it_was_part_of():

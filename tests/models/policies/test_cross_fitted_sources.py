@@ -31,7 +31,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation, TaskObservation, VectorKGScoreObservation
 from wordcraft_kg.graphs import SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.folds import SEVERAL, make_folds
+from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
@@ -122,18 +122,6 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
         expected = expected_scores(opened, scorer, view, state, folds)
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
     assert (part == "test") == (state.task is None)
-
-
-def test_tasks_of_several_folds_are_scored_by_nothing(opened, scorer):
-    world = world_of(opened, depth=2)
-    of_several = [task for task, folds in enumerate(folds_of(world)) if len(folds) > 1]
-    assert of_several
-    folds = make_folds(opened.split, FOLDS)
-    assert np.flatnonzero(folds.of_tasks(world.tasks) == SEVERAL).tolist() == of_several
-    for source in make_sources(["u", "v"], scorer, tasks=world.tasks):
-        task = torch.tensor(of_several)
-        goal = torch.zeros_like(task)
-        assert not source(goal, goal + 1, goal[:, None] + torch.arange(5), task).any()
 
 
 def test_without_a_task_and_for_another_one_the_model_of_all_train_recipes_answers(opened, scorer):

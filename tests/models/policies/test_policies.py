@@ -185,13 +185,6 @@ def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind: str):
     assert max(expected) - min(expected) > 0.01
 
 
-def test_the_two_read_outs_of_the_value_are_the_softmax_of_alpha_and_alpha_itself():
-    state = states()
-    values = {kind: attention(value_readout=kind)(*state).value for kind in ("softmax", "logits")}
-    assert torch.equal(attention()(*state).value, values["softmax"])
-    assert not torch.allclose(values["softmax"], values["logits"], atol=1e-2)
-
-
 @pytest.mark.parametrize("kind", KNOWING)
 def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_table(kind: str):
     policy, state = KINDS[kind](), states()
@@ -298,30 +291,6 @@ def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind: str):
     assert not any(buffer.requires_grad for buffer in policy.buffers())
 
 
-@pytest.mark.parametrize("kind", ["attention to learned vectors", "scores only", "mlp on learned vectors"])
-def test_the_vector_of_nothing_stays_zero_while_others_are_learned(kind: str):
-    policy = KINDS[kind]()
-    before = policy.vectors.weights()["vectors"].detach()
-    logits, value, *_ = policy(*states())
-    (logits[logits.isfinite()].sum() + value.sum()).backward()
-    torch.optim.SGD(policy.parameters(), lr=0.1).step()
-    after = policy.vectors.weights()["vectors"].detach()
-    assert not after[NOTHING].any()
-    assert (after[:NOTHING] != before[:NOTHING]).any()
-
-
-@pytest.mark.parametrize("kind", ["attention", "all sources, free", "all sources, softmax", "mlp", "raw logits"])
-def test_one_hot_vectors_act_as_the_rows_of_an_identity_matrix(kind: str):
-    made = {
-        "attention": attention,
-        "all sources, free": lambda features: attention(features, knows=True),
-        "all sources, softmax": lambda features: attention(features, knows=True, mixing="softmax"),
-        "raw logits": lambda features: attention(features, value_readout="logits"),
-        "mlp": mlp,
-    }[kind]
-    same(*(made(features)(*states()) for features in ("one-hot", "identity")))
-
-
 @any_attention
 @settings(max_examples=15)
 @given(order=st.permutations(range(SLOTS)), seed=st.integers(0, 20))
@@ -342,20 +311,6 @@ def test_empty_slots_at_the_end_of_a_table_change_nothing(kind: str):
     assert wide.logits[:, SLOTS:].isneginf().all()
 
 
-@any_attention
-def test_a_table_of_one_slot_leaves_no_choice(kind: str):
-    policy = KINDS[kind]()
-    output = policy(torch.tensor([0]), torch.tensor([NOTHING]), torch.tensor([[3]]))
-    assert torch.softmax(output.logits, dim=1).item() == 1
-
-
-def test_without_a_scorer_nothing_is_mixed():
-    policy = attention()
-    output = policy(*states())
-    assert (policy.labels, output.sources, output.lambdas) == ((), None, None)
-    assert not any(name.startswith("mixture") for name in policy.state_dict())
-
-
 @pytest.mark.parametrize(("use", "scores"), [("u", ("u",)), ("v", ("v",)), ("u,v", ("u", "v")), ("v, u", ("u", "v"))])
 @pytest.mark.parametrize("kg_only", [False, True])
 def test_a_source_that_is_switched_off_takes_no_weight_unlike_in_the_released_code(use, scores, kg_only):
@@ -367,15 +322,6 @@ def test_a_source_that_is_switched_off_takes_no_weight_unlike_in_the_released_co
     assert output.sources.shape == (9, len(names), SLOTS)
     assert (output.lambdas > 0).all()
     torch.testing.assert_close(output.lambdas.sum(1), torch.ones(9))
-
-
-@pytest.mark.parametrize("use", ["u", "v"])
-def test_a_single_source_under_softmax_is_the_policy(use: str):
-    goal, selection, table = states()
-    output = attention(knows=True, use=use, kg_only=True, mixing="softmax")(goal, selection, table)
-    assert (output.lambdas == 1).all()
-    expected = make_sources([use], SCORER)[0](goal, selection, table)
-    assert torch.equal(output.logits, expected.masked_fill(table == NOTHING, -torch.inf))
 
 
 @pytest.mark.parametrize("kg_only", [False, True])
@@ -397,23 +343,11 @@ def test_free_coefficients_begin_at_about_one_for_every_source():
     assert policy.mixture[2].bias.tolist() == [1.0, 1.0, 1.0]
 
 
-def test_free_coefficients_may_be_negative_and_softmax_ones_may_not():
-    free, softmaxed = (attention(knows=True, mixing=mixing)(*states(60)).lambdas for mixing in ("free", "softmax"))
-    assert free.min() < 0
-    torch.testing.assert_close(softmaxed, torch.softmax(free, dim=1))
-
-
 @pytest.mark.parametrize("num_slots", [SLOTS - 1, SLOTS + 1])
 def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots: int):
     table = torch.zeros(2, num_slots, dtype=torch.int64)
     with pytest.raises(ConfigError, match=rf"tables have {num_slots} slots: this mlp was made for {SLOTS}"):
         mlp()(table[:, 0], table[:, 0], table)
-
-
-def test_the_mlp_depends_on_the_order_of_the_slots():
-    goal, selection, table = states()
-    plain, flipped = mlp()(goal, selection, table), mlp()(goal, selection, table.flip(1))
-    assert (plain.value - flipped.value).abs().max() > 0.01
 
 
 SIZES_OF = ("key_size", "value_size", "hidden_size", "embedding_size")

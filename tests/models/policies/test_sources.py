@@ -92,27 +92,6 @@ def test_u_and_v_are_the_scores_of_each_slot_with_the_selection_and_with_the_goa
     assert torch.equal(found, torch.tensor(slow_scores(names, *states())))
 
 
-@any_sources
-def test_every_row_of_a_batch_is_scored_with_its_own_selection_and_goal(names):
-    goal, selection, table = states()
-    knowledge = knowledge_of(names)
-    singles = [knowledge(goal[i : i + 1], selection[i : i + 1], table[i : i + 1]) for i in range(len(goal))]
-    batched = knowledge(goal, selection, table)
-    assert torch.equal(batched, torch.cat(singles))
-    tiled = torch.arange(table.numel()) % len(goal)  # the row whose selection and goal the official code would take
-    mixed_up = knowledge(goal[tiled], selection[tiled], table.view(-1, 1)).view(7, 4, -1).transpose(1, 2)
-    assert not torch.equal(batched, mixed_up)
-
-
-def test_nothing_selected_makes_u_exactly_zero_and_an_empty_slot_makes_both_zero():
-    goal, _, table = states()
-    u, v = knowledge_of(["u", "v"])(goal, torch.full_like(goal, NOTHING), table).unbind(1)
-    assert not u.any()
-    assert torch.equal(v != 0, table != NOTHING)
-    everything = torch.arange(SIZE)
-    assert not knowledge_of(["u", "v"])(everything, everything, torch.full((SIZE, 3), NOTHING)).any()
-
-
 @pytest.mark.parametrize("scale", ["standardise", "ranks", "none"])
 @pytest.mark.parametrize("self_edges", ["keep", "drop"])
 def test_a_policy_sees_exactly_the_scores_that_observations_show(kitchen: RecipeGraph, scale, self_edges):

@@ -63,13 +63,6 @@ def site(explored: Explored) -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(scope="session")
-def hostile_site(hostile: Explored) -> Iterator[str]:
-    """The site of the graph with hostile labels."""
-    with served(make_app(hostile)) as address:
-        yield address
-
-
 @dataclass
 class Opened:
     """Opens pages, and remembers console errors, failed requests, refused answers and dialogs."""

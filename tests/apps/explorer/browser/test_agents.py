@@ -78,30 +78,6 @@ def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_pa
             assert not page.locator("main img, main script").count()
 
 
-def test_a_word_that_is_no_entity_is_answered_with_the_nearest(open_page: OpenPage, site: str):
-    page = open_page()
-    answer = page.goto(f"{site}/episode?goal=bread&table=flouur&table=water")
-    assert answer.status == 404
-    assert "Did you mean 'flour'" in page.locator("main").inner_text()
-    open_page.complaints.clear()  # type: ignore[attr-defined]
-
-
-def test_tasks_are_filtered_and_lead_to_their_episodes(open_page: OpenPage, site: str):
-    page = open_page()
-    page.goto(f"{site}/tasks")
-    page.get_by_label("Part").select_option("train")
-    page.wait_for_url("**part=train*")
-    page.get_by_label("Solved").select_option("never")
-    page.wait_for_url("**success=never*")
-    goal = page.locator("tbody th").first.inner_text()
-    assert page.locator("tbody tr").first.locator("td").nth(2).inner_text() == "0 of 5 tables"
-    page.locator("tbody a", has_text="show").first.click()
-    assert goal in page.locator("h1").inner_text()
-    assert "goal not made" in page.locator("main").inner_text()
-    page.go_back()
-    assert page.get_by_label("Solved").input_value() == "never"
-
-
 def test_a_training_is_followed_and_agents_are_compared(
     open_page: OpenPage, kitchen_folder: Path, run_folder: Path, tmp_path: Path
 ):

@@ -225,19 +225,3 @@ def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page: OpenPage
             check()
             go_on(page)
     check()
-
-
-def test_several_people_at_once_in_browsers_of_their_own(chromium: Any, study: Served):
-    contexts = [chromium.new_context() for _ in range(3)]
-    pages = [context.new_page() for context in contexts]
-    for page in pages:
-        begin(page, study)
-    for _ in range(2):
-        for number, page in enumerate(pages):
-            pick(page, number, 4)
-            page.wait_for_url("**/feedback/*")
-            page.goto(f"{page.url.partition('/feedback')[0]}/task")
-    for context in contexts:
-        context.close()
-    assert [(line.session, line.number) for line in study.lines()] == [(s, n) for s in (1, 2, 3) for n in (1, 2)]
-    assert all(line.actions == (line.table[line.session - 1], line.table[4]) for line in study.lines())

@@ -241,12 +241,6 @@ def test_compare_links_prints_one_object_with_the_paired_difference(printed, run
     assert "has seen these triples" not in text
 
 
-def test_a_model_does_not_differ_from_itself(printed, run, trained):
-    values = printed("compare", trained / "one", trained / "one")["models"][1]
-    assert (values["difference"], values["difference_ci"], values["probability_better"]) == (0, [0, 0], 0.5)
-    assert "no difference is shown" in run("compare", trained / "one", trained / "one").out
-
-
 def test_models_of_one_name_are_told_apart_by_their_paths(printed, workshop):
     shutil.copytree(workshop / "two", workshop / "copies" / "one")
     paths = [workshop / "one", workshop / "copies" / "one"]

@@ -264,15 +264,6 @@ def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, path: Pat
     assert result.known[3] >= len(settings.base)
 
 
-def test_a_file_of_games_is_a_row_of_the_reference_table(run, kitchen: OpenedGraph, games: TaskGames, path: Path):
-    write(path, PlayedSettings.of(games.world, kitchen.split), all_tasks(games, "1 2"))
-    outcome = run("reference", "kitchen", "--distractors", "3", "--external-results", path)
-    success = read_games_result(path, kitchen).success
-    assert outcome.code == 0, outcome.err
-    (line,) = (line for line in outcome.out.splitlines() if "MCP clients" in line)
-    assert f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]" in line
-
-
 def test_figures_are_marked_if_look_ups_in_other_games_name_the_recipes(kitchen: OpenedGraph, path: Path):
     games = TaskGames(World(kitchen, WordCraftConfig(part="train", num_distractors=2)))
     write(path, PlayedSettings.of(games.world, kitchen.split, knowledge="partial"), all_tasks(games, "1 2"))

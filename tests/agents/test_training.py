@@ -199,12 +199,6 @@ def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_
             assert timed or value is None or (name, value, row["step"]) in written
 
 
-def test_an_unknown_option_in_a_run_s_settings_is_named(done, tmp_path):
-    (tmp_path / "config.toml").write_text((done / "config.toml").read_text() + "learning_rat = 1.0\n")
-    with pytest.raises(ArtefactError, match="unknown setting 'learning_rat'"):
-        AgentConfig.read(tmp_path)
-
-
 def test_a_missing_compiler_leaves_the_run_that_was_to_be_replaced(config, interrupted, monkeypatch):
     folder = interrupted()
     before = open_agent(folder)

@@ -239,6 +239,7 @@ def test_compare_links_prints_one_object_with_the_paired_difference(printed, run
     text = run(*command).out
     assert "2 seeds" in text
     assert "has seen these triples" not in text
+    assert "no difference is shown" in run("compare", trained / "one", trained / "one").out
 
 
 def test_models_of_one_name_are_told_apart_by_their_paths(printed, workshop):

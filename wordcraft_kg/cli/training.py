@@ -218,10 +218,13 @@ def _link_seed_rows(values: dict[int, Values]) -> Rows:
 
 
 def _recipe_rows(trained: "TrainedRecipes") -> Rows:
+    from wordcraft_kg.models.recipes.outside import describe_source
+
     metrics = trained.metrics
     return [
         ("fitted", f"{metrics.recipes:,} recipes ({metrics.kg} graph)"),
         *_learned_from(metrics),
+        *(("with", describe_source(source)) for source in metrics.outside),
         ("time", f"{metrics.seconds:.1f} s"),
         *_folds(metrics),
     ]

@@ -76,7 +76,8 @@ class RunConfig:
 def _flat(settings: Any) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name, value in ((field.name, getattr(settings, field.name)) for field in fields(settings)):
-        values |= _flat(value) if is_dataclass(value) else {name: value}
+        # A name that is a keyword of Python ends with an underscore.
+        values |= _flat(value) if is_dataclass(value) else {name.removesuffix("_"): value}
     return values
 
 
@@ -91,7 +92,7 @@ def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) ->
         else:
             default = () if field.default is MISSING else (field.default,)
             plain.append((field.name, hints[field.name], *default))
-    given = {name: settings.pop(name) for name, *_ in plain if name in settings}
+    given = {name: settings.pop(key) for name, *_ in plain if (key := name.removesuffix("_")) in settings}
     taken = as_record(given, defstruct(kind.__name__, plain, kw_only=True), path)
     try:
         return kind(**asdict(taken), **nested)
@@ -144,8 +145,10 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return settings with a function applied to all paths: ``graph``, ``scorer`` and a file in ``features``."""
+    """Return settings with a function applied to all paths: ``graph``, ``scorer``, ``with``, a file in ``features``."""
     result = dict(settings)
+    if isinstance(sources := result.get("with"), list | tuple):
+        result["with"] = [change(source) if isinstance(source, str) else source for source in sources]
     for key in ("graph", "scorer", "features"):
         value = result.get(key)
         if not isinstance(value, str):

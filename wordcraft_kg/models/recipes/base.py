@@ -1,6 +1,8 @@
 """Predictions computed from recipes without training, and link features for the rankers (small networks)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -74,15 +76,32 @@ class Base:
         return torch.from_numpy(self.recipes[:, number].copy())
 
 
-def link_features(base: Base) -> tuple[Tensor, Tensor]:
-    """Return F features, from the tables in ``base``, for all possible combinesWith and componentOf links.
+class LinkTables(NamedTuple):
+    """Further link features, equal in all folds: knowledge from outside the recipes.
+
+    Attributes:
+        pairs: tables for combinesWith, symmetric, shape (E, E) each.
+        parts: tables for componentOf, row = ingredient, shape (E, E) each.
+    """
+
+    pairs: Sequence[Tensor] = ()
+    parts: Sequence[Tensor] = ()
+
+
+NOTHING = LinkTables()
+
+
+def link_features(base: Base, outside: LinkTables = NOTHING) -> tuple[Tensor, Tensor]:
+    """Return F features, from the tables in ``base`` and ``outside``, for all combinesWith and componentOf links.
 
     Each tensor has shape (E, E, F), row = head; F depends on the relation.
     """
-    return torch.stack(_of_pairs(base), dim=-1), torch.stack(_of_parts(base), dim=-1)
+    pairs, parts = [*features_of_pairs(base), *outside.pairs], [*features_of_parts(base), *outside.parts]
+    return torch.stack(pairs, dim=-1), torch.stack(parts, dim=-1)
 
 
-def _of_pairs(base: Base) -> list[Tensor]:
+def features_of_pairs(base: Base) -> list[Tensor]:
+    """Return the combinesWith features from ``base``: symmetric tables of shape (E, E)."""
     combines, similar = base.combines, _to_others(base.structure)
     made = base.components.sum(0).log1p()
     degree = combines.sum(1).log1p()
@@ -105,7 +124,8 @@ def _of_pairs(base: Base) -> list[Tensor]:
     ]
 
 
-def _of_parts(base: Base) -> list[Tensor]:
+def features_of_parts(base: Base) -> list[Tensor]:
+    """Return the componentOf features from ``base``: tables of shape (E, E), row = ingredient."""
     components, similar, words = base.components, _to_others(base.structure), _to_others(base.words_like)
     used, made = components.sum(1).log1p(), components.sum(0).log1p()
     first, second, result = (base.column(number) for number in range(3))

@@ -22,6 +22,8 @@ class RecipeScorerConfig:
             graph a scorer without each fold gives out-of-sample scores.
         features: word vectors for entities: glove, a vector file as for agents, or one-hot to use no words.
         allow_missing: use zeros for any number of entities without a vector.
+        with_: knowledge from outside the train recipes: knowledge folders (elicit, import-knowledge), other books or
+            graph folders, and further word vectors.
         seed: root seed for rankers, `train_fraction` and `label_noise`.
         threads: CPU threads per fit.
 
@@ -39,6 +41,7 @@ class RecipeScorerConfig:
     folds: int = 5
     features: str = "glove"
     allow_missing: bool = False
+    with_: tuple[str, ...] = ()
     seed: int = 0
     threads: int = 1
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
-from wordcraft_kg.models.recipes.base import Base, link_features
+from wordcraft_kg.models.recipes.base import NOTHING, Base, LinkTables, link_features
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of, pairs_of
 
 HIDDEN = 32
@@ -126,6 +126,7 @@ def fit_recipe_scorer(
     folds: Folds,
     text: Tensor,
     *,
+    outside: LinkTables = NOTHING,
     left_out: Collection[int] = (),
     seed: int = 0,
     after: Callable[[], None] = lambda: None,
@@ -135,6 +136,7 @@ def fit_recipe_scorer(
     Args:
         folds: folds of train recipes, held out in turn.
         text: cosines between word vectors of entities, shape (E, E); zeros without words.
+        outside: knowledge from outside the recipes, as further link features; the same in all folds.
         left_out: numbers of folds that are not used at all.
         seed: seed for initial weights, and for the sampled tables with distractors.
         after: called after each fold; may raise to end the fit.
@@ -145,10 +147,12 @@ def fit_recipe_scorer(
     turns = [fold for fold in range(folds.count) if fold not in left_out]
     rng = np.random.default_rng([seed, *sorted(left_out)])
     generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
-    bases, rankers = fit_link_rankers(folds, text, left_out=left_out, rng=rng, generator=generator, after=after)
+    bases, rankers = fit_link_rankers(
+        folds, text, outside=outside, left_out=left_out, rng=rng, generator=generator, after=after
+    )
     whole = Base.of(folds.recipes(left_out), text)
     examples = [
-        pair_examples(knowledge_from(base, rankers), folds.recipes_of(fold), whole.recipes, rng)
+        pair_examples(knowledge_from(base, rankers, outside), folds.recipes_of(fold), whole.recipes, rng)
         for fold, base in zip(turns, bases, strict=True)
     ]
     features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
@@ -157,15 +161,16 @@ def fit_recipe_scorer(
     batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
     mean, scale = flat.mean(0), _scale(flat.std(0), flat.amax(0) - flat.amin(0))
     ranker = fit_ranker(batches, mean, scale, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator)
-    knowledge = knowledge_from(whole, rankers)
+    knowledge = knowledge_from(whole, rankers, outside)
     if scale[_MAKES].isinf():
         ranker = _with_known(ranker, knowledge, whole.recipes, ranker(flat).amax())
     return knowledge.with_ranker(vars(ranker)), rankers
 
 
-def knowledge_from(base: Base, rankers: LinkRankers) -> RecipeKnowledge:
+def knowledge_from(base: Base, rankers: LinkRankers, outside: LinkTables = NOTHING) -> RecipeKnowledge:
     """Compute the arrays for recipe features from pair tables and link rankers; the recipe ranker's weights are 0."""
-    links = tuple(_scored(ranker, features) for ranker, features in zip(rankers, link_features(base), strict=True))
+    features = link_features(base, outside)
+    links = tuple(_scored(ranker, rows) for ranker, rows in zip(rankers, features, strict=True))
     return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]))
 
 
@@ -193,6 +198,7 @@ def fit_link_rankers(
     folds: Folds,
     text: Tensor,
     *,
+    outside: LinkTables = NOTHING,
     left_out: Collection[int] = (),
     rng: np.random.Generator,
     generator: torch.Generator,
@@ -221,7 +227,7 @@ def fit_link_rankers(
         for fold, base in zip(turns, bases, strict=True)
     ]
     for base, new, unknown in (*queries, _unknown_entities(folds.recipes(left_out), bases[0].text, rng)):
-        for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base), strict=True):
+        for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base, outside), strict=True):
             cells = features.flatten(0, 1)
             moments[relation].append(cells[::7].clone())  # a view would keep the whole tensor
             spans[relation].append(cells.amax(0) - cells.amin(0))

@@ -100,6 +100,8 @@ def with_words(
         )
     RunFiles(folder, run).bytes(CONFIG_FILE)
     settings = RecipesConfig.read(folder).settings
+    if settings.with_:
+        raise unknown(labels[0], "A model with outside knowledge (`with`) scores only the graph's entities.")
     spec = FeatureSpec.parse(settings.features)
     if spec.prefix or spec.source in ("one-hot", "random"):
         words = "the words of other entities" if spec.prefix else "no words"

@@ -4,6 +4,7 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import KG
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.config import RecipesConfig
+from wordcraft_kg.models.recipes.outside import OutsideSource, describe_source
 from wordcraft_kg.runs.files import RunFiles
 
 
@@ -25,6 +26,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
         folds: number of cross-fitting folds.
         fold_mrr: out-of-sample mean reciprocal rank (MRR) on train triples, by the fold models, if any.
         fold_in_sample_mrr: in-sample MRR on the same triples, by the main model.
+        outside: sources of outside knowledge.
     """
 
     kg: KG
@@ -35,6 +37,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     folds: Count
     fold_mrr: Share | None
     fold_in_sample_mrr: Share | None
+    outside: tuple[OutsideSource, ...] = ()
 
 
 def recipes_history(files: RunFiles) -> History:
@@ -46,6 +49,8 @@ def recipes_history(files: RunFiles) -> History:
         "training": f"{metrics.seconds:.1f} s",
         "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items()),
     }
+    if metrics.outside:
+        facts["outside knowledge"] = "; ".join(map(describe_source, metrics.outside))
     if metrics.folds:
         facts["cross-fitted"] = cross_fitted_words(metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr)
     return History(config, facts, metrics)

@@ -23,8 +23,10 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import describe_train_sample, draw_train_sample, is_subsample
 from wordcraft_kg.graphs.triples import triples_hash
+from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
+from wordcraft_kg.models.recipes.outside import describe_source, open_outside
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features
@@ -129,6 +131,7 @@ class _Job:
     fold: int
     folds: Folds
     text: Tensor
+    outside: LinkTables
     settings: RecipeScorerConfig
 
     @property
@@ -149,7 +152,12 @@ class _Job:
 
         with _threads(self.settings.threads):
             knowledge, rankers = fit_recipe_scorer(
-                self.folds, self.text, left_out=self.left_out, seed=self.settings.seed, after=step
+                self.folds,
+                self.text,
+                outside=self.outside,
+                left_out=self.left_out,
+                seed=self.settings.seed,
+                after=step,
             )
         recipes = self.folds.recipes(self.left_out)
         _kept(self.folder).save(self.fold, scorer_tensors(knowledge, rankers, recipes), self.done)
@@ -166,22 +174,28 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     config_type = RecipesConfig
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
-        """Draw the cross-fitting folds and look up word vectors.
+        """Draw the cross-fitting folds, look up word vectors and open outside knowledge.
 
         Raises:
             ConfigError: if the settings do not fit the graph.
         """
         super().__init__(config, opened)
         self.folds = _folds(opened, config.settings)
-        self.text, self.features = _text(opened.graph, config.settings)
+        settings = config.settings
+        self.text, self.features = _text(opened.graph, settings)
+        with _threads(settings.threads):
+            self.outside = open_outside(settings.with_, opened, settings.features, allow_missing=settings.allow_missing)
 
     def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
-        settings, inputs = self.config.settings, {"features": self.features}
+        settings, inputs = self.config.settings, {"features": self.features, **self._outside_hashes()}
         if settings.kg == "partial":
             inputs["folds"] = self.folds.hash
         if is_subsample(settings.train_fraction, settings.label_noise):
             inputs["train_sample"] = self.folds.train_sample.hash
         return {"inputs": inputs}
+
+    def _outside_hashes(self) -> dict[str, str]:
+        return {f"with {source.name}": source.sha256 for source in self.outside.sources}
 
     def restored(self, run: RunFolder[FitDone]) -> None:
         """Return None in place of a checkpoint: a resumed run skips all saved fits."""
@@ -191,14 +205,17 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     ) -> TrainedRecipes:
         settings, folds = self.config.settings, self.folds
         if not run.is_live:
-            if self.features != run.record.inputs["features"]:
-                raise ArtefactError(
-                    f"`features` {settings.features} have changed since '{run.path}' began. Restore the vector file, "
-                    "or train again."
-                )
+            for name, sha256 in {"features": self.features, **self._outside_hashes()}.items():
+                if sha256 != run.record.inputs.get(name):
+                    raise ArtefactError(
+                        f"`{name}` has changed since '{run.path}' began. Restore the earlier files, or train again."
+                    )
             run.resume(self.config)
         began, is_partial = time.perf_counter(), settings.kg == "partial"
-        jobs = [_Job(run.path, number, folds, self.text, settings) for number in range(1 + folds.count * is_partial)]
+        jobs = [
+            _Job(run.path, number, folds, self.text, self.outside.tables, settings)
+            for number in range(1 + folds.count * is_partial)
+        ]
         kept = _kept(run.path)
         waiting = not_done(jobs, kept)
         total = len(jobs) * (settings.folds + 3)
@@ -246,6 +263,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             folds=record.count if record else 0,
             fold_mrr=record.mrr if record else None,
             fold_in_sample_mrr=record.in_sample_mrr if record else None,
+            outside=self.outside.sources,
         )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
         run.finish(outputs, _model_card(self.opened, self.config, metrics))
@@ -261,6 +279,7 @@ def _model_card(opened: OpenedGraph, config: RecipesConfig, metrics: RecipeMetri
     if metrics.kg == "full":
         seen = "all recipes, test recipes included: the scores show memory, not prediction."
     points = [f"{metrics.recipes:,} recipes; words: {config.settings.features}"]
+    points += [f"outside knowledge: {line}" for line in map(describe_source, metrics.outside)]
     if metrics.fold_mrr is not None:
         figures = f"MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
         points.append(f"{metrics.folds} folds: {figures}, on train triples")

@@ -1,0 +1,140 @@
+"""Outside knowledge: what enters a recipe scorer from other books, tables and words, and what must not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from link_helpers import random_graph, same_files
+
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, TableInfo, write_knowledge
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.outside import open_other_book, open_outside
+from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.runs.config_file import read_config
+
+SMALL = RecipeScorerConfig(folds=3, features="one-hot")
+
+
+def write_book(path: Path, recipes: list[tuple[str, str, str]]) -> str:
+    path.write_text("\n".join(["ingredient_a,ingredient_b,result", *map(",".join, recipes)]))
+    return str(path)
+
+
+def labelled(graph: RecipeGraph, rows: np.ndarray) -> list[tuple[str, str, str]]:
+    return [tuple(graph.entities[entity] for entity in row) for row in rows.tolist()]
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> OpenedGraph:
+    graph = random_graph(1, 12, 60)
+    book = write_book(tmp_path_factory.mktemp("book") / "mine.csv", labelled(graph, graph.recipes))
+    return open_graph(book, SplitConfig(seed=3))
+
+
+@pytest.fixture
+def knowledge(opened: OpenedGraph, tmp_path: Path) -> Path:
+    """A folder with a part table and a pair table, with labels in reverse order and one label missing."""
+    generator = torch.Generator().manual_seed(0)
+    part, pair = torch.randn(2, 11, 11, generator=generator).half()
+    infos = [TableInfo(name=role, role=role, phrase="") for role in ("part", "pair")]
+    record = KnowledgeRecord(source="oracle", entities=opened.graph.entities[:0:-1], tables=tuple(infos))
+    return write_knowledge(tmp_path / "tables", "test", Knowledge(record, (part, pair + pair.T)), inputs={}, files={})
+
+
+def test_recipes_of_both_books_stay_out_of_the_other_book(opened, tmp_path):
+    graph, held_out = opened.graph, labelled(opened.graph, opened.graph.recipes[~opened.split.is_in("train")])
+    new = [("sand", graph.entities[0], "sandcastle"), (graph.entities[1], "sand", graph.entities[2])]
+    without = open_outside([write_book(tmp_path / "other.csv", new)], opened, "one-hot")
+    # Shared recipes: in the other order, in other spelling, and train recipes, too.
+    shared = [(b.upper(), f"the {a}", result.title()) for a, b, result in held_out]
+    train = labelled(graph, opened.split.recipes("train"))[:5]
+    leaking = open_outside([write_book(tmp_path / "leak.csv", new + shared + train)], opened, "one-hot")
+    (source,) = leaking.sources
+    assert (source.recipes, source.left_out, source.left_out_test) == (2, len(held_out) + 5, len(held_out))
+    for tables, expected in zip(leaking.tables, without.tables, strict=True):
+        assert all(torch.equal(table, other) for table, other in zip(tables, expected, strict=True))
+    assert leaking.tables.parts[0].shape == (12, 12)
+
+
+def test_the_other_book_alone_decides_the_tables(opened, tmp_path):
+    graph = opened.graph
+    # Entities 3 and 4 make 5 in the other book only.
+    other = write_book(tmp_path / "other.csv", [(graph.entities[3], "sand", graph.entities[5])])
+    outside = open_outside([other], opened, "one-hot")
+    observed = outside.tables.parts[0]
+    assert observed[3, 5] > observed[3, 6]
+
+
+def test_reworded_test_recipes_are_counted(opened, tmp_path):
+    graph = opened.graph
+    a, b, result = labelled(graph, opened.split.recipes("test"))[0]
+    vectors = {label: np.eye(15)[row] for row, label in enumerate(graph.entities)}
+    vectors["synonym"] = vectors[result]
+    lines = [f"{label} {' '.join(map(str, vector))}" for label, vector in vectors.items()]
+    (tmp_path / "words.txt").write_text("\n".join(lines))
+    other = write_book(tmp_path / "other.csv", [(b, a, "synonym"), (a, a, "synonym")])
+    book, _ = open_other_book(other, opened, str(tmp_path / "words.txt"))
+    assert book.source.reworded == 1 + (a == b)
+
+
+def test_tables_are_found_by_label(opened, knowledge):
+    outside = open_outside([str(knowledge)], opened, "one-hot")
+    (part,), (pair,) = outside.tables.parts, outside.tables.pairs
+    assert not part[0].any()
+    assert not part[:, 0].any()
+    assert part[1, 2] != 0
+    assert torch.equal(pair, pair.T)
+    reversed_part = torch.flip(part[1:, 1:], (0, 1))
+    stored = torch.randn(2, 11, 11, generator=torch.Generator().manual_seed(0)).half()[0]
+    assert torch.equal(reversed_part.half(), stored)
+    assert outside.sources[0].coverage == pytest.approx(11 / 12)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda opened, folder: opened.source, "is the graph itself"),
+        (lambda opened, folder: str(folder / "nothing"), "expected a knowledge folder, a graph folder, a book or word"),
+        (
+            lambda opened, folder: write_book(folder / "same.csv", labelled(opened.graph, opened.graph.recipes[:9])),
+            "all 9",
+        ),
+    ],
+)
+def test_a_source_that_adds_nothing_is_an_error(opened, tmp_path, make, message):
+    with pytest.raises(ConfigError, match=message):
+        open_outside([make(opened, tmp_path)], opened, "one-hot")
+
+
+def test_tables_of_other_labels_are_an_error(opened, tmp_path):
+    record = KnowledgeRecord(
+        source="WordNet", entities=("x", "y"), tables=(TableInfo(name="t", role="part", phrase=""),)
+    )
+    folder = write_knowledge(tmp_path / "k", "test", Knowledge(record, (torch.ones(2, 2).half(),)), inputs={}, files={})
+    with pytest.raises(ConfigError, match="WordNet describes none of the 12 entities"):
+        open_outside([str(folder)], opened, "one-hot")
+
+
+def test_a_model_with_outside_knowledge_is_trained_and_found_again(opened, knowledge, tmp_path):
+    other = write_book(tmp_path / "other.csv", [("sand", opened.graph.entities[0], "sandcastle")])
+    settings = replace(SMALL, with_=(str(knowledge), other, "random"))
+    trained = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model")
+    assert [source.kind for source in trained.metrics.outside] == ["tables", "book", "words"]
+    _, written = read_config(trained.folder)
+    assert [Path(path).resolve() for path in written["with"][:2]] == [knowledge.resolve(), Path(other).resolve()]
+    assert same_files(trained.folder, train_recipes(RecipesConfig.read(trained.folder), tmp_path / "again").folder)
+    plain = train_recipes(RecipesConfig(opened.source, SMALL), tmp_path / "plain").folder
+    assert not same_files(trained.folder, plain)
+
+
+def test_damaged_tables_are_refused(opened, knowledge):
+    path = knowledge / "tables.safetensors"
+    path.write_bytes(path.read_bytes()[:-1] + b"\x01")
+    with pytest.raises(ArtefactError, match="damaged or was changed"):
+        open_outside([str(knowledge)], opened, "one-hot")

@@ -1,0 +1,224 @@
+"""Knowledge from outside the train recipes, as link features: tables of a source, another book, further word vectors.
+
+Outside knowledge is the same in all folds. Recipes that both books share are left out of the other book: a train recipe
+is in the train part already, and a test recipe must not be learned. So a held-out train recipe finds as little of
+itself in the other book as a test recipe does.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.base.feature_spec import FeatureSpec
+from wordcraft_kg.base.labels import LabelIndex
+from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, TABLES, knowledge_files, read_knowledge
+from wordcraft_kg.models.recipes.base import Base, LinkTables, features_of_pairs, features_of_parts
+from wordcraft_kg.models.scorers.config import check_dense
+from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
+from wordcraft_kg.models.scorers.kernel import cosines
+
+REWORDED = 0.7
+"""Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the three words."""
+
+
+class OutsideSource(Record, frozen=True, kw_only=True):
+    """A source of outside knowledge in a trained model.
+
+    Attributes:
+        name: the source's display name.
+        kind: ``tables`` of a knowledge folder, another ``book``, or ``words``.
+        sha256: hash of the tables, the other graph or the vectors.
+        coverage: share of the graph's entities that the source describes.
+        recipes: recipes of another book that are used.
+        left_out: recipes of another book that are also recipes of this graph, and not used.
+        left_out_test: those among them that are test or validation recipes of this split.
+        reworded: used recipes that reword a test or validation recipe by near-synonyms.
+    """
+
+    name: str
+    kind: Literal["tables", "book", "words"]
+    sha256: Hash
+    coverage: Share
+    recipes: Count = 0
+    left_out: Count = 0
+    left_out_test: Count = 0
+    reworded: Count = 0
+
+
+@dataclass(frozen=True, eq=False)
+class OutsideKnowledge:
+    """Link features from all sources of outside knowledge, and what is known of the sources."""
+
+    tables: LinkTables
+    sources: tuple[OutsideSource, ...]
+
+
+class OtherBook(NamedTuple):
+    """Another book's recipes over a joint vocabulary: this graph's E labels, then labels of the other book alone.
+
+    Attributes:
+        labels: U joint labels.
+        recipes: ids (n, 3) over the joint vocabulary, smaller ingredient first, without shared recipes.
+        source: counts of used and left-out recipes.
+    """
+
+    labels: tuple[str, ...]
+    recipes: Ids
+    source: OutsideSource
+
+
+def open_outside(
+    specs: Sequence[str], opened: OpenedGraph, features: str, *, allow_missing: bool = False
+) -> OutsideKnowledge:
+    """Open sources of outside knowledge for a graph's entities.
+
+    Args:
+        specs: knowledge folders, graph folders or books, and specifications of word vectors.
+        opened: graph and split; the split decides which shared recipes are counted as test recipes.
+        features: word vectors by which another book's recipes are compared, see :func:`make_features`.
+        allow_missing: use zeros for any number of labels without a vector.
+
+    Raises:
+        ConfigError: if a source describes none of the entities, is the graph itself, or lacks word vectors.
+        ArtefactError: if a folder is incomplete or damaged.
+    """
+    pairs, parts, sources = list[Tensor](), list[Tensor](), list[OutsideSource]()
+    for spec in specs:
+        if (Path(spec) / KNOWLEDGE).is_file():
+            tables, source = _of_folder(spec, opened)
+        elif _is_words(spec):
+            tables, source = _of_words(spec, opened, allow_missing)
+        else:
+            tables, source = _of_book(spec, opened, features, allow_missing)
+        pairs += tables.pairs
+        parts += tables.parts
+        sources.append(source)
+    return OutsideKnowledge(LinkTables(pairs, parts), tuple(sources))
+
+
+def _is_words(spec: str) -> bool:
+    source = FeatureSpec.parse(spec)
+    return not source.is_path or Path(source.source).suffix in (".npy", ".txt", ".gz") or _has(spec, "vectors.npy")
+
+
+def _has(spec: str, name: str) -> bool:
+    return (Path(spec) / name).is_file()
+
+
+def _of_folder(spec: str, opened: OpenedGraph) -> tuple[LinkTables, OutsideSource]:
+    entities = opened.graph.entities
+    knowledge = read_knowledge(spec)
+    name, coverage = knowledge.record.source, knowledge.coverage(entities)
+    if not coverage:
+        raise ConfigError(
+            f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as '{entities[0]}'. Make "
+            "the folder for this graph."
+        )
+    of_entities = knowledge.of_entities(entities)
+    tables: dict[str, list[Tensor]] = {"part": [], "pair": []}
+    for info, table in zip(of_entities.record.tables, of_entities.tables, strict=True):
+        tables[info.role].append(table.float())
+    sha256 = knowledge_files(spec).run.outputs[TABLES]
+    source = OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
+    return LinkTables(tables["pair"], tables["part"]), source
+
+
+def _of_words(spec: str, opened: OpenedGraph, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:
+    features = make_features(spec, opened.graph.entities, allow_missing=allow_missing)
+    alike = cosines(torch.tensor(features.vectors))
+    source = OutsideSource(
+        name=features.source, kind="words", sha256=features.sha256, coverage=float(features.known.mean())
+    )
+    return LinkTables([alike], [alike]), source
+
+
+def describe_source(source: OutsideSource) -> str:
+    """Return a line about a source: coverage, and for another book the used and left-out recipes."""
+    text = f"{source.name} ({source.kind}) describes {source.coverage:.0%} of the entities"
+    if source.kind == "book":
+        text += (
+            f"; {source.recipes:,} recipes used, {source.left_out:,} shared recipes left out "
+            f"({source.left_out_test:,} of them test or validation recipes), {source.reworded:,} used recipes reword a "
+            "test or validation recipe"
+        )
+    return text
+
+
+# --- another book ----------------------------------------------------------------------------------------------------
+
+
+def _of_book(spec: str, opened: OpenedGraph, features: str, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:
+    size = opened.graph.num_entities
+    book, vectors = open_other_book(spec, opened, features, allow_missing=allow_missing)
+    base = Base.of(book.recipes, cosines(torch.tensor(vectors.vectors)))
+
+    def own(tables: Sequence[Tensor]) -> list[Tensor]:
+        return [table[:size, :size].contiguous() for table in tables]
+
+    return LinkTables(own(features_of_pairs(base)), own(features_of_parts(base))), book.source
+
+
+def open_other_book(
+    spec: str, opened: OpenedGraph, features: str, *, allow_missing: bool = False
+) -> tuple[OtherBook, EntityFeatures]:
+    """Open another book's recipes without the recipes that both books share; return word vectors for all labels.
+
+    Labels that differ in case, article or plural are one entity. Arguments and errors as for :func:`open_outside`.
+    """
+    graph = opened.graph
+    try:
+        other = open_graph(spec).graph
+    except RecipeFileError as error:
+        raise ConfigError(
+            f"`with` '{spec}': expected a knowledge folder, a graph folder, a book or word vectors. {error}"
+        ) from None
+    if other.hash == graph.hash:
+        raise ConfigError(f"`with` '{spec}' is the graph itself. Give another book.")
+    index = LabelIndex(graph.entities)
+    place = {label: index.find(label) for label in other.entities}
+    rest = [label for label, found in place.items() if found is None]
+    labels = (*graph.entities, *rest)
+    check_dense("a recipe scorer with another book", len(labels))
+    new = {label: graph.num_entities + row for row, label in enumerate(rest)}
+    ids = np.array([new[label] if found is None else found for label, found in place.items()], dtype=np.int64)
+    rows = ids[other.recipes]
+    rows[:, :2].sort(axis=1)
+    rows = np.unique(rows, axis=0)
+    shared = is_in(rows, graph.recipes, len(labels))
+    held_out = graph.recipes[~opened.split.is_in("train")]
+    vectors = make_features(features, labels, allow_missing=allow_missing)
+    source = OutsideSource(
+        name=other.name,
+        kind="book",
+        sha256=other.hash,
+        coverage=sum(found is not None for found in place.values()) / max(graph.num_entities, 1),
+        recipes=int((~shared).sum()),
+        left_out=int(shared.sum()),
+        left_out_test=int(is_in(rows, held_out, len(labels)).sum()),
+        reworded=_reworded(rows[~shared], held_out, vectors),
+    )
+    if not source.recipes:
+        raise ConfigError(f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph. Give another book.")
+    return OtherBook(labels, rows[~shared], source), vectors
+
+
+def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
+    """Count recipes that equal a held-out recipe up to near-synonyms, in any order of the ingredients."""
+    alike = features.unit_vectors @ features.unit_vectors.T >= REWORDED
+    np.fill_diagonal(alike, True)
+    is_reworded = np.zeros(len(recipes), dtype=bool)
+    for a, b, result in held_out.tolist():
+        one, other, made = recipes.T
+        same = alike[a, one] & alike[b, other] | alike[a, other] & alike[b, one]
+        is_reworded |= same & alike[result, made]
+    return int(is_reworded.sum())

@@ -75,10 +75,11 @@ def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> No
     """Raise a :class:`ConfigError` for a fraction out of range, or for changed recipes with the full graph."""
     number_in("train_fraction", train_fraction, SMALLEST, 1, "more than 0 and at most 1")
     number_in("label_noise", label_noise, 0, 1, "0 to 1")
-    if kg == "full" and is_subsample(train_fraction, label_noise):
+    if kg != "partial" and is_subsample(train_fraction, label_noise):
         setting = f"`train_fraction` {train_fraction:g}" if train_fraction < 1 else f"`label_noise` {label_noise:g}"
         raise ConfigError(
-            f"{setting} needs `kg` partial: a model trained on the full graph is evaluated on its own training recipes."
+            f"{setting} needs `kg` partial: a model of the full graph is evaluated on its own training recipes, and a "
+            "model of other books has no train recipes."
         )
 
 

@@ -11,11 +11,17 @@ from link_helpers import random_graph, same_files
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
+from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, TableInfo, write_knowledge
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
 from wordcraft_kg.models.recipes.outside import open_other_book, open_outside
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.recipes.zero_shot import join_books
+from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.runs.config_file import read_config
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
@@ -138,3 +144,56 @@ def test_damaged_tables_are_refused(opened, knowledge):
     path.write_bytes(path.read_bytes()[:-1] + b"\x01")
     with pytest.raises(ArtefactError, match="damaged or was changed"):
         open_outside([str(knowledge)], opened, "one-hot")
+
+
+# --- zero-shot -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def teacher(opened, tmp_path):
+    """Another book with half of the entities, and 6 of its own."""
+    graph = random_graph(2, 12, 60)
+    labels = {
+        label: opened.graph.entities[row] if row < 6 else f"other {row}" for row, label in enumerate(graph.entities)
+    }
+    rows = [tuple(labels[label] for label in recipe) for recipe in labelled(graph, graph.recipes)]
+    return write_book(tmp_path / "teacher.csv", rows)
+
+
+def test_the_knowledge_about_some_entities_scores_as_the_whole(opened, teacher):
+    joint = join_books([teacher], opened, "random", folds=3)
+    size = joint.opened.graph.num_entities
+    text = cosines(torch.tensor(make_features("random", joint.opened.graph.entities).vectors))
+    whole, _ = fit_recipe_scorer(joint.folds, text)
+    own = whole.of_entities(joint.own)
+    assert own.num_entities == 12 < size
+    tables = torch.randint(13, (50, 5), generator=torch.Generator().manual_seed(0))
+    goal, model = torch.arange(50) % 12, torch.zeros(50, dtype=torch.int64)
+    ids = torch.cat([joint.own, torch.tensor([size])])
+    assert torch.equal(own(goal, tables, model), whole(ids[goal], ids[tables], model))
+    assert own.supporting.max() > 12
+    assert all(max(r.recipe) < 12 for r in own.supporting_recipes(0, 1, 2, limit=50))
+
+
+def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_path):
+    settings = replace(SMALL, kg="none", with_=(teacher,), features="random")
+    trained = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model")
+    source = trained.metrics.outside[0]
+    assert (trained.metrics.folds, trained.metrics.recipes) == (0, source.recipes)
+    scorer = load_scorer(trained.folder, graph=opened.graph)
+    assert not len(scorer.recipes)
+    # A book whose train recipes are others teaches the same.
+    held_out = opened.graph.recipes[~opened.split.is_in("train")]
+    rest = random_graph(5, 12, 60).recipes[:30]
+    graph = RecipeGraph(opened.graph.entities, np.unique(np.concatenate([held_out, rest]), axis=0), [])
+    parts = np.where(is_in(graph.recipes, held_out, 12), 2, 0).astype(np.int8)
+    other = replace(opened, graph=graph, split=Split(graph, opened.split.config, Draw(parts)))
+    folds = [join_books([teacher], each, "random", folds=3).folds.hash for each in (opened, other)]
+    assert folds[0] == folds[1]
+
+
+def test_a_zero_shot_scorer_needs_a_book(opened, knowledge, tmp_path):
+    settings = replace(SMALL, kg="none", with_=(str(knowledge),))
+    with pytest.raises(ConfigError, match="learns from other books only"):
+        train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model")
+    assert not (tmp_path / "model").exists()

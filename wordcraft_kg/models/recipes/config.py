@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import ClassVar, get_args
 
 from wordcraft_kg.base.settings import MAX_THREADS, one_of, refuse, require, whole
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.train_samples import check_train_sample
 from wordcraft_kg.runs.config_file import RunConfig
 
@@ -15,7 +15,8 @@ class RecipeScorerConfig:
     """Settings for a recipe scorer.
 
     Attributes:
-        kg: training recipes: partial (the train recipes) or full (all recipes, test recipes included).
+        kg: training recipes: partial (the train recipes), full (all recipes, test recipes included), or none (only
+            other books in `with_`: zero-shot).
         train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for equal seeds.
         label_noise: fraction of these recipes with the result replaced by another recipe's result.
         folds: number of folds: the rankers learn to predict each fold from the remaining folds, and on the partial
@@ -35,7 +36,7 @@ class RecipeScorerConfig:
     command: ClassVar[str] = "train-recipes"
     device: ClassVar[str] = "cpu"
 
-    kg: KG = "partial"
+    kg: TrainedOn = "partial"
     train_fraction: float = 1.0
     label_noise: float = 0.0
     folds: int = 5
@@ -46,7 +47,7 @@ class RecipeScorerConfig:
     threads: int = 1
 
     def __post_init__(self) -> None:
-        one_of("kg", self.kg, get_args(KG))
+        one_of("kg", self.kg, get_args(TrainedOn))
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
         if isinstance(self.folds, bool) or not isinstance(self.folds, int) or self.folds < 2:
             raise refuse("folds", self.folds, "a whole number, 2 or more: the rankers learn on held-out folds")
@@ -72,4 +73,4 @@ class RecipesConfig(RunConfig):
     settings: RecipeScorerConfig = RecipeScorerConfig()
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
-        return Path("models") / f"{graph_name}-recipes{'' if self.settings.kg == 'partial' else '-full'}"
+        return Path("models") / f"{graph_name}-recipes{'' if self.settings.kg == 'partial' else '-' + self.settings.kg}"

@@ -92,18 +92,27 @@ def open_outside(
         ConfigError: if a source describes none of the entities, is the graph itself, or lacks word vectors.
         ArtefactError: if a folder is incomplete or damaged.
     """
+    folders = dict[tuple[str, str, str], Tensor]()
     pairs, parts, sources = list[Tensor](), list[Tensor](), list[OutsideSource]()
     for spec in specs:
         if (Path(spec) / KNOWLEDGE).is_file():
-            tables, source = _of_folder(spec, opened)
-        elif _is_words(spec):
-            tables, source = _of_words(spec, opened, allow_missing)
-        else:
+            sources.append(_of_folder(spec, opened, folders))
+            continue
+        if is_book(spec):
             tables, source = _of_book(spec, opened, features, allow_missing)
+        else:
+            tables, source = _of_words(spec, opened, allow_missing)
         pairs += tables.pairs
         parts += tables.parts
         sources.append(source)
+    for (*_, role), table in folders.items():
+        (pairs if role == "pair" else parts).append(table)
     return OutsideKnowledge(LinkTables(pairs, parts), tuple(sources))
+
+
+def is_book(spec: str) -> bool:
+    """Return whether a source is another book, not a knowledge folder or word vectors."""
+    return not (Path(spec) / KNOWLEDGE).is_file() and not _is_words(spec)
 
 
 def _is_words(spec: str) -> bool:
@@ -115,7 +124,8 @@ def _has(spec: str, name: str) -> bool:
     return (Path(spec) / name).is_file()
 
 
-def _of_folder(spec: str, opened: OpenedGraph) -> tuple[LinkTables, OutsideSource]:
+def _of_folder(spec: str, opened: OpenedGraph, tables: dict[tuple[str, str, str], Tensor]) -> OutsideSource:
+    """Add a folder's tables to ``tables``; tables of one name complete each other, such as one for each book."""
     entities = opened.graph.entities
     knowledge = read_knowledge(spec)
     name, coverage = knowledge.record.source, knowledge.coverage(entities)
@@ -125,12 +135,12 @@ def _of_folder(spec: str, opened: OpenedGraph) -> tuple[LinkTables, OutsideSourc
             "the folder for this graph."
         )
     of_entities = knowledge.of_entities(entities)
-    tables: dict[str, list[Tensor]] = {"part": [], "pair": []}
     for info, table in zip(of_entities.record.tables, of_entities.tables, strict=True):
-        tables[info.role].append(table.float())
+        key = (name, info.name, info.role)
+        before = tables.get(key)
+        tables[key] = table.float() if before is None else before.where(before != 0, table.float())
     sha256 = knowledge_files(spec).run.outputs[TABLES]
-    source = OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
-    return LinkTables(tables["pair"], tables["part"]), source
+    return OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
 
 
 def _of_words(spec: str, opened: OpenedGraph, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:
@@ -169,11 +179,12 @@ def _of_book(spec: str, opened: OpenedGraph, features: str, allow_missing: bool)
 
 
 def open_other_book(
-    spec: str, opened: OpenedGraph, features: str, *, allow_missing: bool = False
+    spec: str, opened: OpenedGraph, features: str, *, allow_missing: bool = False, keep_train: bool = False
 ) -> tuple[OtherBook, EntityFeatures]:
     """Open another book's recipes without the recipes that both books share; return word vectors for all labels.
 
-    Labels that differ in case, article or plural are one entity. Arguments and errors as for :func:`open_outside`.
+    Labels that differ in case, article or plural are one entity. ``keep_train`` keeps shared recipes of the train part.
+    Further arguments and errors as for :func:`open_outside`.
     """
     graph = opened.graph
     try:
@@ -194,8 +205,8 @@ def open_other_book(
     rows = ids[other.recipes]
     rows[:, :2].sort(axis=1)
     rows = np.unique(rows, axis=0)
-    shared = is_in(rows, graph.recipes, len(labels))
     held_out = graph.recipes[~opened.split.is_in("train")]
+    shared = is_in(rows, held_out if keep_train else graph.recipes, len(labels))
     vectors = make_features(features, labels, allow_missing=allow_missing)
     source = OutsideSource(
         name=other.name,

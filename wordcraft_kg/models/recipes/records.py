@@ -1,7 +1,7 @@
 """JSON records in a recipe scorer's model folder."""
 
 from wordcraft_kg.base.records import Count, Hash, Record, Share
-from wordcraft_kg.graphs.folder import KG
+from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.models.model import History, cross_fitted_words
 from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.recipes.outside import OutsideSource, describe_source
@@ -18,7 +18,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     """Content of ``metrics.json``: metrics from the training of a recipe scorer.
 
     Attributes:
-        kg: training graph: partial or full.
+        kg: training graph: partial, full or none (other books only).
         train_fraction: fraction of the train recipes used for training.
         label_noise: fraction of these recipes with a wrong result.
         recipes: number of training recipes.
@@ -29,7 +29,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
         outside: sources of outside knowledge.
     """
 
-    kg: KG
+    kg: TrainedOn
     train_fraction: float = 1.0
     label_noise: float = 0.0
     recipes: Count

@@ -28,6 +28,7 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
 from wordcraft_kg.models.recipes.outside import describe_source, open_outside
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
+from wordcraft_kg.models.recipes.zero_shot import join_books
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
@@ -125,13 +126,14 @@ def _threads(number: int) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Job:
-    """A fit: number 0 with all recipes, number k + 1 without fold k."""
+    """A fit: number 0 with all recipes, number k + 1 without fold k; ``own`` are the entities of a zero-shot scorer."""
 
     folder: Path
     fold: int
     folds: Folds
     text: Tensor
     outside: LinkTables
+    own: Tensor | None
     settings: RecipeScorerConfig
 
     @property
@@ -160,6 +162,8 @@ class _Job:
                 after=step,
             )
         recipes = self.folds.recipes(self.left_out)
+        if self.own is not None:
+            knowledge, recipes = knowledge.of_entities(self.own), recipes[:0]
         _kept(self.folder).save(self.fold, scorer_tensors(knowledge, rankers, recipes), self.done)
 
 
@@ -180,11 +184,18 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             ConfigError: if the settings do not fit the graph.
         """
         super().__init__(config, opened)
-        self.folds = _folds(opened, config.settings)
         settings = config.settings
-        self.text, self.features = _text(opened.graph, settings)
+        sources = settings.with_, opened, settings.features
+        self.own: Tensor | None = None
         with _threads(settings.threads):
-            self.outside = open_outside(settings.with_, opened, settings.features, allow_missing=settings.allow_missing)
+            if settings.kg == "none":
+                check_dense("a recipe scorer", opened.graph.num_entities)
+                joint = join_books(*sources, folds=settings.folds, allow_missing=settings.allow_missing)
+                opened, self.own, self.folds, self.outside = joint
+            else:
+                self.folds = _folds(opened, settings)
+                self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
+            self.text, self.features = _text(opened.graph, settings)
 
     def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
         settings, inputs = self.config.settings, {"features": self.features, **self._outside_hashes()}
@@ -213,7 +224,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             run.resume(self.config)
         began, is_partial = time.perf_counter(), settings.kg == "partial"
         jobs = [
-            _Job(run.path, number, folds, self.text, self.outside.tables, settings)
+            _Job(run.path, number, folds, self.text, self.outside.tables, self.own, settings)
             for number in range(1 + folds.count * is_partial)
         ]
         kept = _kept(run.path)
@@ -240,7 +251,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             return self._finish(run, kept, time.perf_counter() - began)
 
     def _finish(self, run: RunFolder[FitDone], kept: Checkpoints[FitDone], seconds: float) -> TrainedRecipes:
-        graph, settings = self.opened.graph, self.config.settings
+        graph, settings, folds = self.opened.graph, self.config.settings, self.folds
         tensors = kept.read(0).tensors
         write_scorer(run.path, RecipeScorer.kind, tensors, graph)
         outputs: tuple[str, ...] = OUTPUTS
@@ -252,13 +263,13 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 return fit.progress.trained_on, fit.tensors
 
             whole = RecipeScorer(tensors, graph.entities, graph.hash)
-            record = write_folds(run.path, self.folds, whole, RecipeScorer.kind, part)
+            record = write_folds(run.path, folds, whole, RecipeScorer.kind, part)
             outputs += FOLD_OUTPUTS
         metrics = RecipeMetrics(
             kg=settings.kg,
             train_fraction=settings.train_fraction,
             label_noise=settings.label_noise,
-            recipes=len(tensors["recipes"]),
+            recipes=len(folds.recipes()),
             seconds=round(seconds, 3),
             folds=record.count if record else 0,
             fold_mrr=record.mrr if record else None,
@@ -278,6 +289,8 @@ def _model_card(opened: OpenedGraph, config: RecipesConfig, metrics: RecipeMetri
     seen = f"{describe_train_sample(metrics.train_fraction, metrics.label_noise) or 'the train recipes'} only."
     if metrics.kg == "full":
         seen = "all recipes, test recipes included: the scores show memory, not prediction."
+    if metrics.kg == "none":
+        seen = "other books' recipes: this book's recipes are unseen."
     points = [f"{metrics.recipes:,} recipes; words: {config.settings.features}"]
     points += [f"outside knowledge: {line}" for line in map(describe_source, metrics.outside)]
     if metrics.fold_mrr is not None:

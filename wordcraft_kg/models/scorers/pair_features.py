@@ -74,7 +74,10 @@ class Support(NamedTuple):
 class RecipeKnowledge(nn.Module):
     """Arrays and networks that score any ingredient pair with any goal, for M models, such as the fold models.
 
-    Row E is the empty slot. The evidence is ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]``
+    Row E is the empty slot. Columns from E + 1 on are entities of other books, which only supporting recipes contain;
+    without other books W is E + 1.
+
+    The evidence is ``G(a, b, c) = Σ_r k(c, c_r) [k(a, a_r) k(b, b_r) + k(a, b_r) k(b, a_r)]``
     over the recipes r with results most similar to c, with the squared normalised similarity k.
 
     Attributes:
@@ -83,8 +86,8 @@ class RecipeKnowledge(nn.Module):
         pairs: shape (M, E + 1, E + 1, 2), half: combinesWith scores, likewise.
         numbers: shape (M, E + 1, E + 1), int32: number of a known pair, 0 for unknown pairs.
         results: shape (M, N + 1, L), int32: results by known pair, padded with E.
-        alike: shape (M, E + 1, E + 1), half: k.
-        words: shape (E + 1, E + 1), half: word cosines.
+        alike: shape (M, E + 1, W), half: k.
+        words: shape (E + 1, W), half: word cosines.
         counts: shape (M, E + 1, 2): log(1 + n), for n recipes that use, and that make, an entity.
         supporting: shape (M, E + 1, R, 3), int16: recipes with results most similar to a goal, padded with E.
         first, first_bias, second, bias: network weights, with F features and H hidden units: shapes (M, F, H), (M, H),
@@ -140,20 +143,48 @@ class RecipeKnowledge(nn.Module):
         """Return a copy with other network weights (:data:`RANKER`, without axis M); only for a single model, M = 1."""
         return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
+    def of_entities(self, own: Tensor) -> Self:
+        """Return the knowledge about the entities ``own``, ids (n,), which get ids from 0 in this order.
+
+        Supporting recipes keep their other entities, as columns after the empty slot.
+        """
+        size, empty = self.num_entities, len(own)
+        rows = torch.cat([own, own.new_tensor([size])])
+        is_other = torch.ones(size + 1, dtype=torch.bool).index_fill(0, rows, False)
+        order = torch.cat([rows, is_other.nonzero()[:, 0]])
+        place = torch.argsort(order)
+
+        def renumbered(ids: Tensor, highest: int) -> Tensor:
+            numbers = place[ids.long()]
+            return numbers.where(numbers <= highest, torch.tensor(empty)).to(ids.dtype)
+
+        square = {name: getattr(self, name)[:, rows][:, :, rows] for name in ("parts", "pairs", "numbers")}
+        return type(self)(
+            self.constants()
+            | square
+            | {
+                "results": renumbered(self.results, empty),
+                "alike": self.alike[:, rows][:, :, order],
+                "words": self.words[rows][:, order],
+                "counts": self.counts[:, rows],
+                "supporting": renumbered(self.supporting[:, rows], size),
+            }
+        )
+
     def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Return the features in :data:`FEATURES` for all P slot pairs, (F, B, P), in the order of :func:`pairs_of`.
 
         Arguments are int64: goal ids (B,), entity ids in the slots (B, A) with E for empty slots, and which of the M
         stacked models to use (B,).
         """
-        width = self.num_entities + 1
+        width, wide = self.num_entities + 1, self.words.shape[1]
         slots = table.shape[1]
         one, other = pairs_of(slots, table.device)
         rows = (model * width)[:, None] + table
         a, b = table.index_select(1, one), table.index_select(1, other)
         cells = rows.index_select(1, one) * width + b
         part, link = _rows(self.parts, rows * width + goal[:, None]).unbind(-1)
-        words = _rows(self.words, table * width + goal[:, None])
+        words = _rows(self.words, table * wide + goal[:, None])
         uses = self.counts[:, :, 0].flatten().index_select(0, rows.view(-1)).view(rows.shape)
         of_slots = torch.stack([part, link, words, uses])
         of_a, of_b = of_slots.index_select(2, one), of_slots.index_select(2, other)
@@ -170,21 +201,21 @@ class RecipeKnowledge(nn.Module):
             pair_link,
             number > 0,
             makes,
-            _rows(self.words, a * width + b),
+            _rows(self.words, a * wide + b),
             a == b,
             made[:, None].expand_as(a),
         ]
         return torch.cat([of_a + of_b, torch.minimum(of_a, of_b), torch.stack(rest), evidence.add(FLOOR).log()])
 
     def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        width = self.num_entities + 1
+        width, wide = self.num_entities + 1, self.words.shape[1]
         supporting = self.supporting.flatten(0, 1).index_select(0, model * width + goal).long()
         first, second, result = supporting.unbind(-1)
         rows = (model * width)[:, None] + table
 
         def summed(like: Tensor, rows: Tensor, goal: Tensor) -> Tensor:
-            weight = _rows(like, goal[:, None] * width + result)
-            rows = (rows * width)[:, :, None]
+            weight = _rows(like, goal[:, None] * wide + result)
+            rows = (rows * wide)[:, :, None]
             one, other = _rows(like, rows + first[:, None]), _rows(like, rows + second[:, None])
             return torch.bmm(one * weight[:, None], other.transpose(1, 2))
 
@@ -198,20 +229,24 @@ class RecipeKnowledge(nn.Module):
         return self._words_alike
 
     def supporting_recipes(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Support]:
-        """Return up to ``limit`` of a model's training recipes that support ``a + b -> goal``, largest share first."""
+        """Return up to ``limit`` of a model's training recipes that support ``a + b -> goal``, largest share first.
+
+        Recipes with an entity of another book are left out.
+        """
         supporting, alike = self.supporting[model, goal].long(), self.alike[model]
         one, other, result = supporting.T
         like_goal = alike[goal, result].float()
         orders = torch.stack([alike[a, one].float() * alike[b, other], alike[a, other].float() * alike[b, one]])
         evidence, weights = like_goal * orders.sum(0), (like_goal * orders.amax(0)).clamp(max=1)
         shares = evidence / evidence.sum().clamp(min=torch.finfo(evidence.dtype).tiny)
-        rows = torch.sort(evidence, descending=True, stable=True).indices[:limit].tolist()
+        rows = torch.sort(evidence, descending=True, stable=True).indices.tolist()
         recipes = supporting.tolist()
-        return [
+        best = [
             Support((recipes[row][0], recipes[row][1], recipes[row][2]), float(weights[row]), float(shares[row]))
             for row in rows
-            if weights[row] > 0
+            if weights[row] > 0 and max(recipes[row]) < self.num_entities
         ]
+        return best[:limit]
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Score all slot pairs as recipes for the goal: shape (B, A, A), in nats; -inf for empty slots.

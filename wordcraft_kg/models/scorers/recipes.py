@@ -137,13 +137,14 @@ class RecipeScorer(StoredScorer):
         hidden = tensors["first"].shape[-1] if tensors["first"].ndim else 0
         known = tuple(tensors["results"].shape[1:]) if tensors["results"].ndim == 3 else (1, 1)
         square = (size + 1, size + 1)
+        columns = max(size + 1, tensors["words"].shape[-1] if tensors["words"].ndim else 0)
         shapes: dict[str, tuple[int, ...]] = {
             "parts": (1, *square, 2),
             "pairs": (1, *square, 2),
             "numbers": (1, *square),
             "results": (1, *known),
-            "alike": (1, *square),
-            "words": square,
+            "alike": (1, size + 1, columns),
+            "words": (size + 1, columns),
             "counts": (1, size + 1, 2),
             "supporting": (1, size + 1, EVIDENCE, 3),
             "first": (1, len(FEATURES), hidden),
@@ -161,5 +162,10 @@ class RecipeScorer(StoredScorer):
         for name in shapes:
             if tensors[name].dtype.is_floating_point and not bool(torch.isfinite(tensors[name]).all()):
                 raise ValueError(f"{name} contains numbers that are not finite")
-        for name, high in (("supporting", size), ("recipes", size - 1), ("results", size), ("numbers", known[0] - 1)):
+        for name, high in (
+            ("supporting", columns - 1),
+            ("recipes", size - 1),
+            ("results", size),
+            ("numbers", known[0] - 1),
+        ):
             check_ids(name, tensors[name], high)

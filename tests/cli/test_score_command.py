@@ -204,7 +204,7 @@ def test_a_wrong_file_of_queries_is_refused_with_the_line(refused, trained, tmp_
     [
         ("yogurt componentOf cake", ["yogurt"], ["new   yogurt componentOf cake", "among all 81 entities"]),
         ("yogurt combinesWith rice", ["yogurt", "rice"], ["'yogurt', 'rice' are not in the graph: scored by"]),
-        ("flours combinesWith water", ["flours"], ["scored by its words alone. Did you mean 'flour'"]),
+        ("bakery combinesWith water", ["bakery"], ["scored by its words alone. Did you mean 'baker'"]),
         ("flour combinesWith water", [], []),
     ],
 )
@@ -241,7 +241,7 @@ def test_new_words_in_a_file_are_scored_and_unknown_words_refused(printed, refus
 @pytest.mark.parametrize(
     ("folder", "word", "says", "kind"),
     [
-        ("recipes", "flouurr", ["no entity 'flouurr'.", "No word in this label has a vector"], "UnknownEntityError"),
+        ("recipes", "flouurr", ["no entity 'flouurr'.", "no vector for this label. Encode it"], "UnknownEntityError"),
         ("links", "yogurt", ["no entity 'yogurt'.", "knows only the graph's entities"], "UnknownEntityError"),
         ("recipes", "_", "both slots are open", "ConfigError"),
         ("recipes", "", "both slots are open", "ConfigError"),

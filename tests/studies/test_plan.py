@@ -12,7 +12,7 @@ from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
-from wordcraft_kg.studies.plan import VERSIONS, make_plan
+from wordcraft_kg.studies.plan import VERSIONS, defaults_of, make_plan
 from wordcraft_kg.studies.study import adapted, parse_study, read_study
 
 TEXT = small_study.TRAINED
@@ -93,7 +93,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         RecipeScorerConfig: {"kg": "partial", "folds": 5, "features": "glove", "allow_missing": False, "seed": 0},
     }
     for kind, known in of_scorers.items():
-        defaults = {field.name: field.default for field in fields(kind)}
+        defaults = defaults_of(kind)
         assert known.items() <= defaults.items()
 
 

@@ -8,7 +8,11 @@ from importlib.util import find_spec
 
 from wordcraft_kg.base.errors import MissingExtraError
 
-PACKAGES = {"explore": ("starlette", "uvicorn"), "mcp": ("mcp",)}
+PACKAGES = {
+    "explore": ("starlette", "uvicorn"),
+    "mcp": ("mcp",),
+    "text": ("sentence_transformers", "transformers", "gguf", "accelerate"),
+}
 """Import names: the packages that each extra installs."""
 
 

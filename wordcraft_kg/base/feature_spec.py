@@ -1,8 +1,8 @@
-"""Specifications for entity features (a vector per entity): a reserved name, or the path to a file with vectors."""
+"""Specifications for entity features (a vector per entity): a reserved name, or the path to vectors."""
 
 from dataclasses import dataclass
 
-VECTORS = ("glove", "one-hot", "random")
+VECTORS = ("auto", "minilm", "glove", "one-hot", "random")
 LEARNED = "learned"  # by the policy
 NAMES = (*VECTORS, LEARNED)
 """Reserved feature names; for a file with a reserved name, write a path such as ``./glove``."""
@@ -14,7 +14,7 @@ class FeatureSpec:
     """A parsed specification for entity features, such as ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
 
     Attributes:
-        source: a name in :data:`NAMES`, or the path to a file with vectors.
+        source: a name in :data:`NAMES`, or the path to a file or folder with vectors.
         prefix: ``shuffled:`` (assign vectors to random entities), as often as written; empty without shuffling.
     """
 
@@ -31,7 +31,7 @@ class FeatureSpec:
 
     @property
     def is_path(self) -> bool:
-        """Whether the source is a file, not a name in :data:`NAMES`."""
+        """Whether the source is a path, not a name in :data:`NAMES`."""
         return self.source not in NAMES
 
     def __str__(self) -> str:

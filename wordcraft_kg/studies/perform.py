@@ -23,7 +23,7 @@ from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import read_run
-from wordcraft_kg.studies.plan import CONFIG_OF, agent_config
+from wordcraft_kg.studies.plan import agent_config, scorer_config
 from wordcraft_kg.studies.results import FIGURES_FILE, Figures, RunFigures, ScorerFigures, read_figures, write_figures
 from wordcraft_kg.studies.tasks import Kind, Outcome, Task
 
@@ -205,9 +205,9 @@ def _scorer(task: Task, root: Path) -> bool:
     command, settings = task.settings["command"], task.settings["settings"]
     began = time.perf_counter()
     if command in RecipesConfig.commands:
-        _trained(RecipesTraining, RecipesConfig(graph, CONFIG_OF[command](**settings)), folder)  # type: ignore[arg-type]
+        _trained(RecipesTraining, RecipesConfig(graph, scorer_config(command, settings)), folder)
     elif command in LinksConfig.commands:
-        config = LinksConfig(graph, CONFIG_OF[command](**settings))  # type: ignore[arg-type]
+        config = LinksConfig(graph, scorer_config(command, settings))
         if _trained(LinksTraining, config, folder).interrupted:
             return False
     else:

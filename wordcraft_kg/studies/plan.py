@@ -17,6 +17,7 @@ from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, make_split
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
+from wordcraft_kg.models.scorers.features import ENCODED
 from wordcraft_kg.runs.parallel import cores
 from wordcraft_kg.studies.study import (
     OF_AGENT,
@@ -44,12 +45,20 @@ _CURVE_POINTS = 20
 """Points in a learning curve; each takes about as long as 10,000 steps."""
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 """Settings of trained scorers by command."""
+_IN_STUDIES: dict[type, dict[str, Any]] = {RecipeScorerConfig: {"features": "glove"}}
+"""Defaults that differ from the command's: the addresses of earlier results stand for them."""
 _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
-    """Return a dataclass's default settings."""
-    return {field.name: field.default for field in fields(kind)}
+    """Return a dataclass's default settings in studies."""
+    return {field.name: field.default for field in fields(kind)} | _IN_STUDIES.get(kind, {})
+
+
+def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
+    """Return a trained scorer's configuration in a study; ConfigError if a setting is invalid."""
+    kind = CONFIG_OF[command]
+    return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 
 
 DEFAULTS_OF_AGENT = {name: value for kind in _PART_OF_AGENT.values() for name, value in defaults_of(kind).items()}
@@ -179,7 +188,7 @@ class _Planner:
         else:
             _check_kinds(settings, defaults_of(CONFIG_OF[command]))
             settings.setdefault("seed", cell.seed)
-            config = CONFIG_OF[command](**settings)  # type: ignore[arg-type]
+            config = scorer_config(command, settings)
             threads, device = config.threads, config.device
             settings = _not_default(settings, CONFIG_OF[command])
         described = {"graph": graph, "command": command, "settings": settings}
@@ -212,11 +221,12 @@ class _Planner:
         if not spec.is_path:
             return {}
         path = Path(spec.source)
-        if not path.is_file():
+        if not path.exists():
             names = (*NAMES, *(SHUFFLED + name for name in VECTORS))
-            expected = f"a file, or one of {', '.join(NAMES)}, the first three perhaps after '{SHUFFLED}'"
+            expected = f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after '{SHUFFLED}'"
             raise refuse("features", features, expected, nearest(str(features), names))
         if spec.source not in self._files:
+            path = path / ENCODED if path.is_dir() else path
             labels = [path.with_suffix(end) for end in (".labels.txt", ".txt")] if path.suffix.lower() == ".npy" else []
             hashes = [sha256_of(file) for file in (path, *labels) if file.is_file()]
             self._files[spec.source] = " ".join(hashes)

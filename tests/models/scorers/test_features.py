@@ -18,8 +18,9 @@ from small_scorers import cosine
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, recipe_triples
+from wordcraft_kg.graphs.library import known_books
 from wordcraft_kg.models.scorers import features as features_module
-from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features, make_features
+from wordcraft_kg.models.scorers.features import BUILT_IN, EntityFeatures, glove_features, make_features, named
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
 
 
@@ -89,7 +90,7 @@ def test_max_pooling_takes_the_larger_of_the_words_in_each_dimension():
     assert made.source == "GloVe 6B, 50-d, max of words"
 
 
-NOWHERE = ["", "vectors/none.txt", "x" * 5000, "a\0b", "shuffled:", "."]
+NOWHERE = ["", "vectors/none.txt", "x" * 5000, "a\0b", "shuffled:"]
 UNKNOWN = {"glov": "'glove'", "onehot": "'one-hot'", "shufled:random": "'shuffled:random'", "shuffled:glov": "'glove'"}
 
 
@@ -102,12 +103,41 @@ UNKNOWN = {"glov": "'glove'", "onehot": "'one-hot'", "shufled:random": "'shuffle
         ("one-hot", range(8193), {}, "8,193 entities take 268,500,996 bytes; expected at most 268,435,456"),
         *(("glove", ["zqxjkv"], {"allow_missing": allowed}, "1 of 1 entities") for allowed in (0, 1)),
         *((spec, "ab", {}, f"Did you mean {meant}") for spec, meant in UNKNOWN.items()),
-        *((spec, "ab", {}, "expected a file, or one of glove, one-hot,") for spec in NOWHERE),
+        *((spec, "ab", {}, "expected a file or folder, or one of auto, minilm, glove,") for spec in NOWHERE),
     ],
 )
 def test_what_cannot_be_is_refused_with_what_can(spec, labels, options, fragment, home, monkeypatch):
     monkeypatch.chdir(home)
     assert fragment in refused(spec, labels, **options)
+
+
+def test_every_label_of_the_built_in_books_has_a_vector_of_the_sentence_encoder():
+    files = list(BUILT_IN.parent.iterdir())
+    assert sum(file.stat().st_size for file in files) <= 1_000_000
+    assert "Apache License 2.0" in (BUILT_IN.parent / "NOTICE.md").read_text()
+    for book in (book for book in known_books() if book.origin == "built in"):
+        labels = open_book(book.name).entities
+        made = make_features("auto", labels)
+        assert (named("auto", labels), made.source) == ("minilm", "all-MiniLM-L6-v2, 384-d")
+        assert made.known.all()
+        np.testing.assert_allclose(np.linalg.norm(made.vectors, axis=1), 1, atol=1e-3)
+    lake, river, bread = make_features("minilm", ["lake", "River", "bread"]).vectors
+    assert lake @ river > lake @ bread + 0.2
+    # As that encoder gives it: its weights are pinned in data/make_vectors.py.
+    np.testing.assert_allclose(bread[:4], [-0.0197, 0.0723, -0.0278, 0.0304], atol=1e-3)
+
+
+def test_auto_is_glove_unless_all_labels_are_built_in():
+    labels = ["bread", "black forest"]
+    assert [named("auto", some) for some in (labels[:1], labels)] == ["minilm", "glove"]
+    assert named("shuffled:auto", labels[:1]) == "shuffled:minilm"
+    assert named("one-hot", labels) == "one-hot"
+    np.testing.assert_array_equal(make_features("auto", labels).vectors, glove_features(labels).vectors)
+    said = refused("minilm", [*labels, "water"])
+    assert "1 of 3 entities have no vector. Unknown words: black forest. These are vectors of the built-in" in said
+    assert "wordcraft-kg encode" in said
+    made_up = open_book("made-up:kitchen").entities
+    assert f"{len(made_up)} of {len(made_up)} entities have no vector" in refused("auto", made_up)
 
 
 def test_one_hot_is_the_identity_up_to_its_limit(monkeypatch):

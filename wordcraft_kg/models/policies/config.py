@@ -20,7 +20,8 @@ class PolicyConfig:
     Attributes:
         policy: attention (self-attention over the table, as in the paper) or mlp (a hidden layer on the ordered table,
             the paper's baseline; for a fixed table size).
-        features: entity vectors: glove, one-hot, random, learned, shuffled:<any but learned>, or a vector file.
+        features: entity vectors: glove, minilm, auto, one-hot, random, learned, shuffled:<any but learned>, a vector
+            file, or a folder from encode.
         pooling: combines word vectors for labels with several words: mean or max.
         allow_missing: use zeros for entities without a vector, without a limit on the number.
         key_size: query and key dimensions; 300 in the paper.

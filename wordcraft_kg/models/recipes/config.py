@@ -21,7 +21,9 @@ class RecipeScorerConfig:
         label_noise: fraction of these recipes with the result replaced by another recipe's result.
         folds: number of folds: the rankers learn to predict each fold from the remaining folds, and on the partial
             graph a scorer without each fold gives out-of-sample scores.
-        features: word vectors for entities: glove, a vector file as for agents, or one-hot to use no words.
+        features: vectors of entity labels: minilm (a sentence encoder's, for the labels of built-in books), glove, auto
+            (minilm if all labels have such a vector, else glove), a vector file as for agents, a folder from encode, or
+            one-hot to use no words.
         allow_missing: use zeros for any number of entities without a vector.
         with_: knowledge from outside the train recipes: knowledge folders (elicit, import-knowledge), other books or
             graph folders, and further word vectors.
@@ -30,7 +32,7 @@ class RecipeScorerConfig:
 
     Example:
         >>> RecipeScorerConfig(folds=10).features
-        'glove'
+        'auto'
     """
 
     command: ClassVar[str] = "train-recipes"
@@ -40,7 +42,7 @@ class RecipeScorerConfig:
     train_fraction: float = 1.0
     label_noise: float = 0.0
     folds: int = 5
-    features: str = "glove"
+    features: str = "auto"
     allow_missing: bool = False
     with_: tuple[str, ...] = ()
     seed: int = 0

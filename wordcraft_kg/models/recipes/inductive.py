@@ -4,6 +4,7 @@ A recipe scorer follows from recipes, label words and a few weights. An entity w
 similar words predict similar recipes.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import Ranker, knowledge_from, scorer_tensors
 from wordcraft_kg.models.scorers.config import check_dense
-from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.features import ENCODE, make_features, named
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.pair_features import RANKER
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -78,7 +79,7 @@ def with_words(
     ``where`` returns an error prefix for a label, such as a line number.
 
     Raises:
-        UnknownEntityError: if the model uses no words, or a label has no word vector.
+        UnknownEntityError: if the model uses no words, or a label has no vector.
         ArtefactError: if the folder is damaged, or the word vectors have changed.
 
     Example:
@@ -102,20 +103,25 @@ def with_words(
     settings = RecipesConfig.read(folder).settings
     if settings.with_:
         raise unknown(labels[0], "A model with outside knowledge (`with`) scores only the graph's entities.")
-    spec = FeatureSpec.parse(settings.features)
+    size, words = len(scorer.entities), named(settings.features, scorer.entities)
+    spec = FeatureSpec.parse(words)
     if spec.prefix or spec.source in ("one-hot", "random"):
-        words = "the words of other entities" if spec.prefix else "no words"
-        why = f"The model uses `features` {settings.features}, which give {words}"
-        raise unknown(labels[0], f"{why}; train with glove or a vector file.")
-    size = len(scorer.entities)
-    features = make_features(settings.features, (*scorer.entities, *labels), allow_missing=True)
+        given = "the words of other entities" if spec.prefix else "no words"
+        raise unknown(
+            labels[0], f"The model uses `features` {words}, which give {given}; train with glove or a vector file."
+        )
+    features = make_features(words, (*scorer.entities, *labels), allow_missing=True)
     before = replace(features, vectors=features.vectors[:size].copy(), known=features.known[:size].copy())
     if before.sha256 != run.inputs.get("features"):
         raise ArtefactError(
-            f"`features` {settings.features} have changed since '{folder}' was trained, so new words cannot be "
+            f"`features` {words} have changed since '{folder}' was trained, so new words cannot be "
             "compared with the entities. Restore the vector file, or train again."
         )
+    why = f"No word in this label has a vector in {words}."
+    if words == "minilm" or os.path.isdir(words):
+        again = f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
+        why = f"The model's `features` {words} have no vector for this label. {again}"
     for label, is_known in zip(labels, features.known[size:], strict=True):
         if not is_known:
-            raise unknown(label, f"No word in this label has a vector in {settings.features}.")
+            raise unknown(label, why)
     return extended(scorer, labels, cosines(torch.tensor(features.vectors)))

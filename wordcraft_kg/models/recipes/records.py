@@ -22,6 +22,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
         train_fraction: fraction of the train recipes used for training.
         label_noise: fraction of these recipes with a wrong result.
         recipes: number of training recipes.
+        features: entity vectors; minilm or glove if the setting is auto.
         seconds: duration of all fits.
         folds: number of cross-fitting folds.
         fold_mrr: out-of-sample mean reciprocal rank (MRR) on train triples, by the fold models, if any.
@@ -33,6 +34,7 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     train_fraction: float = 1.0
     label_noise: float = 0.0
     recipes: Count
+    features: str = ""
     seconds: float
     folds: Count
     fold_mrr: Share | None

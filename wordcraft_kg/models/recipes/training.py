@@ -30,7 +30,7 @@ from wordcraft_kg.models.recipes.outside import describe_source, open_outside
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.zero_shot import join_books
 from wordcraft_kg.models.scorers.config import check_dense
-from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -105,8 +105,8 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
     )
 
 
-def _text(graph: RecipeGraph, settings: RecipeScorerConfig) -> tuple[Tensor, str]:
-    features = make_features(settings.features, graph.entities, allow_missing=settings.allow_missing)
+def _text(graph: RecipeGraph, spec: str, allow_missing: bool) -> tuple[Tensor, str]:
+    features = make_features(spec, graph.entities, allow_missing=allow_missing)
     if features.is_one_hot:
         return torch.zeros(graph.num_entities, graph.num_entities), features.sha256
     return cosines(torch.tensor(features.vectors)), features.sha256
@@ -195,7 +195,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             else:
                 self.folds = _folds(opened, settings)
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
-            self.text, self.features = _text(opened.graph, settings)
+            self.words = named(settings.features, opened.graph.entities)
+            self.text, self.features = _text(opened.graph, self.words, settings.allow_missing)
 
     def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
         settings, inputs = self.config.settings, {"features": self.features, **self._outside_hashes()}
@@ -270,6 +271,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             train_fraction=settings.train_fraction,
             label_noise=settings.label_noise,
             recipes=len(folds.recipes()),
+            features=self.words,
             seconds=round(seconds, 3),
             folds=record.count if record else 0,
             fold_mrr=record.mrr if record else None,
@@ -277,7 +279,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             outside=self.outside.sources,
         )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
-        run.finish(outputs, _model_card(self.opened, self.config, metrics))
+        run.finish(outputs, _model_card(self.opened, metrics))
         return TrainedRecipes(run.path, metrics)
 
     @classmethod
@@ -285,13 +287,13 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return TrainedRecipes(files.folder, files.record("metrics.json", RecipeMetrics))
 
 
-def _model_card(opened: OpenedGraph, config: RecipesConfig, metrics: RecipeMetrics) -> str:
+def _model_card(opened: OpenedGraph, metrics: RecipeMetrics) -> str:
     seen = f"{describe_train_sample(metrics.train_fraction, metrics.label_noise) or 'the train recipes'} only."
     if metrics.kg == "full":
         seen = "all recipes, test recipes included: the scores show memory, not prediction."
     if metrics.kg == "none":
         seen = "other books' recipes: this book's recipes are unseen."
-    points = [f"{metrics.recipes:,} recipes; words: {config.settings.features}"]
+    points = [f"{metrics.recipes:,} recipes; words: {metrics.features}"]
     points += [f"outside knowledge: {line}" for line in map(describe_source, metrics.outside)]
     if metrics.fold_mrr is not None:
         figures = f"MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"

@@ -35,6 +35,10 @@ Pooling = Literal["mean", "max"]
 _POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
 _LISTED = 20
 _GZIP_MAGIC = b"\x1f\x8b"
+ENCODED = "vectors.npy"
+"""Vectors of a sentence encoder, in a folder from ``encode`` or built in; labels are in ``vectors.labels.txt``."""
+ENCODE = "wordcraft-kg encode GRAPH --encoder sentence-transformers/all-MiniLM-L6-v2"
+BUILT_IN = Path(__file__).parent / "minilm" / ENCODED
 _HEADER = re.compile(rb"(\d{1,12})\s+([1-9]\d{0,5})")
 _MAX_FLOAT = float(np.finfo(np.float32).max)
 
@@ -83,18 +87,21 @@ def make_features(
 ) -> EntityFeatures:
     """Return a feature vector for each entity label; ``spec`` names built-in features or a file of vectors.
 
-    - ``glove``: the built-in vectors, see :func:`glove_features`;
+    - ``auto``: ``minilm`` if all labels have such a vector, else ``glove``;
+    - ``minilm``: built-in vectors from the sentence encoder all-MiniLM-L6-v2, D = 384, for the built-in books' labels;
+    - ``glove``: built-in word vectors, see :func:`glove_features`;
     - ``one-hot``: row i is the i-th unit vector, D = E;
     - ``random``: Laplace noise, mean 0, standard deviation .4, D = 300; row i depends only on the seed and i;
     - ``shuffled:<any spec>``: rows in random order: distinct vectors that do not fit the labels' meanings;
     - a text file, optionally gzipped, with lines ``word v1 ... vD`` (GloVe) and an optional header ``count D``
       (word2vec; a first line with two whole numbers always counts as header); words may contain spaces;
     - an ``.npy`` file, float array, shape (N, D), with N labels, a label per line, in ``<same stem>.labels.txt`` or
-      ``<same stem>.txt``.
+      ``<same stem>.txt``;
+    - a folder from ``wordcraft-kg encode``, with a vector for each label of its graph.
 
     Names take precedence over files; write ``./glove`` for the file. In a file, the whole label is looked up first: as
     written, in lower case, then both with ``_`` for spaces; otherwise the words are pooled, each as written or in lower
-    case. If a word has several vectors, the first is used.
+    case. If a word has several vectors, the first is used. A sentence encoder's vectors are for whole labels only.
 
     ``pooling`` is the mean, or element-wise maximum, over a label's word vectors. ``allow_missing`` uses zeros even if
     more than a tenth of the entities lack a vector. ``seed`` is for ``random`` and ``shuffled:``, 0 or more.
@@ -102,6 +109,7 @@ def make_features(
     Raises:
         ConfigError: for an invalid argument, a damaged file (with the line), too large one-hot
             vectors, or too few entities with a vector.
+        ArtefactError: for a folder that is damaged, or was not written by ``encode``.
 
     Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released code.
     """
@@ -113,18 +121,33 @@ def make_features(
         for _ in range(parsed.prefix.count(SHUFFLED)):
             features = _shuffled(features, seed)
         return features
+    spec = named(spec, labels)
     if spec in ("one-hot", "random"):
         return _one_hot(len(labels)) if spec == "one-hot" else _random(len(labels), seed)
     if spec == "glove":
         features = glove_features(labels, pooling)
+    elif spec == "minilm":
+        features = _from_file(BUILT_IN, labels, None, "all-MiniLM-L6-v2")
     elif parsed.is_path and os.path.isfile(spec):
         features = _from_file(Path(spec), labels, pooling)
+    elif parsed.is_path and os.path.isdir(spec):
+        features = _from_file(_checked_folder(Path(spec)) / ENCODED, labels, None, Path(spec).resolve().name)
     else:
         names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
-        expected = f"a file, or one of {', '.join(VECTORS)}, optionally after '{SHUFFLED}'"
+        expected = f"a file or folder, or one of {', '.join(VECTORS)}, optionally after '{SHUFFLED}'"
         raise refuse("features", spec, expected, nearest(spec, names))
     _check_known(features, spec, allow_missing)
     return features
+
+
+def named(spec: str, labels: Sequence[str]) -> str:
+    """Return a specification in which ``minilm`` or ``glove`` replaces ``auto``, see :func:`make_features`."""
+    parsed = FeatureSpec.parse(spec)
+    if parsed.source != "auto":
+        return spec
+    built_in = {*BUILT_IN.with_suffix(".labels.txt").read_text(encoding="utf-8").splitlines()}
+    is_built_in = all(not built_in.isdisjoint(_spellings(label)) for label in labels)
+    return parsed.prefix + ("minilm" if is_built_in else "glove")
 
 
 def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFeatures:
@@ -170,15 +193,17 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
         return
     words = ", ".join(features.missing_words[:_LISTED])
     more = len(features.missing_words) - _LISTED
+    remedy = (
+        f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use different vectors, or `allow_missing` for zeros."
+        if missing < size
+        else "Use vectors for the labels' language, or one-hot, without words."
+    )
+    if spec == "minilm" or os.path.isdir(spec):
+        whose = "the built-in books' labels" if spec == "minilm" else "another book"
+        remedy = f"These are vectors of {whose}; encode this graph: `{ENCODE}`, or use glove."
     raise ConfigError(
         f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. Unknown words: {words}"
-        + (f" and {more:,} more. " if more > 0 else ". ")
-        + (
-            "Use vectors for the labels' language, or one-hot, without words."
-            if missing == size
-            else f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use different vectors, or `allow_missing` for "
-            "zeros."
-        )
+        + (f" and {more:,} more. {remedy}" if more > 0 else f". {remedy}")
     )
 
 
@@ -200,7 +225,7 @@ def _spellings(text: str) -> tuple[str, ...]:
     return text, text.lower(), joined, joined.lower()
 
 
-def _of_labels(source: str, labels: Sequence[str], by_word: _WordVectors, pooling: Pooling) -> EntityFeatures:
+def _of_labels(source: str, labels: Sequence[str], by_word: _WordVectors, pooling: Pooling | None) -> EntityFeatures:
     rows = {word: row for row, word in enumerate(by_word.words)}
 
     def look_up(*texts: str) -> list[int]:
@@ -214,12 +239,13 @@ def _of_labels(source: str, labels: Sequence[str], by_word: _WordVectors, poolin
     for i, label in enumerate(labels):
         taken = look_up(label)
         if not taken:
-            taken = look_up(*label.split())
-            missing.update(word.lower() for word in label.split() if not look_up(word))
+            words = label.split() if pooling else [label]
+            taken = look_up(*words)
+            missing.update(word.lower() for word in words if not look_up(word))
         if taken:
-            vectors[i] = _POOLINGS[pooling](by_word.vectors[taken], axis=0)
+            vectors[i] = _POOLINGS[pooling or "mean"](by_word.vectors[taken], axis=0)
             known[i] = True
-    source = f"{source}, {dimensions}-d, {pooling} of words"
+    source = f"{source}, {dimensions}-d" + (f", {pooling} of words" if pooling else "")
     return EntityFeatures(source, vectors, known, tuple(_words(labels)), tuple(sorted(missing)))
 
 
@@ -248,14 +274,25 @@ def _glove_rows(words: list[str]) -> NDArray[np.int64]:
 # --- from a file -----------------------------------------------------------------------------------------------------
 
 
-def _from_file(path: Path, labels: Sequence[str], pooling: Pooling) -> EntityFeatures:
+def _checked_folder(folder: Path) -> Path:
+    """Return a folder from ``encode`` after a SHA-256 check."""
+    from wordcraft_kg.runs.files import RunFiles
+    from wordcraft_kg.runs.record import read_finished_run
+
+    files = RunFiles(folder, read_finished_run(folder, "a file or folder with vectors", ENCODED))
+    for name in files.run.outputs:
+        files.bytes(name)
+    return folder
+
+
+def _from_file(path: Path, labels: Sequence[str], pooling: Pooling | None, source: str = "") -> EntityFeatures:
     wanted = {spelt for label in labels for text in (label, *label.split()) for spelt in _spellings(text)}
     read = _read_array if path.suffix.lower() == ".npy" else _parse
     try:
         vectors = read(path, wanted)
     except (OSError, EOFError, zlib.error) as error:
         raise ConfigError(f"{path} cannot be read: {error}. Download the file again, or use another file.") from error
-    return _of_labels(path.name, labels, vectors, pooling)
+    return _of_labels(source or path.name, labels, vectors, pooling)
 
 
 def _parse(path: Path, wanted: Set[str]) -> _WordVectors:

@@ -1,0 +1,53 @@
+"""A tiny language model and a tiny encoder with random weights, whose words are those of the kitchen."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from tokenizers import Tokenizer, models, pre_tokenizers
+from transformers import BertConfig, BertForMaskedLM, BertModel, LlamaConfig, LlamaForCausalLM, PreTrainedTokenizerFast
+
+from wordcraft_kg.apps.elicitation.prompts import PROMPTS
+
+SIZES = {"hidden_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2, "intermediate_size": 16}
+
+
+def save(folder: Path, kind: type, config, tokenizer) -> Path:
+    # Large weights, so that labels differ in their probabilities.
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        kind(config).save_pretrained(folder)
+    tokenizer.save_pretrained(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tokenizer(kitchen):
+    texts = [text for prompt in PROMPTS for text in (prompt.text("a"), *prompt.neutral)]
+    words = sorted({word for text in (*kitchen.entities, *texts) for word in text.replace(",", " ,").split()})
+    words += [label.capitalize() for label in kitchen.entities]
+    vocabulary = {word: number for number, word in enumerate(dict.fromkeys(("[UNK]", "[PAD]", *words)))}
+    made = Tokenizer(models.WordLevel(vocabulary, unk_token="[UNK]"))
+    made.pre_tokenizer = pre_tokenizers.Whitespace()
+    return PreTrainedTokenizerFast(tokenizer_object=made, unk_token="[UNK]", pad_token="[PAD]")
+
+
+@pytest.fixture(scope="session")
+def model_folder(tokenizer, tmp_path_factory) -> Path:
+    """A causal language model; read only."""
+    config = LlamaConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("lm"), LlamaForCausalLM, config, tokenizer)
+
+
+@pytest.fixture(scope="session")
+def masked_folder(tokenizer, tmp_path_factory) -> Path:
+    """A masked language model, which sees later words; read only."""
+    config = BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("masked"), BertForMaskedLM, config, tokenizer)
+
+
+@pytest.fixture(scope="session")
+def encoder_folder(tokenizer, tmp_path_factory) -> Path:
+    """An encoder without a pooling of its own; read only."""
+    config = BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("encoder"), BertModel, config, tokenizer)

@@ -1,0 +1,76 @@
+"""Vectors of a sentence encoder, and reading them as features."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from refusals import refuses
+from transformers import AutoModel
+
+from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.inductive import with_words
+from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.runs.record import read_run
+
+
+@pytest.fixture(scope="module")
+def vectors(encoder_folder, kitchen, tmp_path_factory):
+    labels = (*kitchen.entities, "flour bread")
+    made, hashes = encode_labels(labels, encoder_folder)
+    out = tmp_path_factory.mktemp("vectors") / "kitchen"
+    return write_vectors(out, labels, made, inputs={"graph": kitchen.hash, **hashes})
+
+
+def test_a_vector_is_the_mean_over_the_tokens_with_length_1(vectors, encoder_folder, tokenizer, kitchen):
+    model = AutoModel.from_pretrained(encoder_folder).eval()
+    features = make_features(str(vectors), kitchen.entities)
+    for label, vector in list(zip(kitchen.entities, features.vectors, strict=True))[::7]:
+        with torch.no_grad():
+            states = model(**tokenizer(label, return_tensors="pt")).last_hidden_state[0]
+        expected = (states.mean(0) / states.mean(0).norm()).numpy()
+        np.testing.assert_allclose(vector, expected, atol=2e-3)
+    assert features.vectors.dtype == np.float32
+    assert features.source == "kitchen, 16-d"
+
+
+def test_vectors_of_another_book_or_changed_ones_are_refused(vectors, tmp_path):
+    with refuses("features"):
+        make_features(str(vectors), ["iron", "gold", "flour"])
+    with pytest.raises(ValueError, match=r"2 of 3.*gold, iron\. These are vectors of another book.*encode"):
+        make_features(str(vectors), ["iron", "gold", "flour"])
+    labels = vectors / "vectors.labels.txt"
+    before = labels.read_text()
+    labels.write_text(before[::-1])
+    try:
+        with pytest.raises(ArtefactError, match="SHA-256 differs"):
+            make_features(str(vectors), ["flour"])
+    finally:
+        labels.write_text(before)
+    with pytest.raises(ArtefactError, match="expected a file or folder with vectors"):
+        make_features(str(tmp_path), ["flour"])
+
+
+def test_a_recipe_scorer_learns_from_a_folder_and_scores_its_further_labels(vectors, kitchen_opened, tmp_path):
+    settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors))
+    folder = train_recipes(RecipesConfig(kitchen_opened.source, settings), tmp_path / "model").folder
+    assert "flour bread" in with_words(folder, load_scorer(folder), ["flour bread"]).entities
+    with pytest.raises(LookupError, match=r"'water bread'.*--labels LABEL"):
+        with_words(folder, load_scorer(folder), ["water bread"])
+
+
+def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, monkeypatch):
+    monkeypatch.chdir(home)
+    outcome = run("encode", "kitchen", "--encoder", encoder_folder, "--labels", "flour bread,milk", "--json")
+    values = json.loads(outcome.out)
+    assert (outcome.code, values["labels"], values["dimensions"]) == (0, 81, 16)
+    assert values["out"] == "vectors/kitchen"
+    assert read_run(home / "vectors/kitchen").inputs.keys() == {"graph", "model.safetensors"}
+    outcome = run("encode", "kitchen", "--encoder", encoder_folder / "config.json", "--out", "other")
+    assert (outcome.code, outcome.kind) == (1, "ArtefactError")
+    assert "cannot be loaded as a sentence encoder" in outcome.err
+    assert not (home / "other").exists()

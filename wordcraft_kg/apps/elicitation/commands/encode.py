@@ -1,0 +1,55 @@
+"""``wordcraft-kg encode``."""
+
+from pathlib import Path
+
+from wordcraft_kg.base.artefacts import check_output
+from wordcraft_kg.base.extras import check_extra
+from wordcraft_kg.cli.console import Output, split_labels
+from wordcraft_kg.cli.options import Force, Graph, Words
+
+GROUP = "Knowledge from outside the book"
+EXAMPLES = (
+    "wordcraft-kg encode graphs/mine --encoder sentence-transformers/all-MiniLM-L6-v2 --out vectors/mine",
+    "wordcraft-kg train-recipes graphs/mine --features vectors/mine --out models/mine",
+)
+
+
+def encode(
+    graph: Graph,
+    *,
+    encoder: str,
+    labels: Words = None,
+    out: Path | None = None,
+    force: Force = False,
+    output: Output = Output(),
+) -> None:
+    """Encode entity labels with a sentence encoder: vectors for --features.
+
+    Args:
+        encoder: model folder, or a name on the Hugging Face hub.
+        labels: comma-separated further labels, such as new entities for the command score.
+        out: folder to write. Default: vectors/<graph name>.
+    """
+    from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.graphs.recipes import check_label
+
+    opened = open_graph(graph)
+    folder = out or Path("vectors") / opened.graph.name
+    check_output(folder, force=force)
+    check_extra("text")
+    more = (check_label(label, "`labels`") for label in split_labels(labels or []))
+    every = list(dict.fromkeys((*opened.graph.entities, *more)))
+    from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
+    from wordcraft_kg.apps.elicitation.weights import locate_model
+
+    vectors, hashes = encode_labels(every, locate_model("encoder", encoder), output.progress("encoding", unit="label"))
+    inputs = {"graph": opened.graph.hash, **hashes}
+    written = write_vectors(folder, every, vectors, inputs=inputs, force=force)
+    size, dimensions = vectors.shape
+    output.result(
+        {"out": str(written), "labels": size, "dimensions": dimensions, "weights": hashes},
+        [
+            f"encoded {size:,} labels in {dimensions} dimensions",
+            f"wrote {written}/   next: wordcraft-kg train-recipes {graph} --features {written}",
+        ],
+    )

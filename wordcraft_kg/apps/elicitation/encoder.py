@@ -1,0 +1,85 @@
+"""Entity vectors from a sentence encoder: the folder of vectors that ``features`` reads."""
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
+from wordcraft_kg.base.artefacts import staged_folder, with_a_name, write_atomically
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.extras import check_extra
+from wordcraft_kg.models.scorers.features import ENCODED
+from wordcraft_kg.runs.folder import Progress
+from wordcraft_kg.runs.record import end_run, start_run
+
+_CHUNK = 256
+"""Labels between two reports of progress."""
+
+
+def encode_labels(
+    labels: Sequence[str], path: Path, report: Progress | None = None
+) -> tuple[NDArray[np.float16], dict[str, str]]:
+    """Encode labels with a sentence encoder, or with mean pooling over the tokens of another transformer.
+
+    Args:
+        labels: N texts.
+        path: model folder that ``sentence_transformers`` loads.
+        report: called with the numbers of encoded and of all labels.
+
+    Returns:
+        Vectors of length 1, shape (N, D), and the hashes of the weights by file name.
+
+    Raises:
+        MissingExtraError: if a package is missing.
+        ArtefactError: if the model is damaged or incomplete.
+    """
+    check_extra("text")
+    hashes = hash_weights(path)
+    with loading(path, "a sentence encoder"):
+        import torch
+        from sentence_transformers import SentenceTransformer
+
+        model = SentenceTransformer(str(path), device="cpu", model_kwargs={"dtype": torch.float32})
+    parts = []
+    for start in range(0, len(labels), _CHUNK):
+        some = list(labels[start : start + _CHUNK])
+        parts.append(model.encode(some, normalize_embeddings=True, show_progress_bar=False))
+        if report:
+            report(start + len(some), len(labels), {})
+    vectors = np.concatenate(parts).astype(np.float16)
+    if not np.isfinite(vectors).all():
+        raise ArtefactError(f"'{path}' gives vectors that are not finite. Restore a copy of the weights.")
+    return vectors, hashes
+
+
+def vector_files(labels: Sequence[str], vectors: NDArray[np.float16]) -> dict[str, bytes]:
+    """Return the content of the vector file and the label file (a label per line), by name."""
+    buffer = io.BytesIO()
+    np.save(buffer, vectors, allow_pickle=False)
+    names = "".join(f"{label}\n" for label in labels)
+    return {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names.encode()}
+
+
+def write_vectors(
+    out: Path,
+    labels: Sequence[str],
+    vectors: NDArray[np.float16],
+    *,
+    inputs: Mapping[str, str],
+    force: bool = False,
+) -> Path:
+    """Write a folder of vectors; ``inputs`` are the hashes of graph and weights.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
+    folder = with_a_name(out)
+    with staged_folder(folder, force=force) as staging:
+        files = vector_files(labels, vectors)
+        for name, content in files.items():
+            write_atomically(staging / name, content)
+        end_run(staging, start_run(staging, "encode", inputs=inputs), "done", tuple(files))
+    return folder

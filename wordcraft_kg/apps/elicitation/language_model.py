@@ -1,0 +1,313 @@
+"""Tables from a causal language model: how much more probable is a label after a text about another label?
+
+For each entity and prompt the model reads one text, in one forward pass without generation. A cell is a pointwise
+mutual information: the label's log-probability after the text, minus its log-probability after neutral texts.
+"""
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import safetensors.torch
+import torch
+from torch import Tensor
+
+from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
+from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
+from wordcraft_kg.base.artefacts import TEMPORARY, check_output, read_large_file, with_a_name, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.extras import check_extra
+from wordcraft_kg.base.tensors import read_tensors
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, TableInfo, write_knowledge
+from wordcraft_kg.runs.cards import front_matter
+from wordcraft_kg.runs.folder import Progress, locked
+
+_BATCH = 32
+"""Texts in a forward pass; part of the result's last bits, so also of the key of saved rows."""
+_LARGEST = 2**31
+"""Bytes of all tables: 14,654 entities with five prompts."""
+
+
+@dataclass(frozen=True, eq=False)
+class LanguageModel:
+    """A causal language model of ``transformers`` with its tokenizer.
+
+    Attributes:
+        hashes: SHA-256 hashes of the weights by file name.
+        random_seed: seed of random weights; None for the weights in the files.
+    """
+
+    model: Any
+    tokenizer: Any
+    hashes: dict[str, str]
+    random_seed: int | None = None
+
+
+def open_language_model(path: Path, random_seed: int | None = None) -> LanguageModel:
+    """Load a language model: a model folder or a ``.gguf`` file.
+
+    Args:
+        path: folder or file.
+        random_seed: draw random weights for the same architecture, as a control.
+
+    Raises:
+        MissingExtraError: if a package is missing.
+        ArtefactError: if the model is damaged, incomplete or not causal.
+    """
+    check_extra("text")
+    hashes = hash_weights(path)
+    with loading(path, "a causal language model"):
+        from transformers import AutoConfig, AutoModelForCausalLM, AutoTokenizer
+
+        folder, options = (str(path.parent), {"gguf_file": path.name}) if path.is_file() else (str(path), {})
+        tokenizer = AutoTokenizer.from_pretrained(folder, **options)
+        if random_seed is None:
+            model, info = AutoModelForCausalLM.from_pretrained(
+                folder, dtype=torch.float32, output_loading_info=True, **options
+            )
+            if info["missing_keys"]:
+                raise ValueError(f"the weights lack {min(info['missing_keys'])}")
+        else:
+            config = AutoConfig.from_pretrained(folder, **options)
+            with torch.random.fork_rng(devices=[]):  # transformers draws from the global generator
+                torch.manual_seed(random_seed)
+                model = AutoModelForCausalLM.from_config(config, dtype=torch.float32)
+        model.eval()
+        if not _is_causal(model):
+            raise ValueError("a prediction depends on later tokens")
+    return LanguageModel(model, tokenizer, hashes, random_seed)
+
+
+@torch.inference_mode()
+def _is_causal(model: Any) -> bool:
+    one, other = (model(input_ids=torch.tensor([[0, token]])).logits[:, 0] for token in (1, 2))
+    return torch.allclose(one, other, rtol=1e-3, atol=1e-3)
+
+
+def label_tokens(tokenizer: Any, label: str) -> list[int]:
+    """Return the tokens that stand for a label: the first token of each word after a blank.
+
+    The mean of their log-probabilities is the label's log-probability.
+
+    Raises:
+        ConfigError: if a word has no token, or only the token for unknown words.
+    """
+    before = len(tokenizer("a", add_special_tokens=False).input_ids)
+    tokens = []
+    for word in label.split():
+        token = tokenizer(f"a {word}", add_special_tokens=False).input_ids[before : before + 1]
+        if not token or token[0] == tokenizer.unk_token_id:
+            raise ConfigError(
+                f"the label '{label}' has no tokens in this language model's vocabulary. Use a `model` for the labels' "
+                "language, or rename the entity."
+            )
+        tokens += token
+    return tokens
+
+
+class _LabelProbabilities:
+    """Log-probabilities of all labels after texts."""
+
+    def __init__(self, language_model: LanguageModel, labels: Sequence[str]):
+        self.model, self.size = language_model.model, len(labels)
+        tokens = [label_tokens(language_model.tokenizer, label) for label in labels]
+        self.tokens = torch.tensor([token for some in tokens for token in some])
+        self.owners = torch.tensor([owner for owner, some in enumerate(tokens) for _ in some])
+        self.counts = torch.tensor([len(some) for some in tokens for _ in some])
+
+    @torch.inference_mode()
+    def after(self, texts: Sequence[Sequence[int]]) -> Tensor:
+        """Return log-probabilities, shape (B, E), in nats, after B texts with equal numbers of tokens."""
+        logits = self.model(input_ids=torch.tensor(texts), logits_to_keep=1).logits[:, -1].float()
+        parts = logits.log_softmax(-1)[:, self.tokens] / self.counts
+        return torch.zeros(len(texts), self.size).index_add_(1, self.owners, parts)
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Texts of one prompt with equal numbers of tokens; ``rows`` are entity ids."""
+
+    prompt: int
+    rows: list[int]
+    texts: list[list[int]]
+
+
+def _batches(texts: Sequence[list[int]], prompt: int = 0) -> Iterator[_Batch]:
+    """Divide texts into batches that need no padding; the batches depend on the texts only."""
+    order = sorted(range(len(texts)), key=lambda row: len(texts[row]))
+    for _, same in groupby(order, key=lambda row: len(texts[row])):
+        rows = list(same)
+        for start in range(0, len(rows), _BATCH):
+            some = rows[start : start + _BATCH]
+            yield _Batch(prompt, some, [texts[row] for row in some])
+
+
+def elicit_knowledge(
+    out: Path,
+    graph: RecipeGraph,
+    language_model: LanguageModel,
+    prompts: tuple[Prompt, ...],
+    *,
+    report: Progress | None = None,
+    force: bool = False,
+) -> Knowledge:
+    """Write a knowledge folder with a table for each prompt, and return the tables.
+
+    Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the remaining rows.
+
+    Args:
+        out: new folder.
+        graph: graph with E entities.
+        language_model: model and tokenizer.
+        prompts: texts.
+        report: called with the numbers of finished and of all texts.
+        force: replace an existing folder.
+
+    Raises:
+        ConfigError: if the tables are too large, or a label has no tokens.
+        ArtefactError: if a probability is not finite.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+        KeyboardInterrupt: after Ctrl-C; the message has the number of saved texts.
+    """
+    out = with_a_name(out)
+    check_output(out, force=force)
+    size = graph.num_entities
+    if len(prompts) * size**2 * 2 > _LARGEST:
+        raise ConfigError(
+            f"{len(prompts)} tables of {size:,} x {size:,} entities need {len(prompts) * size**2 * 2:,} bytes; "
+            f"expected at most {_LARGEST:,}. Use a smaller graph, or fewer `prompts`."
+        )
+    text = prompts_text(prompts)
+    inputs = {"graph": graph.hash, "prompts": hashlib.sha256(text.encode()).hexdigest(), **language_model.hashes}
+    if language_model.random_seed is not None:
+        inputs["random weights, seed"] = str(language_model.random_seed)
+    with _saved_rows(out, inputs) as folder:
+        tables = _tables(language_model, graph.entities, prompts, folder, report)
+        source = "language model" + (" with random weights" if language_model.random_seed is not None else "")
+        infos = tuple(TableInfo(name=prompt.name, role=prompt.role, phrase=prompt.phrase) for prompt in prompts)
+        record = KnowledgeRecord(source=source, entities=graph.entities, tables=infos)
+        knowledge = Knowledge(record, tables)
+        files = {"prompts.json": text, "README.md": _card(graph, knowledge, inputs, prompts)}
+        write_knowledge(out, "elicit", knowledge, inputs=inputs, files=files, force=force)
+        shutil.rmtree(folder)
+    return knowledge
+
+
+def _tables(
+    language_model: LanguageModel,
+    labels: Sequence[str],
+    prompts: tuple[Prompt, ...],
+    folder: Path,
+    report: Progress | None,
+) -> tuple[Tensor, ...]:
+    """Return a table for each prompt, from rows saved in ``folder`` or computed and saved there."""
+    size, probabilities = len(labels), _LabelProbabilities(language_model, labels)
+
+    def tokens(texts: Sequence[str]) -> list[list[int]]:
+        return [language_model.tokenizer(text).input_ids for text in texts]
+
+    batches = [
+        batch
+        for number, prompt in enumerate(prompts)
+        for batch in _batches(tokens([prompt.text(label) for label in labels]), number)
+    ]
+    tables = torch.zeros(len(prompts), size, size, dtype=torch.half)
+    done, neutral = 0, (-1, torch.zeros(0))
+    try:
+        for number, batch in enumerate(batches):
+            file = folder / f"{number}.safetensors"
+            rows = _read_rows(file)
+            if rows is None:
+                if neutral[0] != batch.prompt:
+                    neutral = batch.prompt, _neutral(probabilities, tokens(prompts[batch.prompt].neutral))
+                rows = (probabilities.after(batch.texts) - neutral[1]).half()
+                if not rows.isfinite().all():
+                    raise ArtefactError("the language model gives probabilities that are not finite. Use another.")
+                write_atomically(file, safetensors.torch.save({"rows": rows}))
+            tables[batch.prompt, batch.rows] = rows
+            done += len(batch.rows)
+            if report:
+                report(done, len(prompts) * size, {})
+    except KeyboardInterrupt:
+        saved = f"interrupted; {done:,} of {len(prompts) * size:,} texts are saved."
+        raise KeyboardInterrupt(f"{saved} Repeat the command to continue.") from None
+    return tuple(map(_oriented, tables, prompts))
+
+
+def _neutral(probabilities: _LabelProbabilities, texts: list[list[int]]) -> Tensor:
+    """Return the log of each label's mean probability after neutral texts, shape (E,)."""
+    rows = torch.cat([probabilities.after(batch.texts) for batch in _batches(texts)])
+    return rows.logsumexp(0) - math.log(len(texts))
+
+
+def _oriented(table: Tensor, prompt: Prompt) -> Tensor:
+    """Return a table with a row per text as (ingredient, result), or as a symmetric table, with a diagonal of 0."""
+    if prompt.role == "pair":
+        table = ((table.float() + table.float().T) / 2).half()
+    elif prompt.about == "result":
+        table = table.T
+    return table.clone().fill_diagonal_(0)
+
+
+@contextmanager
+def _saved_rows(out: Path, inputs: Mapping[str, str]) -> Iterator[Path]:
+    """Yield the locked folder for the rows of these inputs beside ``out``."""
+    digest = hashlib.sha256(json.dumps([inputs, _BATCH]).encode()).hexdigest()[:16]
+    folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder, "written"):
+        yield folder
+
+
+def _read_rows(file: Path) -> Tensor | None:
+    if not file.exists():
+        return None
+    try:
+        return read_tensors(file, read_large_file(file))["rows"]
+    except ArtefactError:  # cut short by a power failure
+        return None
+
+
+def strongest(knowledge: Knowledge, most: int = 3) -> dict[str, list[str]]:
+    """Return each table's largest cells as phrases, such as "bread needs flour (+3.1)", by table name."""
+    labels = knowledge.record.entities
+    shown: dict[str, list[str]] = {}
+    for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
+        cells = (table.triu() if info.role == "pair" else table).flatten()
+        values, places = cells.topk(min(most, len(cells)))
+        shown[info.name] = []
+        for value, place in zip(values.tolist(), places.tolist(), strict=True):
+            row, column = labels[place // len(labels)], labels[place % len(labels)]
+            names = ("{ingredient}", row), ("{result}", column), ("{a}", row), ("{b}", column)
+            phrase = info.phrase
+            for name, label in names:
+                phrase = phrase.replace(name, label)
+            shown[info.name].append(f"{phrase} ({value:+.1f})")
+    return shown
+
+
+def _card(graph: RecipeGraph, knowledge: Knowledge, inputs: Mapping[str, str], prompts: Sequence[Prompt]) -> str:
+    shown = strongest(knowledge)
+    tables = "".join(f"| {p.name} | {p.role} | {p.template} | {'; '.join(shown[p.name])} |\n" for p in prompts)
+    hashes = "".join(f"- {name}: `{value}`\n" for name, value in inputs.items())
+    return f"""{front_matter("knowledge-graph", "language-model")}
+# Knowledge of a {knowledge.record.source} for {graph.name}
+
+Tables over {graph.num_entities:,} entities in `tables.safetensors` (float16, nats): the log-probability of a label
+after a text, minus the label's log-probability after neutral texts (`prompts.json`). Rows are ingredients; columns are
+results (part) or other ingredients (pair). No recipe was used.
+
+| table | role | text | largest cells |
+|---|---|---|---|
+{tables}
+SHA-256 hashes:
+
+{hashes}"""

@@ -1,0 +1,107 @@
+"""Prompts for a language model: texts about an entity that a related label may follow."""
+
+from pathlib import Path
+from typing import Literal
+
+from wordcraft_kg.base.artefacts import dump_json, read_small_file
+from wordcraft_kg.base.records import Record, as_values, parse_record
+from wordcraft_kg.models.knowledge.folder import Role
+
+_IN_PHRASE = {"part": ("{ingredient}", "{result}"), "pair": ("{a}", "{b}")}
+
+
+class Prompt(Record, frozen=True, kw_only=True):
+    """A text about an entity; the probabilities of the next words make a table.
+
+    Attributes:
+        name: name of the table.
+        role: role of the table: ``part``, ingredient and result, or ``pair``, two ingredients.
+        about: role of the entity in the text, ingredient or result; the next words have the other role.
+        template: text with ``{e}``, a label, or ``{E}``, a label with a capital letter.
+        neutral: texts with a general word, such as "something", in place of the label.
+        phrase: evidence in explanations, with ``{ingredient}`` and ``{result}``, or ``{a}`` and ``{b}``.
+    """
+
+    name: str
+    role: Role
+    about: Literal["ingredient", "result"] = "ingredient"
+    template: str
+    neutral: tuple[str, ...]
+    phrase: str
+
+    def __post_init__(self) -> None:
+        texts = (self.template, *self.neutral)
+        if "{e}" not in self.template.lower():
+            raise ValueError(f"template '{self.template}' has no {{e}}; expected a place for the label")
+        if not self.neutral or any(not text or text != text.strip() for text in texts):
+            raise ValueError(f"prompt '{self.name}' needs neutral texts; texts neither start nor end with a blank")
+        if any(part not in self.phrase for part in _IN_PHRASE[self.role]):
+            raise ValueError(f"phrase '{self.phrase}' lacks {' or '.join(_IN_PHRASE[self.role])}")
+
+    def text(self, label: str) -> str:
+        """Return the text about a label."""
+        return self.template.replace("{e}", label).replace("{E}", label[:1].upper() + label[1:])
+
+
+PROMPTS = (
+    Prompt(
+        name="need",
+        role="part",
+        about="result",
+        template="To make {e}, you need",
+        neutral=("To make something, you need", "To make this, you need"),
+        phrase="{result} needs {ingredient}",
+    ),
+    Prompt(
+        name="use",
+        role="part",
+        template="You can use {e} to make",
+        neutral=("You can use something to make", "You can use it to make"),
+        phrase="{ingredient} makes {result}",
+    ),
+    Prompt(
+        name="from",
+        role="part",
+        about="result",
+        template="{E} is made from",
+        neutral=("It is made from", "This is made from"),
+        phrase="{result} is made from {ingredient}",
+    ),
+    Prompt(
+        name="and",
+        role="pair",
+        template="The {e} and the",
+        neutral=("The thing and the", "The one and the"),
+        phrase="{a} goes with {b}",
+    ),
+    Prompt(
+        name="with",
+        role="pair",
+        template="{E} is often used together with",
+        neutral=("It is often used together with", "This is often used together with"),
+        phrase="{a} is used with {b}",
+    ),
+)
+"""Default prompts."""
+
+
+class _Prompts(Record, frozen=True):
+    prompts: tuple[Prompt, ...]
+
+    def __post_init__(self) -> None:
+        if not self.prompts or len({prompt.name for prompt in self.prompts}) < len(self.prompts):
+            raise ValueError("expected prompts with different names")
+
+
+def read_prompts(path: Path) -> tuple[Prompt, ...]:
+    """Read prompts from a JSON file, ``{"prompts": [...]}``.
+
+    Raises:
+        ArtefactError: if the file is missing, not JSON, or a prompt is invalid.
+    """
+    return parse_record(read_small_file(path), _Prompts, path).prompts
+
+
+def prompts_text(prompts: tuple[Prompt, ...]) -> str:
+    """Return prompts as JSON text for :func:`read_prompts`."""
+    return dump_json(as_values(_Prompts(prompts)))

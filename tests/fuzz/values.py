@@ -30,6 +30,7 @@ GIVEN = {
     **{"features": "random", "format": "tsv", "mcp transport": "http", "model": "distmult", "player": "cat"},
     **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
     "people summary sessions folder": "in/study",
+    **{"elicit model": "in/model", "encoder": "in/model"},
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",
 }

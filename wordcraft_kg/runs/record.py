@@ -20,7 +20,7 @@ from wordcraft_kg.graphs.folder import TrainedOn
 
 RUN_FILE = "run.json"
 _SEED = re.compile(r"seed-(\d+)")
-_PACKAGES = ("torch", "pykeen", "numpy", "pandas", "networkx", "safetensors")
+_PACKAGES = ("torch", "pykeen", "numpy", "pandas", "networkx", "safetensors", "transformers", "sentence-transformers")
 Status = Literal["running", "interrupted", "failed", "done"]
 
 

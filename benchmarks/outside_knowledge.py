@@ -1,0 +1,174 @@
+"""Which knowledge helps? Recipe scorers with sources of outside knowledge, alone at the evaluation's own tables.
+
+    wordcraft-kg encode little-alchemy-2 everyday --encoder ENCODER --out vectors/both
+    wordcraft-kg elicit little-alchemy-2 --model MODEL --out knowledge/lm          (and the other folders)
+    python benchmarks/outside_knowledge.py little-alchemy-2 --words vectors/both \\
+        --source "language model=knowledge/lm" --source WordNet=knowledge/wn --source book=everyday
+
+For each split kind and split seed: recipes alone (``one-hot``), recipes and GloVe, recipes and ``--words``, the latter
+with each source, and with all sources (``--only`` chooses rows). A source is NAME=SPEC, or NAME=SPEC,SPEC. Fits on all
+train recipes of the split; ``--part valid`` plays validation tasks instead of test tasks. Success on all depth-1 tasks:
+the pair with the highest score, five distractor seeds; *few* counts tasks with an ingredient or goal in at most two
+train recipes. Finished cells in --out are kept.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from threadpoolctl import threadpool_limits
+
+from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs import SplitConfig, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer, scorer_tensors
+from wordcraft_kg.models.recipes.outside import open_outside
+from wordcraft_kg.models.recipes.zero_shot import join_books
+from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.kernel import cosines
+from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+
+SEEDS = 5
+"""Distractor seeds."""
+FEW = 2
+"""Most train recipes of an entity that counts as rare."""
+ZERO_SHOT = "zero-shot"
+
+
+def text_of(words: str, entities: Sequence[str]) -> torch.Tensor:
+    features = make_features(words, entities)
+    return torch.zeros(len(entities), len(entities)) if features.is_one_hot else cosines(torch.tensor(features.vectors))
+
+
+def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> tuple[RecipeKnowledge, LinkRankers]:
+    """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books only."""
+    if not name.startswith(ZERO_SHOT):
+        outside = open_outside(specs, opened, words)
+        return fit_recipe_scorer(
+            make_folds(opened.split, 5), text_of(words, opened.graph.entities), outside=outside.tables
+        )
+    joint = join_books(specs, opened, words, folds=5, keep_train="unshared" not in name)
+    text = text_of(words, joint.opened.graph.entities)
+    knowledge, rankers = fit_recipe_scorer(joint.folds, text, outside=joint.outside.tables)
+    return knowledge.of_entities(joint.own), rankers
+
+
+def played(opened: OpenedGraph, knowledge: RecipeKnowledge, distractors: int, part: str) -> tuple[float, float]:
+    """Return success of the pair with the highest score, on all tasks and on those with a rare entity."""
+    world = World(opened, WordCraftConfig(part=part, num_distractors=distractors))  # type: ignore[arg-type]
+    size, tasks = opened.graph.num_entities, np.arange(len(world.tasks))
+    recipes = opened.graph.recipes
+    makes = {tuple(row) for row in recipes.tolist()}
+    train = opened.split.recipes("train")
+    used = np.concatenate([train[:, 0], train[train[:, 0] != train[:, 1], 1], train[:, 2]])
+    is_rare = np.bincount(used, minlength=size) <= FEW
+    is_few = np.array([is_rare[recipes[plans[0][-1]]].any() for plans in world.tasks.plans])
+    engine, wins = BatchEngine(world, len(tasks)), []
+    for distractor_seed in range(SEEDS):
+        state = engine.pose(tasks, distractor_seed, seed=0)
+        goal, table = torch.as_tensor(state.goal), torch.as_tensor(state.table)
+        slots = table.shape[1]
+        best = torch.cat(
+            [
+                knowledge(goals, tables, torch.zeros_like(goals)).flatten(1).argmax(1)
+                for goals, tables in zip(goal.split(1024), table.split(1024), strict=True)
+            ]
+        )
+        one, other = (table.gather(1, slot[:, None])[:, 0] for slot in (best // slots, best % slots))
+        pairs = torch.stack([torch.minimum(one, other), torch.maximum(one, other), goal], dim=1)
+        wins.append([tuple(pair) in makes for pair in pairs.tolist()])
+    success = np.mean(wins, axis=0)
+    return float(success.mean()), float(success[is_few].mean()) if is_few.any() else float("nan")
+
+
+def cell(book: str, kind: str, seed: int, part: str, name: str, words: str, specs: Sequence[str]) -> dict[str, Any]:
+    """Return the figures of a row on one split."""
+    ratios = {"train_ratio": 0.7, "valid_ratio": 0.2} if part == "valid" else {}
+    opened = open_graph(book, SplitConfig(kind, seed=seed, **ratios))  # type: ignore[arg-type]
+    knowledge, rankers = fitted(opened, name, words, specs)
+    graph = opened.graph
+    scorer = RecipeScorer(scorer_tensors(knowledge, rankers, opened.split.recipes("train")), graph.entities, graph.hash)
+    queries = opened.split.held_out(part)  # type: ignore[arg-type]
+    figures = {"mrr": mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples))}
+    for amount in (8, 1):
+        figures[f"{amount}"], figures[f"few {amount}"] = played(opened, knowledge, amount, part)
+    return {"book": Path(book).stem, "split": kind, "seed": seed, "part": part, "row": name, **figures}
+
+
+def rows_of(options: argparse.Namespace) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield each row's name, word vectors and sources."""
+    sources = {name: spec.split(",") for name, _, spec in (each.partition("=") for each in options.source)}
+    yield "recipes alone", "one-hot", []
+    yield "and GloVe", "glove", []
+    yield "and words", options.words, []
+    for name, specs in sources.items():
+        yield name, options.words, specs
+    plain = [name for name in sources if not name.startswith((ZERO_SHOT, "control"))]
+    if len(plain) > 1:
+        yield "all", options.words, [spec for name in plain for spec in sources[name]]
+
+
+def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each row: means over splits with Student's interval, and each split's success."""
+    names = dict.fromkeys(row["row"] for row in rows)
+    for name in names:
+        same = [row for row in rows if row["row"] == name]
+        yield f"{name:24}" + "  ".join(
+            f"{figure} {np.mean([row[figure] for row in same]):.3f} {shown([row[figure] for row in same])}"
+            for figure in ("mrr", "8", "1", "few 8", "few 1")
+        )
+
+
+def shown(values: list[float]) -> str:
+    ends = student_interval(values)
+    interval = f"[{ends[0]:.3f}, {ends[1]:.3f}] " if ends else ""
+    return interval + "(" + " ".join(f"{value:.3f}" for value in values) + ")"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("book")
+    parser.add_argument("--words", default="minilm", help="word vectors of all rows after GloVe")
+    parser.add_argument("--source", action="append", default=[], help="NAME=SPEC,SPEC; NAME may start with zero-shot")
+    parser.add_argument("--only", help="names of rows, comma-separated")
+    parser.add_argument("--splits", default="by-recipe,by-goal,by-slot")
+    parser.add_argument("--split-seeds", default="0,1,2")
+    parser.add_argument("--part", choices=("test", "valid"), default="test")
+    parser.add_argument("--json", type=Path, help="file to write the figures to")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/runs/outside-knowledge"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)
+    found: list[dict[str, Any]] = []
+    with threadpool_limits(1):
+        for kind in options.splits.split(","):
+            rows: list[dict[str, Any]] = []
+            for name, words, specs in rows_of(options):
+                if options.only and name not in options.only.split(","):
+                    continue
+                for seed in map(int, options.split_seeds.split(",")):
+                    file = options.out / f"{Path(options.book).stem}-{kind}-{seed}-{options.part}-{name}.json"
+                    if not file.exists():
+                        figures = cell(options.book, kind, seed, options.part, name, words, specs)
+                        write_atomically(file, json.dumps(figures))
+                    rows.append(json.loads(file.read_text()))
+                print(*lines_of(rows[-len(options.split_seeds.split(",")) :]), flush=True)
+            print(f"^ {options.book}, {kind}: {options.part} tasks, splits {options.split_seeds}\n", flush=True)
+            found += rows
+    if options.json:
+        write_atomically(options.json, json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

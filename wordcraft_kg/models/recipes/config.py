@@ -16,7 +16,7 @@ class RecipeScorerConfig:
 
     Attributes:
         kg: training recipes: partial (the train recipes), full (all recipes, test recipes included), or none (only
-            other books in `with_`: zero-shot).
+            outside knowledge: zero-shot from other books, or tables alone).
         train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for equal seeds.
         label_noise: fraction of these recipes with the result replaced by another recipe's result.
         folds: number of folds: the rankers learn to predict each fold from the remaining folds, and on the partial

@@ -28,7 +28,7 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
 from wordcraft_kg.models.recipes.outside import describe_source, open_outside
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
-from wordcraft_kg.models.recipes.zero_shot import join_books
+from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
@@ -152,16 +152,19 @@ class _Job:
             steps += 1
             after(steps)
 
-        with _threads(self.settings.threads):
-            knowledge, rankers = fit_recipe_scorer(
-                self.folds,
-                self.text,
-                outside=self.outside,
-                left_out=self.left_out,
-                seed=self.settings.seed,
-                after=step,
-            )
         recipes = self.folds.recipes(self.left_out)
+        with _threads(self.settings.threads):
+            if len(recipes):
+                knowledge, rankers = fit_recipe_scorer(
+                    self.folds,
+                    self.text,
+                    outside=self.outside,
+                    left_out=self.left_out,
+                    seed=self.settings.seed,
+                    after=step,
+                )
+            else:
+                knowledge, rankers = tables_alone(self.outside, self.text)
         if self.own is not None:
             knowledge, recipes = knowledge.of_entities(self.own), recipes[:0]
         _kept(self.folder).save(self.fold, scorer_tensors(knowledge, rankers, recipes), self.done)
@@ -292,7 +295,7 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics) -> str:
     if metrics.kg == "full":
         seen = "all recipes, test recipes included: the scores show memory, not prediction."
     if metrics.kg == "none":
-        seen = "other books' recipes: this book's recipes are unseen."
+        seen = "outside knowledge only: this book's recipes are unseen."
     points = [f"{metrics.recipes:,} recipes; words: {metrics.features}"]
     points += [f"outside knowledge: {line}" for line in map(describe_source, metrics.outside)]
     if metrics.fold_mrr is not None:

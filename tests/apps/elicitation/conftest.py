@@ -7,7 +7,7 @@ import torch
 from tokenizers import Tokenizer, models, pre_tokenizers
 from transformers import BertConfig, BertForMaskedLM, BertModel, LlamaConfig, LlamaForCausalLM, PreTrainedTokenizerFast
 
-from wordcraft_kg.apps.elicitation.prompts import PROMPTS
+from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts
 
 SIZES = {"hidden_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2, "intermediate_size": 16}
 
@@ -23,7 +23,7 @@ def save(folder: Path, kind: type, config, tokenizer) -> Path:
 
 @pytest.fixture(scope="session")
 def tokenizer(kitchen):
-    texts = [text for prompt in PROMPTS for text in (prompt.text("a"), *prompt.neutral)]
+    texts = [text for prompt in read_prompts(DEFAULT) for text in (prompt.text("a"), *prompt.neutral)]
     words = sorted({word for text in (*kitchen.entities, *texts) for word in text.replace(",", " ,").split()})
     words += [label.capitalize() for label in kitchen.entities]
     vocabulary = {word: number for number, word in enumerate(dict.fromkeys(("[UNK]", "[PAD]", *words)))}

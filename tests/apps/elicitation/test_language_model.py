@@ -10,11 +10,13 @@ from refusals import refuses
 
 from wordcraft_kg.apps.elicitation import language_model as module
 from wordcraft_kg.apps.elicitation.language_model import elicit_knowledge, open_language_model
-from wordcraft_kg.apps.elicitation.prompts import PROMPTS, prompts_text, read_prompts
+from wordcraft_kg.apps.elicitation.prompts import DEFAULT, prompts_text, read_prompts
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.folder import TABLES, read_knowledge
 from wordcraft_kg.runs.record import read_run
+
+PROMPTS = tuple(each for each in read_prompts(DEFAULT) if each.name in ("need", "use", "from", "and", "with"))
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +175,7 @@ def test_prompts_with_a_fault_are_refused(change, reason, tmp_path):
 
 def test_the_command_writes_tables_and_names_a_missing_extra(run, model_folder, home, monkeypatch):
     monkeypatch.chdir(home)
-    (home / "prompts.json").write_text(prompts_text(PROMPTS[1:2]))
+    (home / "prompts.json").write_text(prompts_text(tuple(each for each in PROMPTS if each.name == "use")))
     command = ("elicit", "kitchen", "--model", model_folder, "--prompts", "prompts.json", "--out", "lm")
     outcome = run(*command, "--json")
     values = json.loads(outcome.out)

@@ -43,54 +43,16 @@ class Prompt(Record, frozen=True, kw_only=True):
         return self.template.replace("{e}", label).replace("{E}", label[:1].upper() + label[1:])
 
 
-PROMPTS = (
-    Prompt(
-        name="need",
-        role="part",
-        about="result",
-        template="To make {e}, you need",
-        neutral=("To make something, you need", "To make this, you need"),
-        phrase="{result} needs {ingredient}",
-    ),
-    Prompt(
-        name="use",
-        role="part",
-        template="You can use {e} to make",
-        neutral=("You can use something to make", "You can use it to make"),
-        phrase="{ingredient} makes {result}",
-    ),
-    Prompt(
-        name="from",
-        role="part",
-        about="result",
-        template="{E} is made from",
-        neutral=("It is made from", "This is made from"),
-        phrase="{result} is made from {ingredient}",
-    ),
-    Prompt(
-        name="and",
-        role="pair",
-        template="The {e} and the",
-        neutral=("The thing and the", "The one and the"),
-        phrase="{a} goes with {b}",
-    ),
-    Prompt(
-        name="with",
-        role="pair",
-        template="{E} is often used together with",
-        neutral=("It is often used together with", "This is often used together with"),
-        phrase="{a} is used with {b}",
-    ),
-)
-"""Default prompts."""
-
-
 class _Prompts(Record, frozen=True):
     prompts: tuple[Prompt, ...]
 
     def __post_init__(self) -> None:
         if not self.prompts or len({prompt.name for prompt in self.prompts}) < len(self.prompts):
             raise ValueError("expected prompts with different names")
+
+
+DEFAULT = Path(__file__).with_name("prompts.json")
+"""Default prompts, a table each, chosen on validation recipes of Little Alchemy 2 (split seeds 10 and 11)."""
 
 
 def read_prompts(path: Path) -> tuple[Prompt, ...]:

@@ -36,12 +36,12 @@ def elicit(
         random_weights: seed for random weights in the same architecture, as a control. Default: the model's weights.
         out: folder to write.
     """
-    from wordcraft_kg.apps.elicitation.prompts import PROMPTS, read_prompts
+    from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts
     from wordcraft_kg.graphs.folder import open_graph
 
     if random_weights is not None:
         whole("random_weights", random_weights, 0)
-    read = PROMPTS if prompts is None else read_prompts(prompts)
+    read = read_prompts(prompts or DEFAULT)
     recipes = open_graph(graph).graph
     check_output(out, force=force)
     check_extra("text")

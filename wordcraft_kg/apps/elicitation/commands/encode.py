@@ -5,7 +5,7 @@ from pathlib import Path
 from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.cli.console import Output, split_labels
-from wordcraft_kg.cli.options import Force, Graph, Words
+from wordcraft_kg.cli.options import Book, Force, Graph, Words
 
 GROUP = "Knowledge from outside the book"
 EXAMPLES = (
@@ -16,7 +16,7 @@ EXAMPLES = (
 
 def encode(
     graph: Graph,
-    *,
+    *others: Book,
     encoder: str,
     labels: Words = None,
     out: Path | None = None,
@@ -26,6 +26,7 @@ def encode(
     """Encode entity labels with a sentence encoder: vectors for --features.
 
     Args:
+        others: further graphs or books, such as those that train-recipes --with names.
         encoder: model folder, or a name on the Hugging Face hub.
         labels: comma-separated further labels, such as new entities for the command score.
         out: folder to write. Default: vectors/<graph name>.
@@ -33,17 +34,17 @@ def encode(
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.graphs.recipes import check_label
 
-    opened = open_graph(graph)
-    folder = out or Path("vectors") / opened.graph.name
+    graphs = [open_graph(each).graph for each in (graph, *others)]
+    folder = out or Path("vectors") / graphs[0].name
     check_output(folder, force=force)
     check_extra("text")
     more = (check_label(label, "`labels`") for label in split_labels(labels or []))
-    every = list(dict.fromkeys((*opened.graph.entities, *more)))
+    every = list(dict.fromkeys([*(label for each in graphs for label in each.entities), *more]))
     from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
     from wordcraft_kg.apps.elicitation.weights import locate_model
 
     vectors, hashes = encode_labels(every, locate_model("encoder", encoder), output.progress("encoding", unit="label"))
-    inputs = {"graph": opened.graph.hash, **hashes}
+    inputs = {"graph": graphs[0].hash, **{f"graph {each.name}": each.hash for each in graphs[1:]}, **hashes}
     written = write_vectors(folder, every, vectors, inputs=inputs, force=force)
     size, dimensions = vectors.shape
     output.result(

@@ -8,7 +8,6 @@ import pytest
 import safetensors.torch
 import torch
 
-from wordcraft_kg.apps.people.session_file import read_session
 from wordcraft_kg.base.artefacts import LARGE_FILE, SMALL_FILE, read_large_file, read_small_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, RecipeFileError
 from wordcraft_kg.base.tensors import read_tensors
@@ -52,8 +51,6 @@ def test_what_a_user_names_is_not_read_either_if_it_has_no_end(endless: Path) ->
         read_book(endless)
     with pytest.raises((ConfigError, ArtefactError), match="expected a file"):
         make_features(str(endless), ["water"])
-    with pytest.raises(ArtefactError, match="is not a file"):
-        read_session(endless)
 
 
 def test_a_book_larger_than_any_is_refused(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from quick import build
 
 from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.agents.outcomes import Success
-from wordcraft_kg.apps.people.protocol import HumanProtocol
-from wordcraft_kg.apps.people.session_file import append_answer, open_session
+from wordcraft_kg.apps.people.config import StudyConfig
+from wordcraft_kg.apps.people.study import Study, kept_answers
 from wordcraft_kg.apps.text_agents import result_reader
 from wordcraft_kg.apps.text_agents.records import RESULT_FILE, PlayedSettings, TextResult
 from wordcraft_kg.base.records import read_record
@@ -58,16 +58,18 @@ def pack(monkeypatch):
     return found
 
 
-def session(path, *, right, wrong, graph="kitchen", distractors=4):
-    """Write the session of a person who makes some goals of test tasks and then fails at some."""
-    protocol = HumanProtocol(graph, distractors, tasks=right + wrong)
-    opened = open_session(path, protocol)
-    for number, (part, turn) in enumerate(protocol.turns):
-        task = protocol.task(part, turn)
-        plan = task.plans[0]
-        slots = task.table.index(plan.ingredient_a), task.table.index(plan.ingredient_b)
-        fails = number % (right + wrong) >= right
-        opened = append_answer(path, opened, protocol.answer(task, (slots[0], slots[0]) if fails else slots, 1.0))
+def person(path, *, right, wrong, graph="kitchen", distractors=4):
+    """Write the study of a person who makes some goals of test tasks and then fails at some."""
+    study = Study(graph, StudyConfig(tasks=right + wrong, distractors=(distractors,), forms=1))
+    with kept_answers(path, study) as answers:
+        person = answers.begin("somebody", study.cells)
+        for number, task in enumerate(study.tasks(person.cell)):
+            plan = task.plans[0]
+            slots = task.table.index(plan.ingredient_a), task.table.index(plan.ingredient_b)
+            fails = number % (right + wrong) >= right
+            answers.show(person, task.part, task.number, 1.0)
+            given = (slots[0], slots[0]) if fails else slots
+            answers.add(person, study.protocol(person.cell).answer(task, given, 1.0))
     return path
 
 
@@ -144,7 +146,7 @@ def test_an_agent_beside_has_the_figures_of_its_evaluation(printed, run, pack, w
 
 
 def test_people_beside_have_the_share_of_their_right_answers(printed, pack, tmp_path):
-    (row,) = own(printed(*TWO, "--external-results", session(tmp_path / "one.jsonl", right=3, wrong=2)))
+    (row,) = own(printed(*TWO, "--external-results", person(tmp_path / "one", right=3, wrong=2)))
     assert (row["kind"], row["people"], figures(row)) == ("people", 1, {"4": 0.6})
     assert "one person" in row["interval"]
 
@@ -224,14 +226,22 @@ def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(printed, refus
     [
         (lambda path: path.mkdir(), "", "is an empty folder; expected a run folder of 'train-agent'"),
         (lambda path: path.write_text("hello"), "", "is a file; expected a run folder of 'train-agent'"),
-        (lambda path: session(path, right=1, wrong=0, graph="everyday"), "", "was played on graph 82dcde20aeb1, but"),
-        (lambda path: session(path, right=1, wrong=0, distractors=3), "--distractors 1,4", "tasks with 3 distractors"),
+        (
+            lambda path: person(path, right=1, wrong=0, graph="everyday"),
+            "",
+            "was played on graph 82dcde20aeb1, but",
+        ),
+        (
+            lambda path: person(path, right=1, wrong=0, distractors=3),
+            "--distractors 1,4",
+            "tasks with 3 distractors",
+        ),
     ],
     ids=["empty folder", "text", "another graph", "other distractors"],
 )
 def test_results_that_the_table_cannot_show_are_refused(refused, pack, tmp_path, make, options, says):
-    make(tmp_path / "one.jsonl")
-    refused("reference", "kitchen", *options.split(), "--external-results", tmp_path / "one.jsonl", says=says)
+    make(tmp_path / "one")
+    refused("reference", "kitchen", *options.split(), "--external-results", tmp_path / "one", says=says)
 
 
 def test_a_report_of_agents_shows_the_pack_apart_and_has_the_same_figures(run, world, monkeypatch, tmp_path, pack):

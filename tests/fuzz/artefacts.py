@@ -52,10 +52,6 @@ AGENT = (
     TRAINED,
 )
 SERVED = ("--port", "0", "--no-browser")
-SESSION = (
-    ("people", "summary", "{}/human.jsonl"),
-    ("play", "in/graph", "--protocol", "paper", "--distractors", "2", "--out", "{}/human.jsonl"),
-)
 STUDY = (
     ("people", "summary", "{}"),
     ("people", "summary", "{}", "--run", "in/agent"),
@@ -68,7 +64,7 @@ READERS = {
     "graph": GRAPH,
     **dict.fromkeys(("model", "model-table", "model-interrupted"), MODEL),
     **dict.fromkeys(("agent", "agent-interrupted"), AGENT),
-    **{"session": SESSION, "study": STUDY, "text": TEXT},
+    **{"study": STUDY, "text": TEXT},
 }
 """By kind of folder: the commands that read it; ``{}`` is the spoilt one."""
 

@@ -12,7 +12,7 @@ from .harness import call
 
 
 def make_home(home: Path) -> Path:
-    """Make a graph, and on it models and agents, finished and interrupted, a person's session and a study."""
+    """Make a graph, and on it models and agents, finished and interrupted, and a study with people."""
     from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
     from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
@@ -39,8 +39,6 @@ def make_home(home: Path) -> Path:
     train_agent(agent, home / "agent")
     (home / "agent" / "report").mkdir()
     assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
-    game = ("play", "graph", "--protocol", "paper", "--distractors", "2", "--out", "session/human.jsonl", "--quiet")
-    assert call(game, home, b"1\n2\n" * 6).code == 0
     played = ("evaluate-text", "graph", "--player", "cat", "--distractors", "2", "--tasks", "4", "--out", "text")
     assert call((*played, "--quiet"), home).code == 0
     _make_study(home)

@@ -25,11 +25,10 @@ GIVEN = {
     **dict.fromkeys(("eval_every", "port"), "0"),
     **dict.fromkeys(("attempts", "top"), "3"),
     **dict.fromkeys(("limit", "runs"), "2"),
-    **{"model folder": "in/model", "sessions folder": "in/session/human.jsonl"},
+    **{"model folder": "in/model", "studies folder": "in/study"},
     **{"agent": "trained", "batch_size": "16", "device": "cpu"},
     **{"features": "random", "format": "tsv", "mcp transport": "http", "model": "distmult", "player": "cat"},
     **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
-    "people summary sessions folder": "in/study",
     **{"elicit model": "in/model", "encoder": "in/model"},
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",
@@ -73,7 +72,7 @@ class Option:
     @property
     def given(self) -> str | None:
         """A sound value for it, None if it is best left out."""
-        if self.parameter == "out" and self.command != "play":
+        if self.parameter == "out":
             return "out"
         parameter = f"{self.parameter} folder" if self.is_path else self.parameter
         return GIVEN.get(f"{self.command} {parameter}", GIVEN.get(parameter))
@@ -115,7 +114,7 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
     option, where, value = cases()[number % len(cases())]
     folder = sandbox / IN
     folder.mkdir()
-    for kind in ("graph", "model", "model-table", "agent", "session", "study"):
+    for kind in ("graph", "model", "model-table", "agent", "study"):
         linked(home, kind, folder / kind)
     _odd_paths(sandbox / "odd")
     command = [*option.command.split(), "--quiet"]

@@ -1,9 +1,5 @@
-"""The paper's protocol for people: picks, tasks, the file of answers, and the interval of a rate."""
+"""The paper's protocol for people: picks, tasks, and the interval of a rate."""
 
-import json
-import math
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -14,11 +10,10 @@ from hypothesis import strategies as st
 from refusals import refuses
 from scipy.stats import binomtest
 
-from tests.apps.people.stored import other_world, unchanged
 from wordcraft_kg.apps.people.config import TASKS_PER_PART
-from wordcraft_kg.apps.people.protocol import Answer, HumanProtocol, episode_seed, schedule
-from wordcraft_kg.apps.people.session_file import Session, append_answer, open_session, read_session
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.apps.people.protocol import HumanProtocol, episode_seed, schedule
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import table_labels
@@ -28,26 +23,6 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 @pytest.fixture(scope="module")
 def protocol(kitchen: RecipeGraph) -> HumanProtocol:
     return HumanProtocol(kitchen)
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "human.jsonl"
-
-
-def answer_to(protocol: HumanProtocol, part: str, number: int) -> Answer:
-    """The answer of somebody who combines the first two things, or in every third task is right."""
-    task = protocol.task(part, number)
-    slots = tuple(task.table.index(label) for label in task.plans[0][:2]) if number % 3 == 0 else (0, 1)
-    return protocol.answer(task, slots, 1.5)
-
-
-def play(path: Path, protocol: HumanProtocol, count: int = 80) -> Session:
-    """Go on with a session until so many tasks are answered."""
-    session = open_session(path, protocol)
-    for turn in protocol.turns[len(session.answers) : count]:
-        session = append_answer(path, session, answer_to(protocol, *turn))
-    return session
 
 
 def test_a_session_is_40_train_tasks_and_then_40_test_tasks():
@@ -124,128 +99,14 @@ def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
     assert {key: episode_seed(*key) for key in golden} == golden
 
 
-def test_the_header_has_nothing_about_people(protocol: HumanProtocol, kitchen: RecipeGraph, path: Path):
-    play(path, protocol, 3)
-    header, first, *_ = map(json.loads, path.read_text().splitlines())
+def test_the_header_and_an_answer_have_nothing_about_people(protocol: HumanProtocol, kitchen: RecipeGraph):
     settings = {"tasks_per_part": 40, "depth": 1, "num_distractors": 8, "attempts": 1}
     weights = {"distractor_weighting": "use", "distractor_policy": "any", "task_weighting": "task", "ambiguity": "all"}
     hashes = {"graph_hash": kitchen.hash, "split_hash": make_split(kitchen, SplitConfig()).hash}
-    others = {"format": "wordcraft-kg human protocol 1", "graph": "kitchen", "seed": 0}
-    assert header == {**others, **hashes, "settings": settings | weights}
-    assert list(first) == ["part", "number", "goal", "table", "actions", "made", "success", "seconds"]
-
-
-def test_a_session_in_pieces_is_the_session_in_one(protocol: HumanProtocol, tmp_path: Path):
-    for count in (0, 1, 39, 40, 41, 80, 80):
-        session = play(tmp_path / "pieces.jsonl", protocol, count)
-        assert session.is_finished == (count == 80)
-    assert session == play(tmp_path / "one.jsonl", protocol) == read_session(tmp_path / "one.jsonl")
-    assert (tmp_path / "pieces.jsonl").read_bytes() == (tmp_path / "one.jsonl").read_bytes()
-
-
-def test_a_torn_last_line_is_dropped_and_its_task_posed_again(protocol: HumanProtocol, path: Path, caplog):
-    play(path, protocol, 3)
-    data = path.read_bytes()
-    start = data.rindex(b"\n", 0, -1) + 1
-    for end in range(start + 1, len(data)):
-        path.write_bytes(data[:end])
-        session = open_session(path, protocol)
-        assert (len(session.answers), session.torn) == (2, 0)
-        assert path.read_bytes() == data[:start]
-    assert "torn" in caplog.text
-    play(path, protocol, 3)
-    assert path.read_bytes() == data
-
-
-@pytest.mark.parametrize(
-    ("other", "kind", "name"),
-    [
-        ({"seed": 1}, ConfigError, "seed 0, but this command has 1"),
-        ({"num_distractors": 1}, ConfigError, "num_distractors 8, but this command has 1"),
-        ("split", GraphMismatchError, "split_hash"),
-        ("graph", GraphMismatchError, "graph_hash"),
-    ],
-)
-def test_a_file_of_another_session_is_refused(protocol, kitchen, path: Path, other: Any, kind: type, name: str):
-    play(path, protocol, 3)
-    with path.open("ab") as file:
-        file.write(b'{"torn')
-    is_world = isinstance(other, str)
-    another = HumanProtocol(other_world(kitchen, other)) if is_world else HumanProtocol(kitchen, **other)
-    with unchanged(path.parent), pytest.raises(kind, match=name):
-        open_session(path, another)
-
-
-def test_another_name_of_the_same_graph_goes_on(protocol: HumanProtocol, kitchen: RecipeGraph, path: Path):
-    play(path, protocol, 3)
-    renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
-    assert len(open_session(path, HumanProtocol(renamed)).answers) == 3
-
-
-@pytest.mark.parametrize(
-    "content", ["", "my notes", "my notes\n", "{}\n", "[]\n", "\n", '{"format": "other"}\n', "\xff"]
-)
-def test_a_file_that_is_something_else_is_refused_and_stays(protocol: HumanProtocol, path: Path, content: str):
-    path.write_text(content, encoding="latin-1")
-    with unchanged(path.parent), pytest.raises(ArtefactError, match="not a session file"):
-        open_session(path, protocol)
-
-
-DAMAGES: dict[str, Callable[[dict[str, Any]], Any]] = {
-    "another part": lambda row: row | {"part": "test"},
-    "another number": lambda row: row | {"number": 3},
-    "a number that is none": lambda row: row | {"number": True},
-    "a pick that was not there": lambda row: row | {"actions": ["gold", "gold"]},
-    "one pick": lambda row: row | {"actions": row["actions"][:1]},
-    "a table of numbers": lambda row: row | {"table": [*row["table"], 1]},
-    "a success that was none": lambda row: row | {"success": not row["success"]},
-    "negative seconds": lambda row: row | {"seconds": -1.0},
-    "endless seconds": lambda row: row | {"seconds": math.inf},
-    "a key more": lambda row: row | {"name": "somebody"},
-    "a key less": lambda row: {key: value for key, value in row.items() if key != "made"},
-    "a list": lambda row: [row],
-    "nothing": lambda row: None,
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_answer_is_refused_with_its_line(protocol: HumanProtocol, path: Path, damage: str):
-    play(path, protocol, 4)
-    lines = path.read_text().splitlines()
-    lines[2] = json.dumps(DAMAGES[damage](json.loads(lines[2])))
-    path.write_text("\n".join(lines) + "\n")
-    for read in (read_session, lambda path: open_session(path, protocol)):
-        with unchanged(path.parent), pytest.raises(ArtefactError, match="line 3 is damaged"):
-            read(path)
-
-
-def test_a_task_that_is_not_posed_there_is_refused(protocol: HumanProtocol, path: Path):
-    session = play(path, protocol, 2)
-    third = answer_to(protocol, "train", 3)
-    append_answer(path, session, msgspec.structs.replace(third, table=third.table[::-1]))
-    with pytest.raises(ArtefactError, match="line 4: this version poses another task"):
-        open_session(path, protocol)
-
-
-@pytest.mark.parametrize("name", ["tasks_per_part", "num_distractors"])
-@pytest.mark.parametrize("value", [None, "8", True, -1, 10**9, 1.0])
-def test_a_header_whose_settings_are_none_is_refused(protocol: HumanProtocol, path: Path, name: str, value: Any):
-    play(path, protocol, 2)
-    header, *lines = path.read_text().splitlines()
-    changed = json.loads(header)
-    changed["settings"][name] = value
-    path.write_text("\n".join([json.dumps(changed), *lines]) + "\n")
-    with pytest.raises(ArtefactError, match="line 1 is damaged"):
-        read_session(path)
-
-
-def test_lines_lost_doubled_or_in_excess_are_refused(protocol: HumanProtocol, path: Path):
-    play(path, protocol)
-    lines = path.read_bytes().splitlines(keepends=True)
-    for changed in (lines[:3] + lines[4:], [*lines[:3], *lines[2:]], [*lines, lines[-1]], [*lines[:4], b"\n"]):
-        path.write_bytes(b"".join(changed))
-        with pytest.raises(ArtefactError, match="damaged"):
-            read_session(path)
+    others = {"graph": "kitchen", "seed": 0, "settings": settings | weights}
+    assert as_values(protocol.header) == {**others, **hashes}
+    answer = protocol.answer(protocol.task("train", 1), (0, 1), 1.5)
+    assert list(as_values(answer)) == ["part", "number", "goal", "table", "actions", "made", "success", "seconds"]
 
 
 @given(st.integers(1, 10_000), st.data(), st.sampled_from([0.5, 0.9, 0.95, 0.999]))

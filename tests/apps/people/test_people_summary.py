@@ -13,7 +13,7 @@ from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.apps.people.comparison import agent_successes, greedy_slots
 from wordcraft_kg.apps.people.protocol import HumanProtocol
-from wordcraft_kg.apps.people.session_file import Session
+from wordcraft_kg.apps.people.sessions import Session
 from wordcraft_kg.apps.people.summary import HumanSummary, view_people
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values
@@ -36,7 +36,7 @@ def protocol(kitchen: RecipeGraph) -> HumanProtocol:
 
 
 def summed(*sessions: Session, agents: Any = None) -> HumanSummary:
-    view = view_people({Path(f"{number}.jsonl"): (one,) for number, one in enumerate(sessions)}, agents)
+    view = view_people({Path(str(number)): (one,) for number, one in enumerate(sessions)}, agents)
     checked_values(view)
     return view
 
@@ -88,7 +88,7 @@ def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(pro
     other = HumanProtocol(protocol.world, seed=1, tasks=3)
     assert summed(session(protocol, "1"), session(other, "1")).sessions == 2
     longer = HumanProtocol(protocol.world, tasks=4)
-    with pytest.raises(ConfigError, match=r"'1\.jsonl' has tasks_per_part 4, but '0\.jsonl' has 3"):
+    with pytest.raises(ConfigError, match=r"'1' has tasks_per_part 4, but '0' has 3"):
         summed(session(protocol, "1"), session(longer, "1"))
 
 
@@ -99,7 +99,7 @@ def test_another_graph_or_split_is_not_summed_up(protocol: HumanProtocol, kitche
 
 
 def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol: HumanProtocol):
-    with pytest.raises(ArtefactError, match=r"1\.jsonl has the same answers as 0\.jsonl"):
+    with pytest.raises(ArtefactError, match="1 has the same answers as 0"):
         summed(session(protocol, "10"), session(protocol, "10"))
     assert summed(session(protocol, ""), session(protocol, "")).sessions == 2
 

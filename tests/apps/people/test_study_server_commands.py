@@ -20,8 +20,6 @@ import pytest
 
 from tests.apps.people.stored import go_on, refused, unchanged
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.protocol import HumanProtocol
-from wordcraft_kg.apps.people.session_file import append_answer, open_session
 from wordcraft_kg.apps.people.study import Study, kept_answers, read_study
 
 Run = Callable[..., Any]
@@ -69,7 +67,7 @@ def answer(address: str, code: str, task: int) -> str:
 
 @pytest.fixture
 def summary(run: Run) -> Run:
-    """Summarise studies and files, with options."""
+    """Summarise studies, with options."""
     return lambda *arguments: run("people", "summary", *arguments)
 
 
@@ -218,14 +216,22 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(summary: Run, be
     assert max(map(len, text)) <= 80
 
 
-def test_a_study_and_files_of_play_are_summed_up_together(summary: Run, begun: Path, tmp_path: Path):
-    protocol = HumanProtocol("kitchen", 8, seed=3, tasks=2)
-    path = tmp_path / "human.jsonl"
-    session = open_session(path, protocol)
-    append_answer(path, session, protocol.answer(protocol.task("train", 1), (0, 0), 1.0))
-    values = json.loads(summary(begun, path, "--json").out)
-    assert values["sessions"] == 5
+def test_several_studies_are_summed_up_together(summary: Run, begun: Path, tmp_path: Path):
+    study = Study("kitchen", StudyConfig(tasks=2, distractors=(8,), seed=3))
+    with kept_answers(tmp_path / "other", study) as answers:
+        answers.begin("nobody", study.cells)
+        assert summary(tmp_path / "other").out.count("no answers") == 2
+        go_on(answers, study, answers.begin("somebody", study.cells), 1)
+    values = json.loads(summary(begun, tmp_path / "other", "--json").out)
+    assert values["sessions"] == 6
     assert values["conditions"][1]["parts"]["train"]["answered"] == 4
+
+
+def test_a_summary_refuses_what_it_cannot_sum_up(summary: Run, begun: Path, tmp_path: Path):
+    assert "given twice" in refused(summary(begun, begun))
+    assert "expected a study" in refused(summary())
+    for path in (begun / "study.json", tmp_path, tmp_path / "nowhere"):
+        refused(summary(path), "ArtefactError")
 
 
 def test_agents_are_compared_with_people(run: Run, summary: Run, begun: Path, tmp_path: Path):

@@ -1,1 +1,1 @@
-"""People at the task: play in a terminal, the paper's protocol with files, and studies in the browser."""
+"""People at the task: play in a terminal, and studies with the paper's protocol in the browser."""

@@ -2,7 +2,6 @@
 
 import copy
 from dataclasses import dataclass
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -16,7 +15,6 @@ from wordcraft_kg.envs.words import results_of, table_labels
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipes import Recipe
 
-HUMAN_FORMAT: Literal["wordcraft-kg human protocol 1"] = "wordcraft-kg human protocol 1"
 HUMAN_PARTS = ("train", "test")
 """Parts in order. The solution follows each train task, but no test task."""
 Turn = tuple[str, int]
@@ -40,9 +38,8 @@ def episode_seed(seed: int, part: str, number: int) -> int:
 
 
 class Header(Record):
-    """The first line in a session file: properties that comparable sessions share."""
+    """The properties that comparable sessions share: graph, split, settings and seed."""
 
-    format: Literal["wordcraft-kg human protocol 1"]
     graph: str
     graph_hash: Hash
     split_hash: Hash
@@ -51,7 +48,7 @@ class Header(Record):
 
 
 class Answer(Record):
-    """A further line in a session file, without data about person or machine.
+    """A participant's answer to a task, without data about person or machine.
 
     Attributes:
         part: ``train`` or ``test``.
@@ -101,7 +98,7 @@ class HumanProtocol:
 
     Attributes:
         turns: part and number for each task, in order.
-        header: the first line in a session file.
+        header: properties of all sessions with these tasks.
     """
 
     def __init__(
@@ -116,7 +113,7 @@ class HumanProtocol:
         kept = ("depth", "num_distractors", "attempts", "distractor_weighting", "distractor_policy", "task_weighting")
         settings = {"tasks_per_part": tasks} | {name: getattr(self.world.config, name) for name in (*kept, "ambiguity")}
         graph = self.world.graph
-        self.header = Header(HUMAN_FORMAT, graph.name, graph.hash, self.world.split.hash, settings, seed)
+        self.header = Header(graph.name, graph.hash, self.world.split.hash, settings, seed)
 
     def with_seed(self, seed: int) -> "HumanProtocol":
         """Return a copy that samples tasks with another seed; the copies share environments: use one at a time."""

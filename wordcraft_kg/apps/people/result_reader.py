@@ -3,22 +3,20 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from wordcraft_kg.apps.people.protocol import HUMAN_FORMAT
-from wordcraft_kg.apps.people.session_file import read_session
 from wordcraft_kg.apps.people.study import STUDY_FILE, read_study
 from wordcraft_kg.apps.people.summary import view_people
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.evaluation.reference import Estimate, ReferenceRow, TaskPlay, figures_of
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.studies.result_readers import ResultReader, begins_with, check_hash, check_tasks
+from wordcraft_kg.studies.result_readers import ResultReader, check_hash, check_tasks
 
 
 def _knows(path: Path) -> bool:
-    return (path / STUDY_FILE).is_file() or begins_with(path, HUMAN_FORMAT)
+    return (path / STUDY_FILE).is_file()
 
 
 def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> ReferenceRow:
-    sessions = read_study(path).sessions() if (path / STUDY_FILE).is_file() else (read_session(path),)
+    sessions = read_study(path).sessions()
     view = view_people({path: sessions})
     header = sessions[0].header
     check_hash(path, "graph", header.graph_hash, opened.graph.hash)
@@ -58,4 +56,4 @@ def _rows(paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: S
     return [_row(path, opened, play, columns) for path in paths]
 
 
-READER = ResultReader("a folder of 'people serve', a file of 'play --protocol paper'", _knows, _rows)
+READER = ResultReader("a folder of 'people serve'", _knows, _rows)

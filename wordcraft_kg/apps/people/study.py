@@ -22,8 +22,8 @@ from wordcraft_kg.apps.people.answers_database import (
     read_answers,
 )
 from wordcraft_kg.apps.people.config import MOST_TASKS, StudyConfig
-from wordcraft_kg.apps.people.protocol import HUMAN_FORMAT, HUMAN_PARTS, Header, HumanProtocol, PosedTask, schedule
-from wordcraft_kg.apps.people.session_file import Session, check_equal, check_number
+from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Header, HumanProtocol, PosedTask, schedule
+from wordcraft_kg.apps.people.sessions import Session, check_equal, check_number
 from wordcraft_kg.base.artefacts import dump_json, read_small_file, what_is, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.base.records import Count, Hash, Record, as_values, parse_record
@@ -53,9 +53,9 @@ class StudyRecord(Record):
     created: str
 
     def header(self, cell: Cell) -> Header:
-        """Return the header for a session file with a cell's tasks (a cell is a form with a number of distractors)."""
+        """Return the header for sessions with a cell's tasks (a cell is a form with a number of distractors)."""
         settings = self.settings | {"num_distractors": cell.distractors}
-        return Header(HUMAN_FORMAT, self.graph, self.graph_hash, self.split_hash, settings, self.seed + cell.form)
+        return Header(self.graph, self.graph_hash, self.split_hash, settings, self.seed + cell.form)
 
     @property
     def tasks(self) -> int:

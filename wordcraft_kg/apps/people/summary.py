@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Answer
-from wordcraft_kg.apps.people.session_file import Session, TableKey, check_alike
+from wordcraft_kg.apps.people.sessions import Session, TableKey, check_alike
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
@@ -80,7 +80,7 @@ def view_people(
     ``agents`` holds the success of each agent by name and table.
 
     Raises:
-        ArtefactError: if a file ends in a torn line, or two have the same answers.
+        ArtefactError: if two studies have the same answers.
         GraphMismatchError: if the graphs or splits differ.
         ConfigError: if settings other than the number of distractors differ, or there is no session.
     """
@@ -114,19 +114,17 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
     seen: dict[tuple[tuple[Answer, ...], ...], Path] = {}
     for path, sessions in sources.items():
         for session in sessions:
-            if session.torn:
-                raise ArtefactError(f"{path} ends in a torn line; continue the session to repeat the torn answer.")
             reference = reference or (path, session)
             settings = reference[1].header.settings | {"num_distractors": session.distractors}
             like = msgspec.structs.replace(reference[1].header, seed=session.header.seed, settings=settings)
             check_alike(path, session.header, f"'{reference[0]}'", like)
         answers = tuple(session.answers for session in sessions)
         if answers in seen:
-            raise ArtefactError(f"{path} has the same answers as {seen[answers]}; give each session once.")
+            raise ArtefactError(f"{path} has the same answers as {seen[answers]}; give each study once.")
         if any(answers):
             seen[answers] = path
     if reference is None:
-        raise ConfigError("no session: expected at least one file, or a study with participants.")
+        raise ConfigError("no session: expected a study with participants.")
 
 
 def _rate(part: str, sessions: Sequence[Session], agents: Mapping[str, Mapping[TableKey, bool]]) -> AnswerRate:

@@ -1,16 +1,18 @@
 """``wordcraft-kg play``."""
 
+import io
 import secrets
 import sys
-import time
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 from cyclopts import Parameter
 
-from wordcraft_kg.apps.people.terminal import Commands, Terminal, numbered_columns
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ActionError, ConfigError
+from wordcraft_kg.base.labels import read_pair
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.console import Flag, Output, split_labels
 from wordcraft_kg.cli.options import Book
@@ -18,27 +20,77 @@ from wordcraft_kg.envs.config import MAX_ATTEMPTS, WordCraftConfig
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.session_file import Session
     from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
-    from wordcraft_kg.graphs.recipes import Recipe
 
 GROUP = "Tasks and play"
 EXAMPLES = (
     "wordcraft-kg play",
     "wordcraft-kg play kitchen --depth 2 --attempts 4 --seed 3",
-    "wordcraft-kg play everyday --open-ended --out game.jsonl",
-    "wordcraft-kg play everyday --protocol paper --out human.jsonl",
+    "wordcraft-kg play everyday --open-ended",
 )
 
-HELP = """Select two items to combine them; new items are added to the table. Ingredients
-are not used up, and you may select the same item twice. Type an item's number,
-its name, or the start of its name. u undoes the first selection, ? shows this
-help, q quits."""
-INTRODUCTION = """This session follows the protocol of the paper: 40 practice tasks with feedback,
-then 40 test tasks without feedback. Every goal can be made in one attempt, from
-two items on the table or from one item combined with itself."""
-NAMES = {"train": "practice", "test": "test"}
-COMMANDS: Commands = {"?": lambda: [HELP]}
+HELP = """Name two items to combine them, such as water + earth or 1 2; new items are
+added. Ingredients are not used up, and you may combine an item with itself. An
+item is its number, its name, or the start of its name. ? shows this help, q
+quits."""
+ATTEMPTS = 100
+WIDTH = 80  # columns
+
+
+class Quit(Exception):
+    """The player stops, or the input has ended."""
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """A game as lines of text on a stream, and typed pairs from stdin."""
+
+    stream: TextIO
+
+    def __post_init__(self) -> None:
+        if isinstance(sys.stdin, io.TextIOWrapper) and sys.stdin.errors != "replace":
+            sys.stdin.reconfigure(errors="replace")  # stray bytes are bad input, not a failure
+
+    def say(self, *lines: str) -> None:
+        """Show lines of text."""
+        for line in lines:
+            print(line, file=self.stream, flush=True)
+
+    @contextmanager
+    def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
+        """Run a game in a ``with`` block until :class:`Quit`; after Ctrl-C, the message has the result so far."""
+        try:
+            yield
+        except Quit:
+            self.say("")
+        except KeyboardInterrupt:
+            self.say("")
+            raise KeyboardInterrupt(f"interrupted; {tally()}") from None
+
+    def ask(self, prompt: str) -> str:
+        """Return a typed line; ``q`` and the end of the input raise :class:`Quit`."""
+        print(prompt, end="", file=self.stream, flush=True)
+        line = sys.stdin.readline() if sys.stdin else ""
+        if not line or not sys.stdin.isatty():
+            self.say(line.strip())  # a terminal has shown the line already
+        if not line or line.strip().casefold() == "q":
+            raise Quit
+        return line.strip()
+
+    def pair(self, labels: Sequence[str], prompt: str) -> tuple[int, int]:
+        """Show items, and ask for two until the input is valid; return two indices in ``labels``."""
+        from wordcraft_kg.envs.words import numbered
+
+        self.say(textwrap.fill(numbered(labels), WIDTH))
+        while True:
+            typed = self.ask(prompt)
+            if typed == "?":
+                self.say(HELP)
+                continue
+            try:
+                return read_pair(typed, labels)
+            except ActionError as error:
+                self.say(textwrap.fill(str(error), WIDTH))
 
 
 def play(
@@ -52,11 +104,9 @@ def play(
     episodes: int = 0,
     open_ended: Flag = False,
     base: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
-    protocol: Literal["paper"] | None = None,
-    out: Path | None = None,
     output: Output = Output(),
 ) -> None:
-    """Play crafting tasks by hand, play in open-ended mode, or take the human protocol of the paper.
+    """Play crafting tasks by hand, or play in open-ended mode.
 
     Args:
         graph: graph folder, recipe book file, or built-in book name.
@@ -64,49 +114,21 @@ def play(
         distractors: number of distractors on the table.
         part: tasks to play: train, valid, test or all.
         attempts: attempts per episode. Default: depth; 100 in open-ended mode.
-        seed: seed for tasks and tables. Default: a random seed, which is shown; with a protocol, the seed in the
-            file, or 0 for a new file.
+        seed: seed for tasks and tables. Default: a random seed, which is shown.
         episodes: number of episodes; 0 plays until you quit.
         open_ended: play without goals: start with the base entities and discover as many entities as you can.
         base: comma-separated entities known at the start in open-ended mode. Default: the base entities of the graph.
-        protocol: paper: 40 train tasks with feedback, then 40 test tasks without feedback, at depth 1 with one attempt.
-        out: JSON lines file for protocol answers or an open-ended game. Repeat the command to resume.
     """
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
-    is_untouched = (depth, distractors, part, seed, episodes) == (1, WordCraftConfig.num_distractors, "all", None, 0)
     if open_ended:
-        from wordcraft_kg.apps.people.open_world import play_open_world
-
-        if protocol is not None or not is_untouched:
-            raise ConfigError("--open-ended has no tasks; the only options are attempts, base and out.")
-        play_open_world(terminal, graph, split_labels(base) if base else None, attempts, out, output)
+        if (depth, distractors, part, seed, episodes) != (1, WordCraftConfig.num_distractors, "all", None, 0):
+            raise ConfigError("--open-ended has no tasks; the only options are attempts and base.")
+        _play_open_world(terminal, graph, split_labels(base) if base else None, attempts, output)
     elif base:
         raise ConfigError(f"--base {','.join(base)}: tasks have no base; add --open-ended.")
-    elif protocol is None:
-        if out is not None:
-            raise ConfigError(
-                f"--out {out}: only protocol answers and open-ended games are saved; add --protocol paper."
-            )
+    else:
         settings = {"part": part, "depth": depth, "num_distractors": distractors, "max_attempts": attempts}
         _play_tasks(terminal, graph, settings, seed, episodes, output)
-    elif out is None:
-        raise ConfigError("--protocol paper: name a file for the answers, such as --out human.jsonl.")
-    elif (depth, part, attempts in (None, 1), episodes) != (1, "all", True, 0):
-        raise ConfigError("--protocol paper fixes depth, part, attempts and episodes; leave these options out.")
-    else:
-        session = _play_protocol(terminal, graph, distractors, seed, out)
-        output.result(*_protocol_result(session, out))
-
-
-def _select(terminal: Terminal, table: Sequence[str], left: int) -> tuple[tuple[int, int], float]:
-    terminal.say(*numbered_columns(table))
-    began = time.monotonic()
-    slots = terminal.select_two(f"first item: {{}}   attempts left: {left} > ", table, COMMANDS)
-    return slots, time.monotonic() - began
-
-
-def _recipes(recipes: "Iterable[Recipe]") -> str:
-    return "; ".join(f"{a} + {b} -> {result}" for a, b, result in recipes)
 
 
 def _play_tasks(
@@ -153,58 +175,55 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
     outcome = "in_progress"
     while outcome == "in_progress":
         table = table_labels(env, observation)
-        (one, other), _ = _select(terminal, table, int(observation["attempts_left"]))
+        one, other = terminal.pair(table, f"attempts left: {observation['attempts_left']} > ")
         env.step(one)
         observation, _, _, _, info = env.step(other)
-        outcome, actions = info["outcome"], (table[one], table[other])
-        terminal.say(combined(actions, results_of(env, *actions)))
+        outcome, pair = info["outcome"], (table[one], table[other])
+        terminal.say(combined(pair, results_of(env, *pair)))
     goal, plans = env.task.goal, env.task.plans
     made = outcome == "goal"
     terminal.say(
         f"You made the goal: {goal}." if made else f"You have no attempts left. You did not make {goal}.",
-        f"{'Solution' if len(plans) == 1 else f'One of {len(plans)} solutions'}: {_recipes(plans[0])}",
+        f"{'Solution' if len(plans) == 1 else f'One of {len(plans)} solutions'}: "
+        + "; ".join(combined((a, b), (result,)) for a, b, result in plans[0]),
     )
     return made
 
 
-def _play_protocol(terminal: Terminal, graph: str, distractors: int, seed: int | None, out: Path) -> "Session":
-    from wordcraft_kg.apps.people.protocol import HumanProtocol
-    from wordcraft_kg.apps.people.session_file import append_answer, open_session, read_session
-    from wordcraft_kg.envs.words import combined
+def _play_open_world(
+    terminal: Terminal, graph: str, base: Sequence[str] | None, attempts: int | None, output: Output
+) -> None:
+    from wordcraft_kg.envs.open_ended import OpenEndedEnv
+    from wordcraft_kg.envs.words import PROMPTS, combined
 
-    if seed is None:
-        seed = read_session(out).header.seed if out.exists() else 0
-    protocol = HumanProtocol(graph, distractors, seed)
-    session = open_session(out, protocol)
-    if session.is_finished:
-        terminal.say(f"{out} is complete; nothing was changed.")
-        return session
-    terminal.say(INTRODUCTION, HELP)
-    if session.answers:
-        terminal.say(f"Resuming after {len(session.answers)} answers.")
-    with terminal.until_quit(
-        lambda: f"{len(session.answers)} answers are saved in {out}; repeat the command to resume"
-    ):
-        for part, number in protocol.turns[len(session.answers) :]:
-            task = protocol.task(part, number)
-            if (part, number) == ("test", 1):
-                terminal.say("", "The test begins. From now on there is no feedback.")
-            terminal.say("", f"{NAMES[part]} {number} of {session.tasks}. Goal: {task.goal}")
-            answer = protocol.answer(task, *_select(terminal, task.table, 1))
-            session = append_answer(out, session, answer)
-            if part == "train":
-                line = f"{'correct' if answer.success else 'incorrect'}: {combined(answer.actions, answer.made)}"
-                terminal.say(line, f"solution: {_recipes(task.plans[:1])}")
-    return session
+    env = OpenEndedEnv(graph, base=base, max_attempts=whole("attempts", ATTEMPTS if attempts is None else attempts, 1))
+    env.reset()
+    names, discovery = env.graph, env.discovery
+    attempted = repeated = 0
+    is_over = False
 
+    def tally() -> str:
+        return f"known items: {len(discovery.known)} of {discovery.reachable} after {attempted} attempts"
 
-def _protocol_result(session: "Session", out: Path) -> tuple[dict[str, Any], list[str]]:
-    from wordcraft_kg.apps.people.protocol import HUMAN_PARTS
-
-    answered, finished, tasks = len(session.answers), session.is_finished, len(HUMAN_PARTS) * session.tasks
-    values = {"out": str(out), "answered": answered, "tasks": tasks, "finished": finished}
-    if not finished:  # test results appear only at the end
-        return values, [f"answered {answered} of {tasks}; repeat the command to resume {out}"]
-    correct = {part: sum(answer.success for answer in session.answers if answer.part == part) for part in HUMAN_PARTS}
-    shown = ", ".join(f"{part} {count} of {session.tasks}" for part, count in correct.items())
-    return values | {"successes": correct}, [f"correct: {shown}   next: wordcraft-kg people summary {out}"]
+    terminal.say(f"{HELP}\n")
+    with terminal.until_quit(tally):
+        while not is_over:
+            known = names.labels(discovery.known)
+            left = env.max_attempts - attempted
+            pair = [known[i] for i in terminal.pair(known, f"known items: {len(known)}   attempts left: {left} > ")]
+            _, _, is_over, _, info = env.step([*map(names.id_of, pair)])
+            attempted, repeated = attempted + 1, repeated + info["repeated"]
+            line = combined(pair, names.labels(info["new_entities"]), PROMPTS["nothing_new"])
+            terminal.say(line + PROMPTS["tried"] * info["repeated"])
+    values = {
+        "graph": names.name,
+        "hash": names.hash,
+        "base": names.labels(discovery.base),
+        "reachable": discovery.reachable,
+        "known": len(discovery.known),
+        "attempts": env.max_attempts,
+        "attempted": attempted,
+        "repeated": repeated,
+        "discovered": names.labels(discovery.known)[len(discovery.base) :],
+    }
+    output.result(values, [tally()])

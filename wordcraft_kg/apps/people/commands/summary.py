@@ -10,13 +10,13 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output, aligned
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.session_file import Session, TableKey
+    from wordcraft_kg.apps.people.sessions import Session, TableKey
     from wordcraft_kg.apps.people.summary import AnswerRate, ExportedAnswers, HumanSummary
 
 GROUP = "Tasks and play"
 EXAMPLES = (
-    "wordcraft-kg people summary human.jsonl",
-    "wordcraft-kg people summary one.jsonl two.jsonl --json",
+    "wordcraft-kg people summary study",
+    "wordcraft-kg people summary one two --json",
     "wordcraft-kg people summary study --run runs/recipes",
     "wordcraft-kg people summary study --export answers.jsonl",
 )
@@ -27,7 +27,7 @@ NOTE = (
 
 
 def people_summary(
-    *sessions: Path,
+    *studies: Path,
     run: Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)] = None,
     export: Path | None = None,
     force: Flag = False,
@@ -36,24 +36,23 @@ def people_summary(
     """Show success rates of people in the protocol of the paper, with 95% intervals, and of agents for comparison.
 
     Args:
-        sessions: study folders (`people serve`) and session files (`play --protocol paper`) with equal graph and split.
+        studies: study folders (`people serve`) with equal graph and split.
         run: run folder of an agent, which plays at exactly the same tables. May be given several times.
         export: write the answers in one study folder to this JSON lines file instead; the server may be running.
         force: replace the exported file if it exists.
     """
-    from wordcraft_kg.apps.people.session_file import read_session
     from wordcraft_kg.apps.people.study import read_study
     from wordcraft_kg.apps.people.summary import view_people
 
     if export is not None:
-        if run or len(sessions) != 1:
+        if run or len(studies) != 1:
             raise ConfigError("--export takes one folder of `people serve`, without --run.")
-        output.result(*_exported(sessions[0], export, force))
+        output.result(*_exported(studies[0], export, force))
         return
     if force:
         raise ConfigError("--force replaces an exported file; add --export FILE.")
-    sources = {path: read_study(path).sessions() if path.is_dir() else (read_session(path),) for path in sessions}
-    if len(sources) < len(sessions):
+    sources = {path: read_study(path).sessions() for path in studies}
+    if len(sources) < len(studies):
         raise ConfigError("a path is given twice; give each path once.")
     view = view_people(sources, _compared(run or [], [session for group in sources.values() for session in group]))
     output.result(view, _text(view))

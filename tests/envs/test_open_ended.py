@@ -39,7 +39,7 @@ def test_gymnasium_finds_nothing_to_complain_about(render_mode):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gym.make("WordCraft-OpenEnded-v0", graph="kitchen", max_attempts=7, render_mode=render_mode)
-        check_env(env.unwrapped, skip_render_check=True)  # see test_rendering
+        check_env(env.unwrapped)
         env.reset(seed=0)
         while not env.step(env.action_space.sample())[2]:
             pass
@@ -170,6 +170,8 @@ def test_a_bad_setting_says_what_was_expected(settings, says):
 
 def test_the_state_is_told_in_words():
     env = make(render_mode="ansi", max_attempts=3)
+    with pytest.raises(EpisodeError):
+        OpenEndedEnv(GRAPH, render_mode="ansi").render()
     assert "known: 2 of 6   attempts left: 3   nothing tried yet\nfire, water" in env.render()
     env.step([FIRE, FIRE])
     assert "known: 3 of 6   attempts left: 2   fire + fire -> blaze" in env.render()

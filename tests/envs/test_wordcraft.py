@@ -137,13 +137,15 @@ def test_gymnasiums_checker_finds_nothing(depth):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gym.make("WordCraft-v0", graph="kitchen", depth=depth, num_distractors=4, num_tasks=30)
-        check_env(env.unwrapped, skip_render_check=True)  # see test_rendering
+        check_env(env.unwrapped)
     assert env.spec.kwargs["graph"] == "kitchen"
     assert gym.make(env.spec).spec == env.spec
 
 
 def test_it_renders_in_words(kitchen_opened):
     env = WordCraftEnv(kitchen_opened, render_mode="ansi")
+    with pytest.raises(EpisodeError):
+        env.render()
     env.reset(seed=0)
     assert env.render().startswith("goal: ")
     assert "attempts left: 1" in env.render()

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
 from wordcraft_kg.envs.config import IllegalAction
-from wordcraft_kg.envs.rendering import METADATA, Picture, Scene, Tile, check_mode, rendered
+from wordcraft_kg.envs.rendering import METADATA, check_mode
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 
 Observation = dict[str, Any]
-SHOWN = 48  # latest known entities in a picture
 
 
 class Discovery:
@@ -183,11 +182,11 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         known = self._mask(self.discovery.known).astype(bool)
         return known, known.copy()
 
-    def render(self) -> str | Picture | None:
-        """Return the state in words or as a picture, by ``render_mode``."""
+    def render(self) -> str | None:
+        """Return the state in words; None without a ``render_mode``."""
         if self._outcome == "not_begun" and self.render_mode is not None:
             raise EpisodeError("call reset() before render().")
-        return rendered(self.render_mode, self._words, self._scene)
+        return None if self.render_mode is None else self._words()
 
     def _words(self) -> str:
         known = self.discovery.known
@@ -212,18 +211,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         mask[list(entities)] = 1
         return mask
 
-    def _scene(self) -> Scene:
-        known, names = list(self.discovery.known), self.graph.entities
-        tiles = [Tile(names[entity], "new" if entity in self._new else "plain") for entity in known[-SHOWN:]]
-        facts = (
-            ("known", f"{len(known)} of {self.discovery.reachable}"),
-            ("attempts left", str(self._attempts_left)),
-            ("last attempt", self._last),
-        )
-        return Scene(facts, tiles + [Tile("", "empty")] * (SHOWN - len(tiles)))
-
     def _seen(self, new: tuple[int, ...]) -> Observation:
-        self._new = new
         return {
             "known": self._mask(self.discovery.known),
             "last_results": self._mask(new),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.envs.rendering import METADATA, Mark, Picture, Scene, Tile, check_mode, rendered
+from wordcraft_kg.envs.rendering import METADATA, check_mode
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import Task
@@ -181,11 +181,11 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         """Return which slots hold an entity, shape (num_slots,)."""
         return np.arange(self.num_slots) < len(self.state.table)
 
-    def render(self) -> str | Picture | None:
-        """Return the state in words or as a picture, by ``render_mode``."""
+    def render(self) -> str | None:
+        """Return the state in words; None without a ``render_mode``."""
         if self.state.outcome == "not_begun" and self.render_mode is not None:
             raise EpisodeError("call reset() before render().")
-        return rendered(self.render_mode, self._words, self._scene)
+        return None if self.render_mode is None else self._words()
 
     @property
     def task(self) -> Task:
@@ -290,19 +290,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
         facts = f"goal: {names[state.goal]}   selection: {selected}   attempts left: {state.attempts_left}"
         return f"{facts}\ntable: {table}"
-
-    def _scene(self) -> Scene:
-        names, state = self.world.graph.entities, self.state
-        held = names[state.selection] if state.selection != self._nothing else None
-        marks: dict[int, Mark] = {state.selection: "held", state.goal: "goal"}
-        tiles = [Tile(names[entity], marks.get(entity, "plain"), slot) for slot, entity in enumerate(state.table)]
-        facts = (
-            ("goal", Tile(names[state.goal], "goal")),
-            ("selection", Tile(held or "nothing", "held" if held else "empty")),
-            ("attempts left", str(state.attempts_left)),
-            ("", {"goal": "made", "out_of_attempts": "not made"}.get(state.outcome, "")),
-        )
-        return Scene(facts, tiles + [Tile("", "empty", slot) for slot in range(len(tiles), self.num_slots)])
 
     def _seen(self) -> Observation:
         state, count = self.state, len(self.state.table)

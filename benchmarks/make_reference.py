@@ -18,7 +18,7 @@ Train the agents for ``everyday`` as follows, in about 25 minutes on a single co
     wordcraft-kg train-complex graphs/everyday --out models/everyday
     wordcraft-kg train-agent graphs/everyday --scorer models/everyday --steps 1000000 --seeds 0-4 --eval-every 0 \
 --out runs/complex
-    wordcraft-kg train-recipes graphs/everyday --out models/everyday-recipes
+    wordcraft-kg train-recipes graphs/everyday --features glove --out models/everyday-recipes
     wordcraft-kg train-agent graphs/everyday --scorer models/everyday-recipes --use u,v,w --steps 1000000 --seeds 0-4 \
 --eval-every 0 --out runs/recipes
     python benchmarks/make_reference.py everyday --agents "no scorer=runs/no-kg" "ComplEx, u v=runs/complex" \

@@ -196,12 +196,12 @@ def open_other_book(
     if other.hash == graph.hash:
         raise ConfigError(f"`with` '{spec}' is the graph itself. Give another book.")
     index = LabelIndex(graph.entities)
-    place = {label: index.find(label) for label in other.entities}
-    rest = [label for label, found in place.items() if found is None]
+    own = {label: index.find(label) for label in other.entities}
+    rest = [label for label, entity in own.items() if entity is None]
     labels = (*graph.entities, *rest)
     check_dense("a recipe scorer with another book", len(labels))
     new = {label: graph.num_entities + row for row, label in enumerate(rest)}
-    ids = np.array([new[label] if found is None else found for label, found in place.items()], dtype=np.int64)
+    ids = np.array([new[label] if entity is None else entity for label, entity in own.items()], dtype=np.int64)
     rows = ids[other.recipes]
     rows[:, :2].sort(axis=1)
     rows = np.unique(rows, axis=0)
@@ -212,7 +212,7 @@ def open_other_book(
         name=other.name,
         kind="book",
         sha256=other.hash,
-        coverage=sum(found is not None for found in place.values()) / max(graph.num_entities, 1),
+        coverage=sum(entity is not None for entity in own.values()) / max(graph.num_entities, 1),
         recipes=int((~shared).sum()),
         left_out=int(shared.sum()),
         left_out_test=int(is_in(rows, held_out, len(labels)).sum()),

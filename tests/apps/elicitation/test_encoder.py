@@ -70,6 +70,9 @@ def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, mon
     assert (outcome.code, values["labels"], values["dimensions"]) == (0, 81, 16)
     assert values["out"] == "vectors/kitchen"
     assert read_run(home / "vectors/kitchen").inputs.keys() == {"graph", "model.safetensors"}
+    (home / "other.csv").write_text("ingredient_a,ingredient_b,result\nflour,sand,sandcastle\n")
+    both = run("encode", "kitchen", "other.csv", "--encoder", encoder_folder, "--out", "both", "--json")
+    assert (both.code, json.loads(both.out)["labels"]) == (0, 82)
     outcome = run("encode", "kitchen", "--encoder", encoder_folder / "config.json", "--out", "other")
     assert (outcome.code, outcome.kind) == (1, "ArtefactError")
     assert "cannot be loaded as a sentence encoder" in outcome.err

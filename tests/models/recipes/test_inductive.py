@@ -15,6 +15,7 @@ from wordcraft_kg.models.recipes import fitting
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import cosines, kernel_regression
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -246,3 +247,15 @@ def test_a_folder_that_was_copied_answers_the_same(folder, scorer, tmp_path):
     loaded = load_scorer(copy)
     one, other = wider(folder, scorer), with_words(copy, loaded, NEW)
     assert torch.equal(one.table("componentOf"), other.table("componentOf"))
+
+
+def test_a_model_of_built_in_vectors_compares_other_words_by_glove(recipes_folder):
+    scorer = load_scorer(recipes_folder)
+    wider = with_words(recipes_folder, scorer, ["walrus"])
+    alike = cosines(torch.tensor(make_features("glove", wider.entities).vectors))
+    place = wider.entities.index("walrus")
+    assert torch.equal(wider.knowledge.words[place, :-1], alike[place].half())
+    size = len(scorer.entities)
+    assert torch.equal(wider.knowledge.words[:size, :size], scorer.whole.knowledge.words[:size, :size])
+    with pytest.raises(LookupError, match="No word in this label has a vector"):
+        with_words(recipes_folder, scorer, ["qqxzzk"])

@@ -76,7 +76,8 @@ def with_words(
     """Return a copy of a model folder's scorer that scores new entities by the words in the labels.
 
     ``folder`` is written by ``train-recipes``, ``scorer`` is the folder's scorer, and ``labels`` have no duplicates;
-    ``where`` returns an error prefix for a label, such as a line number.
+    ``where`` returns an error prefix for a label, such as a line number. For a model with the built-in ``minilm``
+    vectors, a label outside the built-in books is compared by GloVe.
 
     Raises:
         UnknownEntityError: if the model uses no words, or a label has no vector.
@@ -117,11 +118,19 @@ def with_words(
             f"`features` {words} have changed since '{folder}' was trained, so new words cannot be "
             "compared with the entities. Restore the vector file, or train again."
         )
+    text, known = cosines(torch.tensor(features.vectors)), features.known.copy()
     why = f"No word in this label has a vector in {words}."
-    if words == "minilm" or os.path.isdir(words):
+    if words == "minilm":
+        # The package has this encoder's vectors for the built-in books only.
+        glove = make_features("glove", (*scorer.entities, *labels), allow_missing=True)
+        new, alike = torch.from_numpy(~known).nonzero()[:, 0], cosines(torch.tensor(glove.vectors))
+        text[new], text[:, new] = alike[new], alike[:, new]
+        known |= glove.known
+        why = "No word in this label has a vector."
+    elif os.path.isdir(words):
         again = f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
         why = f"The model's `features` {words} have no vector for this label. {again}"
-    for label, is_known in zip(labels, features.known[size:], strict=True):
+    for label, is_known in zip(labels, known[size:], strict=True):
         if not is_known:
             raise unknown(label, why)
-    return extended(scorer, labels, cosines(torch.tensor(features.vectors)))
+    return extended(scorer, labels, text)

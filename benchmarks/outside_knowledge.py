@@ -6,7 +6,8 @@
         --source "language model=knowledge/lm" --source WordNet=knowledge/wn --source book=everyday
 
 For each split kind and split seed: recipes alone (``one-hot``), recipes and GloVe, recipes and ``--words``, the latter
-with each source, and with all sources (``--only`` chooses rows). A source is NAME=SPEC, or NAME=SPEC,SPEC. Fits on all
+with each source, and with all sources (``--only`` chooses rows). A source is NAME=SPEC, or NAME=SPEC,SPEC, with
+``{split}`` and ``{seed}`` for folders that belong to one split. Fits on all
 train recipes of the split; ``--part valid`` plays validation tasks instead of test tasks. Success on all depth-1 tasks:
 the pair with the highest score, five distractor seeds; *few* counts tasks with an ingredient or goal in at most two
 train recipes. Finished cells in --out are kept.
@@ -94,6 +95,7 @@ def played(opened: OpenedGraph, knowledge: RecipeKnowledge, distractors: int, pa
 
 def cell(book: str, kind: str, seed: int, part: str, name: str, words: str, specs: Sequence[str]) -> dict[str, Any]:
     """Return the figures of a row on one split."""
+    specs = [spec.format(split=kind, seed=seed) for spec in specs]
     ratios = {"train_ratio": 0.7, "valid_ratio": 0.2} if part == "valid" else {}
     opened = open_graph(book, SplitConfig(kind, seed=seed, **ratios))  # type: ignore[arg-type]
     knowledge, rankers = fitted(opened, name, words, specs)

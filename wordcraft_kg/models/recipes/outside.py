@@ -127,6 +127,7 @@ def _has(spec: str, name: str) -> bool:
 def _of_folder(spec: str, opened: OpenedGraph, tables: dict[tuple[str, str, str], Tensor]) -> OutsideSource:
     """Add a folder's tables to ``tables``; tables of one name complete each other, such as one for each book."""
     entities = opened.graph.entities
+    check_same_split(spec, opened)
     knowledge = read_knowledge(spec)
     name, coverage = knowledge.record.source, knowledge.coverage(entities)
     if not coverage:
@@ -141,6 +142,16 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: dict[tuple[str, str, str]
         tables[key] = table.float() if before is None else before.where(before != 0, table.float())
     sha256 = knowledge_files(spec).run.outputs[TABLES]
     return OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
+
+
+def check_same_split(spec: str, opened: OpenedGraph) -> None:
+    """Raise ConfigError if a knowledge folder was made with the train recipes of another split of the same graph."""
+    inputs = knowledge_files(spec).run.inputs
+    if inputs.get("graph") == opened.graph.hash and inputs.get("split", opened.split.hash) != opened.split.hash:
+        raise ConfigError(
+            f"`with` '{spec}' was made with the train recipes of another split, which may be test recipes here. Make "
+            "the folder again from this graph folder."
+        )
 
 
 def _of_words(spec: str, opened: OpenedGraph, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:

@@ -1,6 +1,7 @@
 """Recipe scorers without the book's own recipes: learned from other books, or tables of outside knowledge alone."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +16,16 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.knowledge.folder import KNOWLEDGE
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.fitting import LinkRankers, Ranker
-from wordcraft_kg.models.recipes.outside import OutsideKnowledge, is_book, open_other_book, open_outside
+from wordcraft_kg.models.recipes.outside import (
+    OutsideKnowledge,
+    check_same_split,
+    is_book,
+    open_other_book,
+    open_outside,
+)
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of
 
 
@@ -66,6 +74,9 @@ def join_books(
         without = Folds(opened.split, folds, 0, np.full(graph.num_recipes, OUTSIDE), no_recipe)
         others = open_outside(specs, opened, features, allow_missing=allow_missing)
         return JointBook(opened, torch.arange(graph.num_entities), without, others)
+    for spec in specs:
+        if (Path(spec) / KNOWLEDGE).is_file():
+            check_same_split(spec, opened)
     labels = sorted({label for book in books for label in book.labels})
     place = {label: row for row, label in enumerate(labels)}
     rows = [np.array([place[label] for label in book.labels])[book.recipes] for book in books]

@@ -17,7 +17,7 @@ import numpy as np
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
-from wordcraft_kg.base.statistics import stratified_bootstrap
+from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.world import World
 
 MARKS = (100_000, 300_000, 1_000_000)
@@ -149,7 +149,7 @@ def main() -> None:
                     (row.step, row.figures["test_success"]) for row in agent.metrics if "test_success" in row.figures
                 ]
                 early.append([min(curve, key=lambda point: abs(point[0] - mark))[1] for mark in MARKS])
-            interval = stratified_bootstrap(means, np.mean)
+            interval = student_interval(means)
             shown = f"[{interval[0]:.3f}, {interval[1]:.3f}]" if interval else ""
             if not is_choice:  # the curve's points are test tasks too
                 shown += "   at " + ", ".join(

@@ -143,7 +143,6 @@ def _success(success: "AgentSuccess | None") -> Iterator[str]:
     yield f"{success.mean:.3f} {_interval(success.seed_ci or success.task_ci)} {over}"
     if success.difference is not None and success.difference_ci is not None:
         yield f"{success.difference:+.3f} {_interval(success.difference_ci, '+')} over tasks"
-        yield "" if success.p_better is None else f"P(better) {success.p_better:.2f}"
 
 
 def _interval(ends: tuple[float, float], sign: str = "") -> str:

@@ -23,7 +23,7 @@ EXAMPLES = (
     "wordcraft-kg reproduce all --book everyday --steps 300000 --seeds 3 --jobs 2",
     "wordcraft-kg reproduce study.toml --engine ray --address auto",
     "wordcraft-kg reproduce knowledge-everyday --show",
-    "wordcraft-kg reproduce --show --by scorer,use --plot",
+    "wordcraft-kg reproduce --show --plot",
 )
 ALL = "all"
 
@@ -48,15 +48,12 @@ class ShowOptions:
     """Options for existing results.
 
     Attributes:
-        by: comma-separated settings to compare over all runs in the folder; further differences, except the seed,
-            divide the runs into groups.
-        metric: success, iqm, by-plan (success by a plan's last pair), train (success on train tasks), mrr (scorer),
+        metric: success, by-plan (success by a plan's last pair), train (success on train tasks), mrr (scorer),
             or steps (until the reference's final success).
         plot: write a page with all figures, a table (CSV) and plots (SVG; with the extra figures also PNG and PDF).
         report: page folder; implies --plot. Default: reports/<the study's name> in the results folder.
     """
 
-    by: Words = None
     metric: Metric = "success"
     plot: Flag = False
     report: Path | None = None
@@ -150,7 +147,7 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
     from wordcraft_kg.studies.view import view_study
 
     file = Path(study) if study is not None and Path(study).is_file() else None
-    results = _collect(study, file, root, split_labels(options.by) if options.by else None)
+    results = _collect(study, file, root)
     target = None
     if options.plot or options.report is not None:
         target = options.report or (file.parent if file else root) / "reports" / results.name
@@ -164,16 +161,12 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
     return 0
 
 
-def _collect(study: str | None, file: Path | None, root: Path, by: list[str] | None) -> "StudyResults":
+def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults":
     from wordcraft_kg.base.records import read_record
-    from wordcraft_kg.studies.collect import collect_runs, collect_study
+    from wordcraft_kg.studies.collect import collect_study
     from wordcraft_kg.studies.results import StudyResults
     from wordcraft_kg.studies.store import studies_of
 
-    if by is not None:
-        if study is not None:
-            raise ConfigError(f"'{study}' and `by` cannot be combined: `by` compares all runs in the results folder.")
-        return collect_runs(root, by)
     suffix = Path(study).suffix if study is not None else ""
     if suffix == ".toml":
         raise ConfigError(f"'{study}' is a study; expected results. Give the study's name, or a results file.")
@@ -184,5 +177,5 @@ def _collect(study: str | None, file: Path | None, root: Path, by: list[str] | N
     names = studies_of(root)
     if study is None and len(names) != 1:
         holds = f"has the studies {', '.join(names)}" if names else "has no study yet"
-        raise ConfigError(f"{root} {holds}; name a study, or compare all runs with `by`, such as scorer.")
+        raise ConfigError(f"{root} {holds}; name a study.")
     return collect_study(root, names[0] if study is None else study)

@@ -14,11 +14,7 @@ from wordcraft_kg.agents.evaluation import Evaluation
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import (
-    FEWEST_PAIRS,
-    interquartile_mean,
     paired_difference,
-    probability_of_improvement,
-    probability_of_improvement_interval,
     student_interval,
     task_bootstrap,
 )
@@ -44,7 +40,6 @@ class AgentSuccess(Record):
     """An agent's success rate with a distractor count; intervals are 95 %, by bootstrap except ``seed_ci``.
 
     Attributes:
-        iqm: interquartile mean of the runs' success rates.
         seed_ci: interval for ``mean`` over training seeds, by Student's t; None for a single run.
         task_ci: interval for ``mean``, by resampling tasks.
         seeds: each run's success rate.
@@ -52,12 +47,9 @@ class AgentSuccess(Record):
         actions: mean number of actions per episode.
         difference: ``mean`` minus the first agent's ``mean``, on the same tasks; None for the first agent.
         difference_ci: interval for ``difference``, by resampling tasks.
-        p_better: probability that a run of this agent beats a run of the first agent; None below three seeds.
-        p_better_ci: interval for ``p_better``, by resampling seeds; None below three seeds.
     """
 
     mean: Share
-    iqm: Share
     seed_ci: Interval | None
     task_ci: Interval
     seeds: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
@@ -65,8 +57,6 @@ class AgentSuccess(Record):
     actions: Annotated[float, msgspec.Meta(ge=0)]
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)] | None = None
     difference_ci: Interval | None = None
-    p_better: Share | None = None
-    p_better_ci: Interval | None = None
 
 
 class SliceSuccess(Record):
@@ -99,7 +89,6 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
     means = _means(results)
     success = AgentSuccess(
         mean=float(np.mean(means)),
-        iqm=float(interquartile_mean(means)),
         seed_ci=student_interval(means),
         task_ci=task_bootstrap(_successes(results)),
         seeds=tuple(means),
@@ -109,12 +98,7 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
     if reference is None:
         return success
     difference, low, high = paired_difference(_successes(results), _successes(reference))
-    success = msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
-    seeds = means, _means(reference)
-    if min(map(len, seeds)) < FEWEST_PAIRS:
-        return success
-    interval = probability_of_improvement_interval(*seeds)
-    return msgspec.structs.replace(success, p_better=probability_of_improvement(*seeds), p_better_ci=interval)
+    return msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
 
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:

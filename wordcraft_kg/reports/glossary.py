@@ -258,11 +258,6 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
             "The uncertainty of the policy, in nats: 0 for a deterministic policy, highest for equally likely slots.",
         ),
         "grad_norm": ("gradient norm", "The length of the gradient of the loss before clipping."),
-        "iqm": ("IQM", "Interquartile mean: the mean of the middle half of the seeds."),
-        "p_better": (
-            "P(better)",
-            "The share of pairs of runs, one of each agent, in which the run of this agent is better. Ties count half.",
-        ),
         "over_seeds": (
             "over seeds",
             "Student's t interval of the mean over seeds: the variation between trainings. None for one seed, and wide "

@@ -29,7 +29,7 @@ Values = dict[str, Value]
 Drawing = Literal["curves", "bars", "scatter"]
 """The picture to draw: success by training step; each variant's final success; final success by the scorer's MRR."""
 
-Metric = Literal["success", "iqm", "by-plan", "train", "mrr", "steps"]
+Metric = Literal["success", "by-plan", "train", "mrr", "steps"]
 """The result to print for each variant in the text output."""
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]

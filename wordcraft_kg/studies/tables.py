@@ -93,10 +93,8 @@ _COLUMNS: tuple[_Column, ...] = (
     ("success [seeds, tasks]", lambda at: with_bounds(at.mean, at.interval)),
     ("success [seeds]", lambda at: bounds(at.seed_interval)),
     ("difference [seeds, tasks]", _difference),
-    ("IQM", lambda at: f"{at.iqm:.3f}" if len(at.seeds) > 3 else ""),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
-    ("P(better)", lambda at: _share(at.comparison.p_better) if at.comparison else ""),
     ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
     ("reached after", _reached),
 )
@@ -111,8 +109,7 @@ def notes(view: StudyView) -> list[str]:
     ]
     if any(entry.comparison for point in view.points for entry in point.variants):
         sentences += [
-            f"Differences are to {view.reference}, paired by seed and task, with intervals over both; P(better): "
-            "probability that a run of the variant is better than one of the other.",
+            f"Differences are to {view.reference}, paired by seed and task, with intervals over both.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds.",
             "p: of no difference, from the interval of the difference, none below three seeds"
@@ -157,16 +154,12 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
         "success": at.mean,
         **ends("success", at.interval),
         **ends("success_seeds", at.seed_interval),
-        "iqm": at.iqm,
-        **ends("iqm", at.iqm_interval),
         "by_plan": at.by_plan,
         "train": at.train,
         "mrr": at.mrr,
         **ends("mrr", at.mrr_range),
         "difference": comparison and comparison.difference,
         **ends("difference", comparison.interval if comparison else None),
-        "p_better": comparison and comparison.p_better,
-        **ends("p_better", comparison.p_better_interval if comparison else None),
         "p_value": comparison and comparison.p_value,
         "p_holm": comparison and comparison.p_corrected,
         "steps_to_reference": steps(at.reached),
@@ -212,10 +205,6 @@ def origin_in_words(origin: Origin) -> str:
     return f"{counted(origin.runs, 'training')} {'from the store' if origin.stored else 'in this folder'}"
 
 
-def _share(share: float | None) -> str:
-    return "–" if share is None else f"{share:.2f}"
-
-
 def _p_value(p: float | None) -> str:
     if p is None:
         return "–"
@@ -233,12 +222,11 @@ def _comparison(entry: VariantFigures) -> str:
         return ""
     low, high = comparison.interval
     difference = f"{comparison.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    return f"  {difference}  P(better) {_share(comparison.p_better)}  p {_p_value(comparison.p_corrected)}"
+    return f"  {difference}  p {_p_value(comparison.p_corrected)}"
 
 
 _TITLES: dict[Metric, str] = {
     "success": "success on test tasks",
-    "iqm": "success on test tasks, mean of the middle half of the seeds",
     "by-plan": "success on test tasks by the last pair of a plan",
     "train": "success on train tasks",
     "mrr": "leak-free MRR of the scorer, with the least and the greatest",
@@ -246,7 +234,6 @@ _TITLES: dict[Metric, str] = {
 }
 _SHOWN: dict[Metric, Callable[[VariantFigures], str]] = {
     "success": lambda at: with_bounds(at.mean, at.interval),
-    "iqm": lambda at: with_bounds(at.iqm, at.iqm_interval),
     "by-plan": lambda at: with_bounds(at.by_plan, None),
     "train": lambda at: "–" if at.train is None else with_bounds(at.train, None),
     "mrr": lambda at: "–" if at.mrr is None else with_bounds(at.mrr, at.mrr_range),

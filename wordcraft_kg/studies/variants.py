@@ -12,12 +12,8 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import (
     FEWEST_PAIRS,
     crossed_bootstrap,
-    interquartile_mean,
     interval_p_value,
-    probability_of_improvement,
-    probability_of_improvement_interval,
     resampled_means,
-    stratified_bootstrap,
     student_interval,
     wilson_interval,
 )
@@ -46,8 +42,6 @@ class Comparison(Record):
         difference: the variant's mean success on test tasks minus the reference's.
         interval: interval for ``difference``, by resampling seeds and tasks.
         pairs: number of seeds that both variants have.
-        p_better: probability that a run of the variant beats a run of the reference; None below three pairs.
-        p_better_interval: interval for ``p_better``, by resampling seeds; None below three pairs.
         p_value: p-value for a true difference of 0, from ``interval``; None below three pairs.
         p_corrected: ``p_value`` with Holm's correction for all comparisons in the study.
     """
@@ -55,8 +49,6 @@ class Comparison(Record):
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
     interval: Interval
     pairs: Annotated[int, msgspec.Meta(ge=1)]
-    p_better: Share | None
-    p_better_interval: Interval | None
     p_value: Share | None
     p_corrected: Share | None
 
@@ -66,10 +58,8 @@ class VariantFigures(Record):
 
     Attributes:
         success: each run's success on test tasks, in the order of ``seeds``.
-        iqm: interquartile mean success over runs.
         seed_interval: interval for ``mean`` over seeds, by Student's t; None for a single seed.
         interval: interval for ``mean``, by resampling seeds and tasks; only tasks for a single seed.
-        iqm_interval: interval for ``iqm``, by resampling seeds; below four seeds ``seed_interval``.
         by_plan: share of episodes that make the goal by one of the task's plans.
         train: mean success on train tasks; None if not measured.
         mrr: mean MRR of the agents' scorers on test triples outside training, or None.
@@ -86,10 +76,8 @@ class VariantFigures(Record):
     seeds: tuple[int, ...]
     success: Annotated[tuple[Share, ...], msgspec.Meta(min_length=1)]
     mean: Share
-    iqm: Share
     seed_interval: Interval | None
     interval: Interval
-    iqm_interval: Interval | None
     by_plan: Share
     train: Share | None
     mrr: Share | None
@@ -133,11 +121,9 @@ def figures_of(results: StudyResults, variant: str, members: list[RunResult], ba
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
         mean=mean_of(success),
-        iqm=interquartile_mean(success),
         seed_interval=student_interval(success),
         # Wilson's interval over tasks if no run varies.
         interval=crossed_bootstrap(table) if np.ptp(table) else wilson_interval(float(table[0].sum()), table.shape[1]),
-        iqm_interval=_iqm_interval(success),
         by_plan=mean_of([run.by_plan["test"] for run in members]),
         train=mean_of(train) if len(train) == len(members) else None,
         mrr=mean_of(mrr) if mrr else None,
@@ -150,12 +136,6 @@ def figures_of(results: StudyResults, variant: str, members: list[RunResult], ba
         seconds=mean_of([run.seconds for run in members]),
         steps=members[0].steps,
     )
-
-
-def _iqm_interval(success: Sequence[float]) -> Interval | None:
-    if len(success) < _FEWEST_RESAMPLED:  # the interquartile mean is the mean
-        return student_interval(success)
-    return stratified_bootstrap(success, interquartile_mean)
 
 
 def mean_of(values: Sequence[float]) -> float:
@@ -173,15 +153,12 @@ def _comparison(results: StudyResults, members: list[RunResult], base: list[RunR
     if members is base or not pairs or _played(results, members[0]) != _played(results, base[0]):
         return None
     differences = _table([run for run, _ in pairs]) - _table([run for _, run in pairs])
-    ours, theirs = ([run.success["test"] for run in runs] for runs in (members, base))
     difference, interval = float(differences.mean()), crossed_bootstrap(differences)
     p_value = interval_p_value(difference, interval) if len(pairs) >= FEWEST_PAIRS else None
     return Comparison(
         difference=difference,
         interval=interval,
         pairs=len(pairs),
-        p_better=None if p_value is None else probability_of_improvement(ours, theirs),
-        p_better_interval=None if p_value is None else probability_of_improvement_interval(ours, theirs),
         p_value=p_value,
         p_corrected=p_value,
     )

@@ -8,11 +8,7 @@ settings out of range.
 from wordcraft_kg.base.statistics.comparisons import correlation, holm, interval_p_value
 from wordcraft_kg.base.statistics.runs import (
     FEWEST_PAIRS,
-    interquartile_mean,
-    probability_of_improvement,
-    probability_of_improvement_interval,
     resampled_means,
-    stratified_bootstrap,
     student_interval,
 )
 from wordcraft_kg.base.statistics.samples import RESAMPLES, Interval, bootstrap, interval, standardised
@@ -26,15 +22,11 @@ __all__ = [
     "correlation",
     "crossed_bootstrap",
     "holm",
-    "interquartile_mean",
     "interval",
     "interval_p_value",
     "paired_difference",
-    "probability_of_improvement",
-    "probability_of_improvement_interval",
     "resampled_means",
     "standardised",
-    "stratified_bootstrap",
     "student_interval",
     "task_bootstrap",
     "wilson_interval",

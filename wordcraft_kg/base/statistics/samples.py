@@ -1,8 +1,5 @@
 """Validation, resampling and scaling for tables of scores."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -46,33 +43,6 @@ def generator(level: float, draws: int, seed: int) -> tuple[int, np.random.Gener
     return whole("draws", draws, 1, MAX_SIZE), np.random.default_rng(whole("seed", seed, 0))
 
 
-def percentiles(
-    samples: list[Scores], statistic: Callable[..., Any], cost: int, level: float, draws: int, seed: int
-) -> tuple[float, float] | None:
-    """Return a percentile interval for a statistic, resampling seeds; None if a sample has a single seed.
-
-    Samples have shape (S seeds, K strata). The statistic takes resampled samples, each (draws, S, K), and returns shape
-    (draws,). ``cost`` is the number of values in memory per draw.
-    """
-    draws, rng = generator(level, draws, seed)
-    if any(len(sample) == 1 for sample in samples):
-        return None
-    chunk = max(1, CHUNK // cost)
-    values = np.empty(draws)
-    for start in range(0, draws, chunk):
-        count = min(chunk, draws - start)
-        rows = [rng.integers(len(sample), size=(count, *sample.shape)) for sample in samples]
-        drawn = [np.take_along_axis(s[None], row, axis=1) for s, row in zip(samples, rows, strict=True)]
-        result = np.asarray(statistic(*drawn))
-        if result.shape != (count,):
-            raise ConfigError(
-                f"the statistic gave shape {result.shape} for {count} draws: expected one number per draw, as np.mean "
-                "gives over the axes passed to it."
-            )
-        values[start : start + count] = result
-    return interval(values, level)
-
-
 def check_level(level: float) -> None:
     """Raise a ConfigError unless the confidence level is above 0 and below 1."""
     if not 0 < level < 1:
@@ -99,14 +69,6 @@ def by_task(name: str, values: ArrayLike, axes: str) -> Scores:
     if array.ndim != 2:
         raise ConfigError(f"{name} of shape {array.shape}: expected {axes}.")
     return array
-
-
-def by_seed(name: str, values: ArrayLike) -> Scores:
-    """Return scores as an array (seeds, strata); scores with shape (seeds,) form a single stratum."""
-    array = finite(name, values)
-    if array.ndim == 1:
-        return array[:, None]
-    return by_task(name, values, "(seeds, strata), or (seeds,) for one stratum")
 
 
 def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> Scores:

@@ -103,7 +103,7 @@ def crossed_bootstrap(
     between two agents, seed by seed and task by task, this is the interval of the mean difference.
 
     A single seed cannot be resampled: the interval then covers tasks only. With few seeds their contribution is too
-    narrow, as in :func:`~wordcraft_kg.base.statistics.stratified_bootstrap`. Equal scores have zero width.
+    narrow, as in every bootstrap over few seeds. Equal scores have zero width.
 
     Source: Owen 2007, "The pigeonhole bootstrap".
     """

@@ -145,7 +145,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         observed, self.facts = None, dict[str, Any]()
         if config.scorer is not None:
             model = open_model(Path(config.scorer), opened.source)
-            scorer, observed = model.scorer, model.observed
+            scorer, observed = model.scorer, model.triples
             # Checked before the tasks are made.
             whole = scorer.whole if config.policy.in_sample else scorer
             pairs_need_factors(config.policy.sources, whole, config.policy.scale)

@@ -191,7 +191,7 @@ def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
     """Evaluate players that choose by the scores alone, on test tasks of one recipe, with 1 and 8 distractors."""
     try:
         players = {
-            **scorer_players(links.graph, links.scorer, links.observed),
+            **scorer_players(links.graph, links.scorer, links.trained_on),
             "random": random_entity,
             NEAREST_WORDS: nearest_words(links.graph),
             "recipe oracle": recipe_oracle,

@@ -140,7 +140,7 @@ def view_baselines(
     if model is not None:
         name, trained = model
         tasks = world.tasks if config.part in ("train", "all") else None
-        named = scorer_players(opened.graph, trained.scorer, trained.observed, tasks)
+        named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks)
         oracle = players.pop("recipe oracle")
         players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
     rows = play_all(world, players, distractors, distractor_seeds=distractor_seeds, seed=seed, progress=progress)

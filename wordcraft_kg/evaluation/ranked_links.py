@@ -60,12 +60,6 @@ class RankedLinks:
         return self.train_sample.triples
 
     @property
-    def observed(self) -> Ids:
-        """Triples that the scorer takes as true, shape (T, 3): by default its training triples."""
-        observed: Ids | None = getattr(self.scorer, "observed", None)
-        return self.trained_on if observed is None else observed
-
-    @property
     def has_table(self) -> bool:
         """Whether the graph is small enough to score all entity pairs."""
         return self.graph.num_entities <= MAP_LIMIT

@@ -118,12 +118,6 @@ class Model:
         return self.train_sample.triples
 
     @property
-    def observed(self) -> Ids:
-        """The triples that the scorer names as observed, by default the training triples, shape (T, 3)."""
-        observed = self.scorer.observed
-        return self.triples if observed is None else observed
-
-    @property
     def provenance(self) -> dict[str, str]:
         """Facts for a report about training, versions and weights."""
         return {

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import RELATIONS
 
 if TYPE_CHECKING:
@@ -45,11 +44,6 @@ class Scorer(ABC):
     @property
     def folds(self) -> "CrossFitted | None":
         """``self`` if cross-fitted (a model per left-out fold), else None."""
-        return None
-
-    @property
-    def observed(self) -> Ids | None:
-        """Triples that count as observed in training, shape (T, 3); None for the training recipes' triples."""
         return None
 
     @abstractmethod

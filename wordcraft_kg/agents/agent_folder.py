@@ -1,15 +1,20 @@
 """Run folders of agents: reading the records, and opening the trained agent."""
 
+import logging
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.records import AgentProgress, AgentSummary, MetricsRow, read_metrics, read_summary
 from wordcraft_kg.base.artefacts import read_small_file
+from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.folder import read_policy
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.sources import W
+from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.files import RunFiles
@@ -62,6 +67,20 @@ class OpenedAgent(AgentRun):
 
     policy: Policy
     opened: OpenedGraph
+
+    @cached_property
+    def outside(self) -> OutsideEvidenceFinder | None:
+        """Evidence from the outside knowledge of the agent's recipe scorer; None without, or with a warning.
+
+        The policy holds all scores, so a scorer folder that is missing or has changed is only a warning.
+        """
+        if self.config.scorer is None or W.name not in self.policy.sources:
+            return None
+        try:
+            return OutsideEvidenceFinder.open(self.config.scorer, self.opened, self.run.inputs.get("scorer"))
+        except WordCraftKGError as error:
+            logging.getLogger(__name__).warning("no evidence from outside knowledge: %s", error)
+            return None
 
 
 def read_agent_run(folder: str | Path) -> AgentRun:

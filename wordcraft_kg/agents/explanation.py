@@ -20,13 +20,14 @@ from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import TrainedOn
-from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.graphs.tasks import Rows, TaskSet
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources import ALPHA
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
+from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_models
 from wordcraft_kg.models.scorers.recipes import Witness
 
@@ -44,11 +45,13 @@ class SlotEvidence(Record):
         source: source of the recipe score.
         partner: the selection, or without selection the best partner on the table.
         because: supporting recipes, strongest first; a cross-fitted scorer excludes the recipes for the task.
+        outside: evidence from outside the train recipes for slot, partner and goal, strongest first.
     """
 
     source: str
     partner: str
     because: tuple[Witness, ...]
+    outside: tuple[OutsideEvidence, ...] = ()
 
 
 class ExplainedSlot(Record):
@@ -88,7 +91,7 @@ class ExplainedStep(Record):
         """Return up to ``limit`` entities with the highest logits, each with evidence; no entity-partner pair twice."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
-            if slot.evidence is not None and slot.evidence.because:
+            if slot.evidence is not None and (slot.evidence.because or slot.evidence.outside):
                 pairs.setdefault(frozenset((slot.entity, slot.evidence.partner)), (slot.entity, slot.evidence))
         return list(pairs.values())[:limit]
 
@@ -174,6 +177,7 @@ class Explainer:
         kg: TrainedOn = "partial",
         trained_on: NDArray[np.bool_] | None = None,
         max_actions: int | None = None,
+        outside: OutsideEvidenceFinder | None = None,
     ):
         """Copy a policy.
 
@@ -183,12 +187,13 @@ class Explainer:
             kg: recipes that the scorer was trained on: ``partial`` (train recipes) or ``full``.
             trained_on: shape (num_recipes,), bool: recipes that the scorer saw with the correct result; by default all.
             max_actions: maximum number of explained actions; None plays to the end.
+            outside: finder for evidence from outside the train recipes, if any.
 
         Raises:
             LeakError: if a model would score tasks with recipes from its training data.
         """
         self.world = world
-        self._kg, self._trained_on, self._max_actions = kg, trained_on, max_actions
+        self._kg, self._trained_on, self._max_actions, self._outside = kg, trained_on, max_actions, outside
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
@@ -338,7 +343,7 @@ class Explainer:
                 torch.tensor([query.goal]), torch.tensor([nothing if selection is None else selection]), padded, task
             )
             action, output = self._decide(query.policy, state)
-            slots = _slots(self._names, output, graph.labels(table), parts, _evidence(query.policy, state, graph))
+            slots = _slots(self._names, output, graph.labels(table), parts, self._evidence(query.policy, state))
             entity, made = table[action], []
             if selection is not None:
                 results = world.outcomes.get((min(selection, entity), max(selection, entity)), ())
@@ -352,6 +357,18 @@ class Explainer:
             selection = entity if selection is None else None
         outcome = OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS]
         return ExplainedEpisode(graph.entities[query.goal], query.start, plans, outcome, tuple(steps))
+
+    def _evidence(self, policy: Policy, state: States) -> list[SlotEvidence | None]:
+        entities, goal, find = self.world.graph.entities, int(state.goal), self._outside
+        result: list[SlotEvidence | None] = [None] * state.table.shape[1]
+        for name, source in policy.sources.items():
+            assert isinstance(source, Source)
+            for slot, evidence in enumerate(source.evidence(*state)):
+                if evidence is not None and result[slot] is None:
+                    because = tuple(Witness.of(recipe, entities) for recipe in evidence.supporting)
+                    outside = find.of_recipe(int(state.table[0, slot]), evidence.partner, goal) if find else ()
+                    result[slot] = SlotEvidence(name, entities[evidence.partner], because, outside)
+        return result
 
     def _plan_labels(self, plans: tuple[Rows, ...]) -> tuple[tuple[tuple[str, ...], ...], set[str]]:
         graph = self.world.graph
@@ -379,7 +396,12 @@ def _exact(policy: Policy) -> Policy:
 
 
 def explain_episodes(
-    policy: Policy, world: World, *, goal: str | None = None, episodes: int = 3
+    policy: Policy,
+    world: World,
+    *,
+    goal: str | None = None,
+    episodes: int = 3,
+    outside: OutsideEvidenceFinder | None = None,
 ) -> tuple[ExplainedEpisode, ...]:
     """Play tasks greedily on the fixed evaluation tables and explain each action; see :class:`Explainer`.
 
@@ -388,13 +410,14 @@ def explain_episodes(
         world: graph, tasks and settings.
         goal: only tasks with this goal; None takes evenly spaced tasks.
         episodes: number of episodes; if necessary, tasks repeat with different distractors.
+        outside: finder for evidence from outside the train recipes, if any.
 
     Raises:
         UnknownEntityError: if the goal does not exist.
         TaskError: if the world has no task with the goal.
     """
     tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
-    explainer = Explainer(policy, world)
+    explainer = Explainer(policy, world, outside=outside)
     chosen = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
     return tuple(explainer.episode(task, distractor_seed) for task, distractor_seed in steps("explaining", chosen))
 
@@ -413,17 +436,6 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
         )
     numbers = np.arange(episodes)
     return rows[numbers % len(rows)], numbers // len(rows)
-
-
-def _evidence(policy: Policy, state: States, graph: RecipeGraph) -> list[SlotEvidence | None]:
-    result: list[SlotEvidence | None] = [None] * state.table.shape[1]
-    for name, source in policy.sources.items():
-        assert isinstance(source, Source)
-        for slot, evidence in enumerate(source.evidence(*state)):
-            if evidence is not None and result[slot] is None:
-                because = tuple(Witness.of(recipe, graph.entities) for recipe in evidence.supporting)
-                result[slot] = SlotEvidence(name, graph.entities[evidence.partner], because)
-    return result
 
 
 def _slots(

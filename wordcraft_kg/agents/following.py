@@ -77,7 +77,8 @@ class FollowedRun:
             agent = self.agent()
             if world.config not in self._explainers:
                 kg, trained_on = agent.run.kg or "partial", self._trained_on(agent)
-                explainer = Explainer(agent.policy, world, kg=kg, trained_on=trained_on, max_actions=MAX_ACTIONS)
+                settings: Any = {"kg": kg, "trained_on": trained_on, "outside": agent.outside}
+                explainer = Explainer(agent.policy, world, max_actions=MAX_ACTIONS, **settings)
                 self._explainers[world.config] = explainer
                 if len(self._explainers) > EXPLAINERS:
                     self._explainers.popitem(last=False)

@@ -29,7 +29,8 @@ def explain(
 ) -> None:
     """Explain an agent's actions: split each logit into contributions by attention and knowledge sources.
 
-    With recipe scores (w), show the best slots' partners and the supporting train recipes.
+    With recipe scores (w), show the best slots' partners, the supporting train recipes, and evidence from outside
+    knowledge.
 
     Args:
         run: run folder.
@@ -80,6 +81,8 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
         rows.append((label, *(f"{figure:.2f}" for figure in figures), f"{slot.probability:.1%}"))
     yield from aligned(rows, numbers=True)
     for entity, evidence in step.best_evidence():
-        yield f"  {label_of(evidence.source).symbol}: {entity} + {evidence.partner} because {because(evidence.because)}"
+        support = f" because {because(evidence.because)}" if evidence.because else ""
+        yield f"  {label_of(evidence.source).symbol}: {entity} + {evidence.partner}{support}"
+        yield from (f"     {piece}" for piece in evidence.outside)
     if step.made:
         yield f"  made {', '.join(step.made)}"

@@ -27,7 +27,7 @@ EXAMPLES = (
     "wordcraft-kg score models/everyday-recipes _ + water = dough",
 )
 EXPLAINED = 3
-"""Number of answers that are shown with supporting recipes."""
+"""Number of answers that are shown with evidence."""
 
 
 def score(
@@ -163,8 +163,10 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
     yield heading
     for number, (line, one) in enumerate(zip(lines, scored, strict=True)):
         yield line
-        if number < EXPLAINED and (support := getattr(one, "because", ())):
-            yield f"{'':9}  because {because(support)}"
+        if number < EXPLAINED:
+            if support := getattr(one, "because", ()):
+                yield f"{'':9}  because {because(support)}"
+            yield from (f"{'':9}  {piece}" for piece in getattr(one, "outside", ()))
 
 
 def _thing(row: Any) -> str:
@@ -183,6 +185,8 @@ def _chance(row: Any) -> str:
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
     if any(getattr(one, "because", ()) for one in scored):
         yield "because: similar train recipes; similarity (1 is identical) and share of all evidence."
+    if any(getattr(one, "outside", ()) for one in scored):
+        yield "Lines with the name of a source: knowledge from outside the train recipes; in brackets a table's value."
     if any(getattr(one, "in_sample", False) for one in scored):
         yield "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
     if kg == "full" and {"valid", "test"} & {one.known for one in scored}:

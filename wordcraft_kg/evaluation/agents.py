@@ -371,4 +371,4 @@ def _entry(name: str, members: list[OpenedAgent], world: World, results: _Result
 def _episodes(agent: OpenedAgent, world: World, episodes: int) -> tuple[ExplainedEpisode, ...]:
     if agent.config.policy.policy == "mlp":
         world = world.variant(num_distractors=agent.config.tasks.distractors)
-    return explain_episodes(agent.policy, world, episodes=episodes)
+    return explain_episodes(agent.policy, world, episodes=episodes, outside=agent.outside)

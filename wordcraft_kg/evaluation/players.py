@@ -89,7 +89,7 @@ def view_explanation(
 ) -> Explanation:
     """Play episodes and explain each action, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
-    explained = explain_episodes(agent.policy, world, goal=goal, episodes=episodes)
+    explained = explain_episodes(agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside)
     return Explanation(str(run), agent.checkpoint, part, explained)
 
 

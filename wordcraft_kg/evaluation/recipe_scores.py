@@ -15,6 +15,7 @@ from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import Part
+from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.queries import RecipeQuery
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
@@ -34,6 +35,7 @@ class ScoredRecipe(Record):
         in_sample: whether the scorer was trained on the recipe.
         because: train recipes that support the score, by descending weight.
         probability: calibrated probability that the two ingredients make this result, or None.
+        outside: evidence from outside the train recipes, strongest first.
     """
 
     ingredient_a: str
@@ -44,6 +46,7 @@ class ScoredRecipe(Record):
     in_sample: bool
     because: tuple[Witness, ...]
     probability: Share | None
+    outside: tuple[OutsideEvidence, ...]
 
 
 class RankedRecipe(ScoredRecipe):
@@ -147,11 +150,13 @@ class RecipeScoring:
         return rows[order[:top]], scores[order[:top].copy()].tolist()
 
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
-        """Yield scored recipes, ids of shape (n, 3), with their split parts and supporting train recipes."""
+        """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""
+        finder = self.model.outside
         for row, score, known, in_sample in zip(rows, scores, self.known(rows), self.in_sample(rows), strict=True):
             a, b, result = self.labels(row)
             because = tuple(self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT))
-            yield ScoredRecipe(a, b, result, score, known, in_sample, because, None)
+            outside = finder.of_recipe(a, b, result) if finder else ()
+            yield ScoredRecipe(a, b, result, score, known, in_sample, because, None, outside)
 
     def labels(self, row: Ids) -> tuple[str, str, str]:
         """Return recipe labels, shape (3,)."""

@@ -18,6 +18,7 @@ from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
+from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.queries import OPEN, Query, RecipeQuery
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -34,6 +35,7 @@ class ScoredTriple(Record):
         probability: calibrated probability for a triple outside training, or None.
         trained_on: recipes that the model was trained on, ``full`` or ``partial``; None if not recorded.
         by_words: labels for entities outside the graph, scored by their words alone.
+        outside: evidence from outside the train recipes, strongest first.
     """
 
     head: str
@@ -46,15 +48,17 @@ class ScoredTriple(Record):
     trained_on: TrainedOn | None
     probability: Share | None = None
     by_words: tuple[str, ...] = ()
+    outside: tuple[OutsideEvidence, ...] = ()
 
 
 class ScoredEntity(Record):
-    """A candidate entity for a query's open slot, with the score of the resulting triple."""
+    """A candidate entity for a query's open slot, with score and outside evidence of the resulting triple."""
 
     entity: str
     score: float
     known: Known | None
     probability: Share | None = None
+    outside: tuple[OutsideEvidence, ...] = ()
 
 
 class OpenSlot(Record):
@@ -100,6 +104,7 @@ class ScoringModel:
         kg: recipes that the scorer was trained on, ``full`` or ``partial``; None if not recorded.
         missing: why the graph is missing, or empty.
         by_words: labels for entities outside the graph, the scorer's last entities, see :func:`with_new_words`.
+        outside: finder for evidence from outside the train recipes; None without such knowledge or without the graph.
     """
 
     scorer: Scorer
@@ -107,6 +112,7 @@ class ScoringModel:
     kg: TrainedOn | None
     missing: str = ""
     by_words: tuple[str, ...] = ()
+    outside: OutsideEvidenceFinder | None = None
 
     @classmethod
     def open(cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False) -> "ScoringModel":
@@ -123,7 +129,8 @@ class ScoringModel:
             if graph is not None or needs_graph:
                 raise
             return cls(load_scorer(folder), None, None, str(error))
-        return cls(model.scorer, model.opened.split, model.kg)
+        outside = OutsideEvidenceFinder.open(folder, model.opened)
+        return cls(model.scorer, model.opened.split, model.kg, outside=outside)
 
     def known(self, triples: Ids) -> list[Known | None]:
         """Return the split part of each triple, ids of shape (T, 3): see :data:`Known`; None without the graph."""
@@ -182,12 +189,18 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
         trained_on=model.kg,
         probability=probability,
         by_words=model.by_words,
+        outside=model.outside.of_link(head, relation, tail) if model.outside else (),
     )
 
 
 def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: bool = False) -> OpenSlot:
     """List the ``top`` entities for a query's open slot; ``new_only`` omits known triples."""
     best = tuple(model.answers(query, top, new_only=new_only))
+    if finder := model.outside:
+        links = [(query.head or one.entity, query.relation, query.tail or one.entity) for one in best]
+        best = tuple(
+            msgspec.structs.replace(one, outside=finder.of_link(*link)) for one, link in zip(best, links, strict=True)
+        )
     return OpenSlot(query.head, query.relation, query.tail, best, model.kg, model.by_words)
 
 

@@ -91,8 +91,9 @@ def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers
     a, b, result = rankers.graph.labels(rankers.split.recipes("test")[0])
     view, scorer = view_by(rankers, Pair(a, b)), rankers.model.scorer
     assert isinstance(scorer, CrossFitted)
-    shares = scorer.result_probabilities(a, b)
-    assert [row.probability for row in view.results] == pytest.approx(sorted(shares.tolist(), reverse=True)[:10])
+    shares = zip(scorer.entities, scorer.result_probabilities(a, b).tolist(), strict=True)
+    best = sorted((share for label, share in shares if label not in (a, b)), reverse=True)[:10]
+    assert [row.probability for row in view.results] == pytest.approx(best)
     assert any(row.because for row in view.results)
     assert not any(row.in_sample for row in view.results if row.known != "train")
     assert [row.part for row in view.makes if row.result == result] == ["test"]

@@ -17,6 +17,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
 from wordcraft_kg.models.model import Model
+from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason
 from wordcraft_kg.models.scorers.recipes import RecipeScores
 from wordcraft_kg.models.scorers.roles import Side
@@ -147,7 +148,8 @@ class LinkPredictor:
     @cached_property
     def scoring(self) -> ScoringModel:
         """The model as evaluation uses it: scores, probabilities and known triples."""
-        return ScoringModel(self.model.scorer, self.split, self.model.kg)
+        outside = OutsideEvidenceFinder.open(self.folder, self.model.opened)
+        return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=outside)
 
     @cached_property
     def evidence(self) -> LinkEvidence:

@@ -18,6 +18,8 @@ from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import end_run, read_finished_run, start_run
 
 KNOWLEDGE, TABLES, TRIPLES = "knowledge.json", "tables.safetensors", "triples.tsv"
+FACTS = "facts.tsv"
+"""Optional file for explanations, with a header: entity, relation phrase such as ``is a``, and entity or class."""
 EXPECTED = "a knowledge folder from elicit or import-knowledge"
 Role = Literal["part", "pair"]
 """``part``: a cell is (ingredient, result); ``pair``: a cell is (ingredient, ingredient), symmetric."""

@@ -14,6 +14,7 @@ from wordcraft_kg.apps.explorer.predictor import (
 )
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import RELATIONS, Relation
+from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence
 from wordcraft_kg.models.scorers.link_evidence import LinkReason
 
 WITNESSES = 10
@@ -41,6 +42,7 @@ class LinkProfile(ScoredLink):
     as_tail: FilteredRank
     as_head: FilteredRank
     reason: LinkReason
+    outside: tuple[OutsideEvidence, ...]
     recipes: tuple[PlacedRecipe, ...]
     tails: PredictedSlot
     heads: PredictedSlot
@@ -59,7 +61,7 @@ def _view(explored: Explored, state: Link) -> LinkProfile:
             raise ConfigError("The graph has no recipes, so there is no example link.")
         head, relation, tail = triples[0].tolist()
     tails, heads = predictor.slot(head, relation, "tail"), predictor.slot(tail, relation, "head")
-    link = predictor.ranked(tails, tail)
+    link, finder = predictor.ranked(tails, tail), predictor.scoring.outside
     return LinkProfile(
         head=graph.entities[head],
         relation=RELATIONS[relation],
@@ -70,6 +72,7 @@ def _view(explored: Explored, state: Link) -> LinkProfile:
         as_tail=link.rank,
         as_head=heads.rank(head),
         reason=predictor.evidence.reason(head, relation, tail, WITNESSES),
+        outside=finder.of_link(head, RELATIONS[relation], tail) if finder else (),
         recipes=placed_recipes(split, recipes_giving(graph, head, relation, tail)[:RECIPES]),
         tails=predictor.best(tails, top=CANDIDATES, witnesses=0, truth=0),
         heads=predictor.best(heads, top=CANDIDATES, witnesses=0, truth=0),

@@ -9,7 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
@@ -118,14 +120,10 @@ def with_words(
             f"`features` {words} have changed since '{folder}' was trained, so new words cannot be "
             "compared with the entities. Restore the vector file, or train again."
         )
-    text, known = cosines(torch.tensor(features.vectors)), features.known.copy()
+    text, known = cosines(torch.tensor(features.vectors)), features.known
     why = f"No word in this label has a vector in {words}."
     if words == "minilm":
-        # The package has this encoder's vectors for the built-in books only.
-        glove = make_features("glove", (*scorer.entities, *labels), allow_missing=True)
-        new, alike = torch.from_numpy(~known).nonzero()[:, 0], cosines(torch.tensor(glove.vectors))
-        text[new], text[:, new] = alike[new], alike[:, new]
-        known |= glove.known
+        text, known = _completed(text, known, (*scorer.entities, *labels))
         why = "No word in this label has a vector."
     elif os.path.isdir(words):
         again = f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
@@ -134,3 +132,11 @@ def with_words(
         if not is_known:
             raise unknown(label, why)
     return extended(scorer, labels, text)
+
+
+def _completed(text: Tensor, known: NDArray[np.bool_], labels: Sequence[str]) -> tuple[Tensor, NDArray[np.bool_]]:
+    """Compare labels without built-in sentence vectors, which only the built-in books' labels have, by GloVe."""
+    glove = make_features("glove", labels, allow_missing=True)
+    new, alike = torch.from_numpy(~known).nonzero()[:, 0], cosines(torch.tensor(glove.vectors))
+    text[new], text[:, new] = alike[new], alike[:, new]
+    return text, known | glove.known

@@ -241,7 +241,7 @@ def test_new_words_in_a_file_are_scored_and_unknown_words_refused(printed, refus
 @pytest.mark.parametrize(
     ("folder", "word", "says", "kind"),
     [
-        ("recipes", "flouurr", ["no entity 'flouurr'.", "no vector for this label. Encode it"], "UnknownEntityError"),
+        ("recipes", "flouurr", ["no entity 'flouurr'.", "No word in this label has a vector."], "UnknownEntityError"),
         ("links", "yogurt", ["no entity 'yogurt'.", "knows only the graph's entities"], "UnknownEntityError"),
         ("recipes", "_", "both slots are open", "ConfigError"),
         ("recipes", "", "both slots are open", "ConfigError"),

@@ -210,7 +210,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return {"inputs": inputs}
 
     def _outside_hashes(self) -> dict[str, str]:
-        return {f"with {source.name}": source.sha256 for source in self.outside.sources}
+        return {f"with {place}: {source.name}": source.sha256 for place, source in enumerate(self.outside.sources, 1)}
 
     def restored(self, run: RunFolder[FitDone]) -> None:
         """Return None in place of a checkpoint: a resumed run skips all saved fits."""

@@ -24,7 +24,7 @@ from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, TABLES, knowledge_files, read_knowledge
 from wordcraft_kg.models.recipes.base import Base, LinkTables, features_of_pairs, features_of_parts
 from wordcraft_kg.models.scorers.config import check_dense
-from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
+from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
 
 REWORDED = 0.7
@@ -117,11 +117,11 @@ def is_book(spec: str) -> bool:
 
 def _is_words(spec: str) -> bool:
     source = FeatureSpec.parse(spec)
-    return not source.is_path or Path(source.source).suffix in (".npy", ".txt", ".gz") or _has(spec, "vectors.npy")
-
-
-def _has(spec: str, name: str) -> bool:
-    return (Path(spec) / name).is_file()
+    return (
+        not source.is_path
+        or Path(source.source).suffix in (".npy", ".txt", ".gz")
+        or (Path(source.source) / ENCODED).is_file()
+    )
 
 
 def _of_folder(spec: str, opened: OpenedGraph, tables: dict[tuple[str, str, str], Tensor]) -> OutsideSource:

@@ -34,6 +34,10 @@ class QueryFileError(WordCraftKGError, ValueError):
     """A file of triples to score cannot be read; the message names the line."""
 
 
+class KnowledgeFileError(WordCraftKGError, ValueError):
+    """A file of knowledge from outside the book cannot be read or does not fit; the message names the line."""
+
+
 class GraphError(WordCraftKGError, ValueError):
     """A recipe graph cannot be built from the given recipe rows or entity ids."""
 

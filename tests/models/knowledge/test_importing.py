@@ -1,0 +1,210 @@
+"""Importing general graphs: formats, alignment, tables, triples and facts, and damaged files."""
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.base.errors import KnowledgeFileError
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.models.knowledge.alignment import align
+from wordcraft_kg.models.knowledge.folder import read_knowledge
+from wordcraft_kg.models.knowledge.importing import import_knowledge
+from wordcraft_kg.models.knowledge.paths import hops
+from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
+from wordcraft_kg.models.knowledge.wordnet import read_wordnet
+
+SYNSETS = [
+    # offset, field, words, pointers (symbol, offset), gloss
+    ("00000001", 3, ["thing"], [], "anything at all"),
+    ("00000002", 13, ["food"], [("@", 1)], "a thing to eat"),
+    ("00000003", 13, ["bread", "loaf_of_bread"], [("@", 2)], 'food made from dough; "fresh bread"'),
+    ("00000004", 13, ["dough"], [("@", 2), ("#s", 3)], "flour and water before baking"),
+    ("00000005", 13, ["flour"], [("@", 2), ("#s", 4)], "a powder of ground wheat"),
+    ("00000006", 27, ["water"], [("@", 1)], "a clear liquid thing"),
+    ("00000007", 21, ["dough", "lolly"], [("@", 1)], "informal terms for money"),
+    ("00000008", 13, ["wheat"], [("@", 2)], "grains for making flour"),
+]
+BOOK = """ingredient_a,ingredient_b,result
+flour,water,dough
+dough,dough,breads
+wheat,wheat,flour
+water,water,zzyzx
+"""
+
+
+@pytest.fixture
+def wordnet(tmp_path: Path) -> Path:
+    folder = tmp_path / "wordnet"
+    folder.mkdir()
+    lines = ["  1 the licence\n"]
+    senses: dict[str, list[str]] = {}
+    for offset, field, words, pointers, gloss in SYNSETS:
+        names = " ".join(f"{word} 0" for word in words)
+        links = " ".join(f"{symbol} {target:08d} n 0000" for symbol, target in pointers)
+        head = f"{offset} {field:02d} n {len(words):02x} {names} {len(pointers):03d}"
+        lines.append(" ".join(filter(None, [head, links])) + f" | {gloss}  \n")
+        for word in words:
+            senses.setdefault(word, []).append(offset)
+    (folder / "data.noun").write_text("".join(lines))
+    index = [f"{lemma} n {len(some)} 1 @ {len(some)} 0 {' '.join(some)}  \n" for lemma, some in sorted(senses.items())]
+    (folder / "index.noun").write_text("  1 the licence\n" + "".join(index))
+    (folder / "noun.exc").write_text("loaves loaf\n")
+    return folder
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> OpenedGraph:
+    (tmp_path / "book.csv").write_text(BOOK)
+    return open_graph(tmp_path / "book.csv")
+
+
+@pytest.fixture
+def triples(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.tsv"
+    path.write_text(
+        "head\trelation\ttail\nflour\tmakes\tdough\t2\ndough\tmakes\tbread\nmill\tgives\tflour\nmill\tneeds\twheat\n"
+    )
+    return path
+
+
+def table_of(folder: Path, name: str):
+    knowledge = read_knowledge(folder)
+    (place,) = [place for place, info in enumerate(knowledge.record.tables) if info.name == name]
+    entities = knowledge.record.entities
+    return lambda row, column: float(knowledge.tables[place][entities.index(row), entities.index(column)])
+
+
+def test_wordnet_becomes_tables_triples_and_facts(run, wordnet, opened, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    outcome = run("import-knowledge", "book.csv", "--wordnet", "wordnet", "--out", "wn", "--json")
+    values = json.loads(outcome.out)
+    assert (outcome.code, values["entities"], values["aligned"], values["nodes"]) == (0, 6, 5, 8)
+    methods = {one["method"]: one["entities"] for one in values["coverage"]}
+    assert methods == {"exact": 4, "lemma": 1, "none": 1}
+    rows = dict(line.split("\t")[:2] for line in (tmp_path / "wn/alignment.tsv").read_text().splitlines())
+    # Neighbours in recipes choose the dough of bakers, not money; breads is the plural of bread.
+    assert (rows["dough"], rows["breads"], rows["zzyzx"]) == ("wn:00000004-n", "wn:00000003-n", "")
+    mentions, part = table_of(tmp_path / "wn", "mentions"), table_of(tmp_path / "wn", "part")
+    assert mentions("dough", "breads") > 0 == mentions("breads", "dough")
+    assert part("flour", "dough") > part("dough", "flour")
+    assert not any(table_of(tmp_path / "wn", name)("zzyzx", "water") for name in values["tables"])
+    text = (tmp_path / "wn/triples.tsv").read_text()
+    assert "flour\twn:substanceOf\tdough\n" in text
+    assert "flour\twn:isA\twn:00000002-n\n" in text
+    assert "flour\tis a\tfood\n" in (tmp_path / "wn/facts.tsv").read_text()
+    again = run("import-knowledge", "book.csv", "--wordnet", "wordnet", "--out", "again")
+    assert "aligned by" in again.out
+    for name in ("tables.safetensors", "triples.tsv", "facts.tsv", "alignment.tsv"):
+        assert (tmp_path / "wn" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
+def test_overrides_replace_and_leave_out(wordnet, opened, tmp_path):
+    (tmp_path / "overrides.tsv").write_text("dough\twn:00000007-n\nwater\t\n")
+    import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn", overrides=tmp_path / "overrides.tsv")
+    rows = {line.split("\t")[0]: line.split("\t")[1:3] for line in (tmp_path / "wn/alignment.tsv").open()}
+    assert rows["dough"] == ["wn:00000007-n", "override"]
+    assert rows["water"] == ["", "left out"]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [("bred\tx", "no label of the graph. Did you mean"), ("bread", "has no tab"), ("dough\twn:1-n", "wn:1-n")],
+)
+def test_wrong_overrides_are_refused(wordnet, opened, tmp_path, line, message):
+    (tmp_path / "overrides.tsv").write_text(line + "\n")
+    with pytest.raises(KnowledgeFileError, match=message):
+        import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn", overrides=tmp_path / "overrides.tsv")
+    assert not (tmp_path / "wn").exists()
+
+
+def test_walks_are_those_of_a_slow_reference(triples, opened):
+    network = read_triples(triples)
+    entities = opened.graph.entities
+    alignment = align(network, entities, opened.graph.recipes)
+    size = len(network.nodes)
+    links = np.zeros((size, size))
+    for (head, _, tail), weight in zip(network.edges.tolist(), network.weights.tolist(), strict=True):
+        links[head, tail] += weight
+        links[tail, head] += weight
+    degrees = np.maximum(links.sum(1), 1e-12)
+    steps = links / np.sqrt(degrees[:, None] * degrees)
+    own = np.zeros((len(entities), size))
+    for entity, node in enumerate(alignment.nodes.tolist()):
+        if node >= 0:
+            own[entity, node] = alignment.confidences[entity]
+    for number, walk in enumerate(hops(network, alignment), 1):
+        assert np.allclose(walk, own @ np.linalg.matrix_power(steps, number) @ own.T, atol=1e-6)
+
+
+def test_triples_have_weights_and_directions(triples, opened, tmp_path):
+    view = import_knowledge(opened, "triples", triples, tmp_path / "mine")
+    forward = table_of(tmp_path / "mine", "forward")
+    assert view.tables == ("paths", "forward")
+    assert forward("flour", "dough") > forward("flour", "breads") > 0 == forward("breads", "flour")
+    assert "other:mill\tother:gives\tflour\n" in (tmp_path / "mine/triples.tsv").read_text()
+    assert view.reach.recipes[0] <= view.reach.recipes[1] <= view.reach.recipes[2]
+
+
+def test_conceptnet_keeps_english_words_and_weights(tmp_path):
+    def line(relation: str, start: str, end: str, about: str = '{"weight": 2.0}') -> str:
+        return "\t".join([f"/a/[{relation},{start},{end}]", relation, start, end, about]) + "\n"
+
+    text = line("/r/IsA", "/c/en/bread/n", "/c/en/food") + line("/r/IsA", "/c/de/brot", "/c/en/food")
+    text += line("/r/ExternalURL", "/c/en/bread", "/c/en/x") + line("/r/RelatedTo", "/c/en/food", "/c/en/bread")
+    with gzip.open(tmp_path / "cn.csv.gz", "wt") as file:
+        file.write(text)
+    network = read_conceptnet(tmp_path / "cn.csv.gz")
+    assert (list(network.nodes), list(network.relations)) == (["bread", "food"], ["IsA", "RelatedTo"])
+    assert network.edges.tolist() == [[0, 0, 1], [0, 1, 1]]
+    assert network.weights.tolist() == pytest.approx([np.log(3)] * 2)
+    (tmp_path / "bad.csv").write_text(text + line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": '))
+    with pytest.raises(KnowledgeFileError, match="line 5: the last column is not JSON"):
+        read_conceptnet(tmp_path / "bad.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("flour\tmakes\n", "line 1: 'flour\\\\tmakes'|line 1"),
+        ("flour\tmakes\tdough\t-1\n", "positive weight"),
+        ("", "no triple to use"),
+        ("x\ty\tz\n", "none of the 6 labels"),
+    ],
+)
+def test_damaged_or_useless_triples_are_refused(opened, tmp_path, text, message):
+    (tmp_path / "t.tsv").write_text(text)
+    with pytest.raises(KnowledgeFileError, match=message):
+        import_knowledge(opened, "triples", tmp_path / "t.tsv", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_cut_archive_is_refused(tmp_path):
+    whole = gzip.compress(b"flour\tmakes\tdough\n" * 1000)
+    (tmp_path / "t.tsv.gz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(KnowledgeFileError, match="cut or damaged"):
+        read_triples(tmp_path / "t.tsv.gz")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("data.noun", lambda text: text[:-20], "data.noun, line 9: .* not a complete synset"),
+        ("data.noun", lambda text: text.replace("@ 00000002", "@ 00000099", 1), "synset 00000099-n does not exist"),
+        ("index.noun", lambda text: text.replace("0 00000008", "0 00000098"), "synset 00000098 of 'wheat'"),
+        ("index.noun", lambda text: text[:-9], "not a complete entry"),
+        ("noun.exc", lambda text: "loaves\n", "has no base form"),
+    ],
+)
+def test_a_damaged_wordnet_is_refused_with_the_line(wordnet, name, change, message):
+    path = wordnet / name
+    path.write_text(change(path.read_text()))
+    with pytest.raises(KnowledgeFileError, match=message):
+        read_wordnet(wordnet)
+
+
+def test_a_folder_without_wordnet_is_refused(tmp_path):
+    with pytest.raises(KnowledgeFileError, match="expected a folder with WordNet's database files"):
+        read_wordnet(tmp_path)

@@ -1,0 +1,141 @@
+"""Tables over pairs of entities from an aligned graph: paths, parts and definitions.
+
+Let S, shape (E, N), hold the confidence of each entity's node, and let A, shape (N, N), hold weights of edges from
+heads to tails. All tables have values from 0 to 1, and 0 on the diagonal.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from wordcraft_kg.models.knowledge.alignment import Alignment, sense_texts
+from wordcraft_kg.models.knowledge.folder import TableInfo
+from wordcraft_kg.models.knowledge.network import Network, plain
+
+IS_A, DESCRIBED_BY = ("isA", "IsA"), "describedBy"
+PART_OF = ("partOf", "substanceOf", "memberOf", "PartOf")
+"""Relations from a part to the whole."""
+HAS_PART = ("HasA", "MadeOf")
+"""Relations from a whole to a part."""
+_STEPS = 2
+"""Most steps to classes from which parts are inherited."""
+_DAMPING = 1_000.0
+_BLOCK = 32
+Floats = NDArray[np.float64]
+Table = tuple[TableInfo, Floats]
+
+
+def with_descriptions(network: Network, alignment: Alignment, entities: Sequence[str]) -> Network:
+    """Add an edge ``describedBy`` from each node to the entities that its definition names.
+
+    The weight is 1 - log(1 + n) / log(1 + N), for n of N definitions that name the entity.
+    """
+    phrases = defaultdict(set)
+    for entity, node in enumerate(alignment.nodes.tolist()):
+        if node >= 0:
+            label = [entities[entity]] if alignment.methods[entity] != "head word" else []
+            for name in (*label, *network.lemmas[node]):
+                phrases[" ".join(map(network.base_form, plain(name).split()))].add(node)
+    longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
+    mentions = []
+    for head, words in enumerate(network.definitions):
+        spans = (words[start : start + size] for start in range(len(words)) for size in range(1, longest + 1))
+        tails = set().union(*(phrases.get(" ".join(span), ()) for span in spans))
+        mentions += [(head, tail) for tail in tails - {head}]
+    from_nodes, to_nodes = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2).T
+    size = len(network.nodes)
+    named = np.bincount(to_nodes, minlength=size)
+    edges = np.column_stack([from_nodes, np.full(len(from_nodes), len(network.relations)), to_nodes])
+    return replace(
+        network,
+        relations=(*network.relations, DESCRIBED_BY),
+        edges=np.concatenate([network.edges, edges]),
+        weights=np.concatenate([network.weights, 1 - np.log1p(named[to_nodes]) / np.log1p(size)]),
+    )
+
+
+def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
+    """Return the weights of walks with 1, 2 and 3 steps between entities, shape (E, E) each, over all relations.
+
+    ``S W^k S'`` with ``W = D^-1/2 (A + A') D^-1/2`` and the degrees D: a walk through a node with many edges counts
+    less.
+    """
+    size = len(network.nodes)
+    links = network.links().astype(np.float32)
+    links = links + links.T
+    links = _divided(links, links.sum(1))
+    own = alignment.matrix(size).astype(np.float32)
+    first = sparse.csr_array(own @ links)
+    near = np.unique(first.indices)
+    first, inner = first[:, near], links[near][:, near]
+    starts = range(0, first.shape[0], _BLOCK)
+    # Dense blocks: a third step from all entities at once fills a large matrix, sparse or not.
+    third = np.concatenate([(first @ (inner @ first[start : start + _BLOCK].T.toarray())).T for start in starts])
+    return (own @ links @ own.T).toarray(), (first @ first.T).toarray(), third
+
+
+def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats]) -> list[Table]:
+    """Return the tables that a network allows: ``paths`` and ``part``, with definitions ``texts`` and ``mentions``.
+
+    A network without definitions has ``forward`` instead: walks of 1 and 2 steps from the ingredient to the result
+    along the edges' directions.
+
+    Args:
+        network: graph with edges :data:`DESCRIBED_BY` if it has definitions.
+        alignment: nodes of the E entities.
+        walks: weights from :func:`hops`.
+    """
+    own = alignment.matrix(len(network.nodes))
+    tables = [_named("paths", _damped(walks), "{ingredient} is related to {result}")]
+    if set(network.relations) & {*PART_OF, *HAS_PART}:
+        tables.append(_named("part", _parts(network, own), "{ingredient} is part of {result}"))
+    if network.glosses:
+        named = (own @ network.links([DESCRIBED_BY]) @ own.T).toarray()
+        is_known = alignment.nodes >= 0
+        texts = sense_texts(network, np.maximum(alignment.nodes, 0), power=2)
+        alike = (texts @ texts.T).toarray() * is_known * is_known[:, None]
+        tables.append(_named("texts", alike, "{ingredient} is defined similarly to {result}"))
+        tables.append(_named("mentions", named.T, "{result} is described by {ingredient}"))
+    else:
+        links = network.links()
+        links = _divided(links, (links + links.T).sum(1))
+        first, second = own @ links, links @ own.T
+        steps = [(first @ own.T).toarray(), (first @ second).toarray()]
+        tables.append(_named("forward", _damped(steps), "{ingredient} leads to {result}"))
+    return tables
+
+
+def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:
+    roots = sparse.diags_array((1 / np.sqrt(np.maximum(degrees, 1e-12))).astype(links.dtype))
+    return sparse.csr_array(roots @ links @ roots)
+
+
+def _damped(walks: Sequence[Floats]) -> Floats:
+    """Return ``log(1 + 1000 w) / log(1001)`` for the mean walk w, where each step halves the weight."""
+    weights = [0.5**step for step in range(len(walks))]
+    mean = sum(weight * walk for weight, walk in zip(weights, walks, strict=True)) / sum(weights)
+    return np.asarray(np.log1p(_DAMPING * mean) / np.log1p(_DAMPING))
+
+
+def _named(name: str, values: Floats, phrase: str) -> Table:
+    values = np.clip(values, 0, 1)
+    np.fill_diagonal(values, 0)
+    return TableInfo(name=name, role="part", phrase=phrase), values
+
+
+def _parts(network: Network, own: sparse.csr_array) -> Floats:
+    """Return how directly a row is part of a column.
+
+    In a network with definitions, such as WordNet, also by the classes of both, with half the value for each step.
+    """
+    upward = (network.links(IS_A) != 0).astype(float)
+    reach = step = own
+    for _ in range(_STEPS if network.glosses else 0):
+        step = step @ upward / 2
+        reach = reach + step
+    to_whole = network.links(PART_OF) + network.links(HAS_PART).T
+    return (reach @ (to_whole != 0).astype(float) @ reach.T).toarray()

@@ -1,0 +1,145 @@
+"""Read ConceptNet assertions, and triples in a tab-separated file, line by line; plain or .gz.
+
+Memory holds nodes and edges, about 150 bytes for a new node and 30 for an edge, never the lines.
+"""
+
+import gzip
+import math
+import zlib
+from array import array
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from wordcraft_kg.base.errors import KnowledgeFileError
+from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
+
+_LONGEST = 2**20
+"""Most bytes in a line; a longer line suggests another kind of file."""
+_USELESS = {
+    b"/r/ExternalURL",
+    b"/r/FormOf",
+    b"/r/EtymologicallyDerivedFrom",
+    b"/r/EtymologicallyRelatedTo",
+}
+"""Relations about words or web pages, not about things; also all below /r/dbpedia/."""
+_SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
+_ENGLISH = b"/c/en/"
+HEADER = ["head", "relation", "tail"]
+
+
+class _Assertion(msgspec.Struct):
+    weight: float
+
+
+def read_conceptnet(path: Path) -> Network:
+    """Read ConceptNet's assertions about English words: uri, relation, start, end and JSON with a weight.
+
+    Senses of a word are one node; relations about words or web pages are left out.
+
+    Raises:
+        KnowledgeFileError: naming the line, if the file is cut, a line lacks columns or its JSON is malformed, or no
+            assertion is left.
+    """
+    decode = msgspec.json.Decoder(_Assertion).decode
+    collected = _Collected(path)
+    for number, line in _lines(path):
+        columns = line.split(b"\t")
+        if len(columns) != 5:
+            raise _fault(path, number, f"{len(columns)} columns; expected uri, relation, start, end and JSON")
+        _, relation, start, end, about = columns
+        if not (start.startswith(_ENGLISH) and end.startswith(_ENGLISH)) or relation in _USELESS:
+            continue
+        try:
+            weight = decode(about).weight
+        except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+            raise _fault(path, number, f"the last column is not JSON with a weight ({error})") from None
+        name = relation.removeprefix(b"/r/")
+        if weight > 0 and not name.startswith(b"dbpedia/"):
+            head, tail = (word[len(_ENGLISH) :].partition(b"/")[0] for word in (start, end))
+            if name in _SYMMETRIC and tail < head:
+                head, tail = tail, head
+            collected.add(head, name, tail, weight)
+    return collected.network("ConceptNet", "cn")
+
+
+def read_triples(path: Path) -> Network:
+    """Read triples: head, relation, tail and optionally a positive weight, separated by tabs; a header is optional.
+
+    Raises:
+        KnowledgeFileError: naming the line, if the file is cut, a line has other columns or an invalid weight, or no
+            triple is left.
+    """
+    collected = _Collected(path)
+    for number, line in _lines(path):
+        columns = line.rstrip(b"\r\n").split(b"\t")
+        if number == 1 and [column.decode(errors="replace").lower() for column in columns[:3]] == HEADER:
+            continue
+        try:
+            weight = float(columns[3]) if len(columns) == 4 else 1.0
+        except ValueError:
+            weight = math.nan
+        if len(columns) not in (3, 4) or not all(columns) or not 0 < weight < math.inf:
+            shown = line[:80].decode(errors="replace").strip()
+            raise _fault(path, number, f"'{shown}'; expected head, relation, tail and perhaps a positive weight")
+        collected.add(columns[0], columns[1], columns[2], weight)
+    return collected.network(path.name.partition(".")[0] or "triples", "other")
+
+
+class _Collected:
+    """Nodes, relations and edges, in the order of the file."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.nodes: dict[bytes, int] = {}
+        self.relations: dict[bytes, int] = {}
+        self.ids, self.weights = array("i"), array("f")
+
+    def add(self, head: bytes, relation: bytes, tail: bytes, weight: float) -> None:
+        nodes, relations = self.nodes, self.relations
+        self.ids.append(nodes.setdefault(head, len(nodes)))
+        self.ids.append(relations.setdefault(relation, len(relations)))
+        self.ids.append(nodes.setdefault(tail, len(nodes)))
+        self.weights.append(weight)
+
+    def network(self, source: str, prefix: str) -> Network:
+        if not self.ids:
+            raise KnowledgeFileError(f"{self.path} has no triple to use; expected {source}'s triples.")
+        try:
+            nodes, relations = ([name.decode() for name in names] for names in (self.nodes, self.relations))
+        except UnicodeDecodeError as error:
+            raise KnowledgeFileError(f"{self.path} is not UTF-8: {error.object[:80]!r}. Save it as UTF-8.") from None
+        self.nodes.clear()
+        edges, weights = unique_edges(
+            np.frombuffer(self.ids, np.int32).reshape(-1, 3).astype(np.int64),
+            np.frombuffer(self.weights, np.float32).astype(np.float64),
+            (len(nodes), len(relations)),
+        )
+        spellings: dict[str, tuple[int, ...]] = {}
+        for node, name in enumerate(nodes):
+            text = plain(name) if prefix == "other" else name.replace("_", " ").replace("'", "")
+            spellings[text] = (*spellings.get(text, ()), node)
+        return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield numbered lines that are not blank."""
+    if not path.is_file():
+        raise KnowledgeFileError(f"{path} is not a file; expected a tab-separated file, plain or .gz.")
+    number = 0
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            for number, line in enumerate(iter(partial(file.readline, _LONGEST), b""), 1):
+                if len(line) == _LONGEST:
+                    raise _fault(path, number, f"more than {_LONGEST:,} characters")
+                if not line.isspace():
+                    yield number, line
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise _fault(path, number + 1, f"the compressed file is cut or damaged ({error})") from None
+
+
+def _fault(path: Path, line: int, collected: str) -> KnowledgeFileError:
+    return KnowledgeFileError(f"{path}, line {line:,}: {collected}. Restore a copy of the file, or correct the line.")

@@ -148,7 +148,8 @@ class LinkPredictor:
     @cached_property
     def scoring(self) -> ScoringModel:
         """The model as evaluation uses it: scores, probabilities and known triples."""
-        outside = OutsideEvidenceFinder.open(self.folder, self.model.opened)
+        has_outside = self.model.settings.get("with")
+        outside = OutsideEvidenceFinder.open(self.folder, self.model.opened) if has_outside else None
         return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=outside)
 
     @cached_property

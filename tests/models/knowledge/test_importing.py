@@ -111,7 +111,7 @@ def test_overrides_replace_and_leave_out(wordnet, opened, tmp_path):
 
 @pytest.mark.parametrize(
     ("line", "message"),
-    [("bred\tx", "no label of the graph. Did you mean"), ("bread", "has no tab"), ("dough\twn:1-n", "wn:1-n")],
+    [("bred\tx", "not a label of the graph. Did you mean"), ("bread", "has no tab"), ("dough\twn:1-n", "wn:1-n")],
 )
 def test_wrong_overrides_are_refused(wordnet, opened, tmp_path, line, message):
     (tmp_path / "overrides.tsv").write_text(line + "\n")

@@ -103,7 +103,7 @@ def with_overrides(
     numbers = {name: node for node, name in enumerate(network.nodes)} if overrides else {}
     for label, name in overrides.items():
         if label not in entities:
-            raise KnowledgeFileError(f"'{label}' is no label of the graph.{nearest(label, entities)}")
+            raise KnowledgeFileError(f"'{label}' is not a label of the graph.{nearest(label, entities)}")
         node = numbers.get(name.removeprefix(f"{network.prefix}:"), -1)
         if name and node < 0:
             raise KnowledgeFileError(

@@ -7,13 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wordcraft_kg.base.errors import KnowledgeFileError
+from wordcraft_kg.base.errors import ConfigError, KnowledgeFileError
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.splits import Draw, Split
+from wordcraft_kg.models.knowledge import surroundings
 from wordcraft_kg.models.knowledge.alignment import align
 from wordcraft_kg.models.knowledge.folder import read_knowledge
 from wordcraft_kg.models.knowledge.importing import import_knowledge
 from wordcraft_kg.models.knowledge.paths import hops
 from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
+from wordcraft_kg.models.knowledge.surroundings import Surroundings
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 
 SYNSETS = [
@@ -51,7 +55,7 @@ def wordnet(tmp_path: Path) -> Path:
     (folder / "data.noun").write_text("".join(lines))
     index = [f"{lemma} n {len(some)} 1 @ {len(some)} 0 {' '.join(some)}  \n" for lemma, some in sorted(senses.items())]
     (folder / "index.noun").write_text("  1 the licence\n" + "".join(index))
-    (folder / "noun.exc").write_text("loaves loaf\n")
+    (folder / "noun.exc").write_text("loaves loaf_of_bread\n")
     return folder
 
 
@@ -109,6 +113,66 @@ def test_overrides_replace_and_leave_out(wordnet, opened, tmp_path):
     assert rows["water"] == ["", "left out"]
 
 
+def test_each_method_of_alignment(wordnet):
+    labels = ["breads", "dough!", "loafofbread", "loaves", "rye bread", "slice of bread", "wheatflour", "zzyzx"]
+    network = read_wordnet(wordnet)
+    alignment = align(network, labels, np.zeros((0, 3), dtype=np.int64))
+    assert alignment.methods == ("lemma", "exact", "lemma", "lemma", "head word", "none", "head word", "none")
+    names = [network.nodes[node].lstrip("0") if node >= 0 else "" for node in alignment.nodes.tolist()]
+    assert names == ["3-n", "4-n", "3-n", "3-n", "3-n", "", "5-n", ""]
+    assert alignment.confidences[[0, 4, 7]].tolist() == [0.95, 0.5, 0]
+    assert 0.5 < alignment.confidences[1] < 1  # dough has two senses
+
+
+def test_held_out_recipes_have_no_influence(wordnet, tmp_path):
+    train = [("flour", "water", "dough"), ("wheat", "wheat", "flour"), ("water", "water", "breads")]
+    written = []
+    for held_out in ([("dough", "dough", "breads")], [("breads", "wheat", "water"), ("breads", "breads", "dough")]):
+        graph = RecipeGraph.from_recipes([*train, *held_out])
+        parts = np.array([2 * (tuple(recipe) in held_out) for recipe in graph.recipe_labels()], dtype=np.int8)
+        assert parts.sum() == 2 * len(held_out)
+        opened = OpenedGraph(graph, Split(graph, SplitConfig(), Draw(parts, 0)), "")
+        out = tmp_path / str(len(held_out))
+        view = import_knowledge(opened, "wordnet", wordnet, out)
+        files = [
+            (out / name).read_bytes() for name in ("tables.safetensors", "triples.tsv", "facts.tsv", "alignment.tsv")
+        ]
+        written.append((files, view.reach))
+    assert written[0] == written[1]
+
+
+def test_large_graphs_are_bounded(triples, opened, monkeypatch):
+    network = read_triples(triples)
+    alignment = align(network, opened.graph.entities, opened.graph.recipes)
+    monkeypatch.setattr(surroundings, "MOST_TRIPLES", 2)
+    monkeypatch.setattr(surroundings, "MOST_FACTS", 1)
+    around = Surroundings(network, alignment, opened.graph.entities)
+    # Edges between entities come first, with the larger weight first.
+    assert [*around.triples()] == [("flour", "other:makes", "dough"), ("dough", "other:makes", "breads")]
+    assert [*around.facts()] == [("dough", "is makes", "breads"), ("flour", "is makes", "dough")]
+
+
+def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path):
+    graph = RecipeGraph.from_recipes([("flour", "wn:1", "dough")])
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
+    with pytest.raises(KnowledgeFileError, match="'wn:1' looks like the name of a node"):
+        import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
+    graph = RecipeGraph.from_recipes([("flour", "water", f"thing {number}") for number in range(4_000)])
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
+    with pytest.raises(ConfigError, match="4,002 entities"):
+        import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
+
+
+def test_one_source_and_a_new_folder_are_needed(run, wordnet, opened, triples, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    both = run("import-knowledge", "book.csv", "--wordnet", "wordnet", "--triples", "mine.tsv")
+    assert (both.code, both.kind) == (1, "ConfigError")
+    assert run("import-knowledge", "book.csv", "--triples", "mine.tsv").code == 0
+    again = run("import-knowledge", "book.csv", "--triples", "mine.tsv")
+    assert (again.code, again.kind) == (1, "OutputExistsError")
+    assert (tmp_path / "knowledge/book-triples/facts.tsv").is_file()
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [("bred\tx", "not a label of the graph. Did you mean"), ("bread", "has no tab"), ("dough\twn:1-n", "wn:1-n")],
@@ -160,15 +224,23 @@ def test_conceptnet_keeps_english_words_and_weights(tmp_path):
     assert (list(network.nodes), list(network.relations)) == (["bread", "food"], ["IsA", "RelatedTo"])
     assert network.edges.tolist() == [[0, 0, 1], [0, 1, 1]]
     assert network.weights.tolist() == pytest.approx([np.log(3)] * 2)
-    (tmp_path / "bad.csv").write_text(text + line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": '))
-    with pytest.raises(KnowledgeFileError, match="line 5: the last column is not JSON"):
+    for bad, message in {
+        line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": '): "line 5: the last column is not JSON",
+        line("/r/IsA", "/c/en/a", "/c/en/b", "{}"): "line 5: the last column is not JSON with a weight",
+        "/a/x\t/r/IsA\t/c/en/a\n": "line 5: 3 columns; expected uri, relation",
+    }.items():
+        (tmp_path / "bad.csv").write_text(text + bad)
+        with pytest.raises(KnowledgeFileError, match=message):
+            read_conceptnet(tmp_path / "bad.csv")
+    (tmp_path / "bad.csv").write_text(line("/r/IsA", "/c/de/brot", "/c/de/essen"))
+    with pytest.raises(KnowledgeFileError, match="has no triple to use"):
         read_conceptnet(tmp_path / "bad.csv")
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("flour\tmakes\n", "line 1: 'flour\\\\tmakes'|line 1"),
+        ("flour\tmakes\tdough\nflour\tmakes\n", "line 2: 'flour\tmakes'; expected head, relation, tail"),
         ("flour\tmakes\tdough\t-1\n", "positive weight"),
         ("", "no triple to use"),
         ("x\ty\tz\n", "none of the 6 labels"),
@@ -195,12 +267,17 @@ def test_a_cut_archive_is_refused(tmp_path):
         ("data.noun", lambda text: text.replace("@ 00000002", "@ 00000099", 1), "synset 00000099-n does not exist"),
         ("index.noun", lambda text: text.replace("0 00000008", "0 00000098"), "synset 00000098 of 'wheat'"),
         ("index.noun", lambda text: text[:-9], "not a complete entry"),
+        ("index.noun", lambda text: text[: text.index("wheat")], "index.noun, line 10: no entry for 'wheat'"),
+        ("data.noun", lambda text: text.replace("02 dough 0 lolly 0", "00"), "not a complete synset"),
+        ("data.noun", lambda text: text.replace("00000006 27", "00000006 99"), "not a complete synset"),
         ("noun.exc", lambda text: "loaves\n", "has no base form"),
+        ("noun.exc", lambda text: "\n", "has no base form"),
+        ("cntlist.rev", lambda text: "dough%1:13:00:: 1\n", "line 1: .* not a sense with its count"),
     ],
 )
 def test_a_damaged_wordnet_is_refused_with_the_line(wordnet, name, change, message):
     path = wordnet / name
-    path.write_text(change(path.read_text()))
+    path.write_text(change(path.read_text() if path.exists() else ""))
     with pytest.raises(KnowledgeFileError, match=message):
         read_wordnet(wordnet)
 

@@ -13,7 +13,6 @@ Source: Banerjee and Pedersen 2003, "Extended gloss overlaps", for the texts; th
 """
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -48,11 +47,11 @@ class Alignment:
     methods: tuple[str, ...]
     confidences: NDArray[np.float64]
 
-    def matrix(self, num_nodes: int, *, weighted: bool = True) -> sparse.csr_array:
-        """Return the confidence of each entity's node, shape (E, num_nodes); 1 if not ``weighted``."""
+    def matrix(self, num_nodes: int) -> sparse.csr_array:
+        """Return the confidence of each entity's node, shape (E, num_nodes)."""
         (known,) = np.nonzero(self.nodes >= 0)
-        values = self.confidences[known] if weighted else np.ones(len(known))
-        return sparse.csr_array((values, (known, self.nodes[known])), shape=(len(self.nodes), num_nodes))
+        values = self.confidences[known], (known, self.nodes[known])
+        return sparse.csr_array(values, shape=(len(self.nodes), num_nodes))
 
 
 def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
@@ -181,21 +180,12 @@ def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_a
 
     A word that occurs n times counts ``log(1 + n)`` times the logarithm of its inverse frequency to the ``power``.
     """
-    places: dict[str, int] = {}
-    rows, columns, counts = [], [], []
-    for node, definition in enumerate(network.definitions):
-        names = (network.base_form(word) for name in network.lemmas[node] for word in plain(name).split())
-        for word, count in Counter([*definition, *names]).items():
-            rows.append(node)
-            columns.append(places.setdefault(word, len(places)))
-            counts.append(count)
-    size = len(network.nodes)
-    words = sparse.csr_array((counts, (rows, columns)), shape=(size, len(places)), dtype=float)
+    words, size = network.word_counts, len(network.nodes)
     links = (network.links() != 0).astype(float)
     own = sparse.csr_array((np.ones(len(senses)), (np.arange(len(senses)), senses)), shape=(len(senses), size))
     texts = (2 * own + own @ (links + links.T)) @ words
     texts.data = np.log1p(texts.data)
-    idf = np.log(size / (1 + np.bincount(columns)))
+    idf = np.log(size / (1 + np.bincount(words.indices)))
     texts.data *= idf[texts.indices] ** power
     return _units(texts)
 

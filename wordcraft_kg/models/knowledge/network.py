@@ -1,9 +1,11 @@
 """Graphs from outside the recipe book, such as WordNet, in memory: nodes with spellings, and triples."""
 
 import re
+from array import array
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,11 +68,34 @@ class Network:
     @cached_property
     def definitions(self) -> list[list[str]]:
         """The words of each gloss, in base forms."""
-        forms: dict[str, str] = {}
-        words = [_WORD.findall(plain(gloss)) for gloss in self.glosses]
-        for word in {word for gloss in words for word in gloss}:
-            forms[word] = self.base_form(word)
-        return [[forms[word] for word in gloss] for gloss in words]
+        base_form = cache(self.base_form)
+        return [[base_form(word) for word in _WORD.findall(plain(gloss))] for gloss in self.glosses]
+
+    @cached_property
+    def word_counts(self) -> sparse.csr_array:
+        """Numbers of the V different words in each node's definition and names, shape (N, V)."""
+        places: dict[str, int] = {}
+        rows, columns, counts = array("i"), array("i"), array("i")
+        base_form = cache(self.base_form)
+        for node, definition in enumerate(self.definitions):
+            names = (base_form(word) for name in self.lemmas[node] for word in plain(name).split())
+            for word, count in Counter([*definition, *names]).items():
+                rows.append(node)
+                columns.append(places.setdefault(word, len(places)))
+                counts.append(count)
+        return sparse.csr_array((counts, (rows, columns)), shape=(len(self.nodes), len(places)), dtype=float)
+
+    def with_edges(self, relation: str, edges: Ids, weights: NDArray[np.float64]) -> "Network":
+        """Add a relation with edges, shape (M, 2): head and tail."""
+        between = np.full(len(edges), len(self.relations))
+        more = replace(
+            self,
+            relations=(*self.relations, relation),
+            edges=np.concatenate([self.edges, np.column_stack([edges[:, 0], between, edges[:, 1]])]),
+            weights=np.concatenate([self.weights, weights]),
+        )
+        vars(more).update(vars(self) | vars(more))  # keeps counted words: definitions are the same
+        return more
 
     def ids_of(self, names: Sequence[str]) -> list[int]:
         """Return the ids of the relations with these names that the network has."""

@@ -6,7 +6,6 @@ heads to tails. All tables have values from 0 to 1, and 0 on the diagonal.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,16 +45,10 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
         spans = (words[start : start + size] for start in range(len(words)) for size in range(1, longest + 1))
         tails = set().union(*(phrases.get(" ".join(span), ()) for span in spans))
         mentions += [(head, tail) for tail in tails - {head}]
-    from_nodes, to_nodes = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2).T
+    edges = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2)
     size = len(network.nodes)
-    named = np.bincount(to_nodes, minlength=size)
-    edges = np.column_stack([from_nodes, np.full(len(from_nodes), len(network.relations)), to_nodes])
-    return replace(
-        network,
-        relations=(*network.relations, DESCRIBED_BY),
-        edges=np.concatenate([network.edges, edges]),
-        weights=np.concatenate([network.weights, 1 - np.log1p(named[to_nodes]) / np.log1p(size)]),
-    )
+    counts = np.bincount(edges[:, 1], minlength=size)
+    return network.with_edges(DESCRIBED_BY, edges, 1 - np.log1p(counts[edges[:, 1]]) / np.log1p(size))
 
 
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:

@@ -141,5 +141,5 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
         raise _fault(path, number + 1, f"the compressed file is cut or damaged ({error})") from None
 
 
-def _fault(path: Path, line: int, collected: str) -> KnowledgeFileError:
-    return KnowledgeFileError(f"{path}, line {line:,}: {collected}. Restore a copy of the file, or correct the line.")
+def _fault(path: Path, line: int, problem: str) -> KnowledgeFileError:
+    return KnowledgeFileError(f"{path}, line {line:,}: {problem}. Restore a copy of the file, or correct the line.")

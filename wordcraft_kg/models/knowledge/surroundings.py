@@ -88,10 +88,10 @@ class Surroundings:
         for head, _, tail in self._network.edges[self._network.edges[:, 1] == relation].tolist():
             above[head].append(tail)
         for node in self._labels:
-            collected = list(above[node])
-            for one in collected:
-                collected += [tail for tail in above[one] if tail not in collected]
-            yield from ((node, relation, tail) for tail in collected)
+            classes = list(above[node])
+            for one in classes:
+                classes += [tail for tail in above[one] if tail not in classes]
+            yield from ((node, relation, tail) for tail in classes)
 
     def _names(self, node: int) -> Iterable[str]:
         return self._labels.get(node) or (self._name(node),)

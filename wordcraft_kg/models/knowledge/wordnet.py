@@ -34,6 +34,7 @@ _POINTERS = {
 """Relations by pointer symbol; the rest are inverses, which would be duplicates, or say nothing about things."""
 _RELATIONS = tuple(dict.fromkeys(_POINTERS.values()))
 _SYMMETRIC = {_RELATIONS.index(name) for name in ("relatedForm", "antonym", "attribute", "similar")}
+_FIELDS = [f"{number:02d}" for number in range(45)]
 NEEDED = ("data.noun", "index.noun")
 
 
@@ -107,10 +108,10 @@ class _Reader:
                     raise IndexError
                 fields = synset.split()
                 end = 4 + 2 * int(fields[3], 16)
-                words, field = fields[4:end:2], int(fields[1])
+                words, field = fields[4:end:2], _FIELDS.index(fields[1])
                 node = self.places.setdefault((_PARTS[part], fields[0]), len(self.lemmas))
                 first, last = end + 1, end + 1 + 4 * int(fields[end])
-                if last > len(fields) or node < len(self.lemmas):
+                if last > len(fields) or node < len(self.lemmas) or not words:
                     raise IndexError
                 for place in range(first, last, 4):
                     if fields[place] in _POINTERS:
@@ -164,13 +165,13 @@ class _Reader:
 
     def read_exceptions(self) -> dict[str, list[str]]:
         """Return irregular plurals with their singulars."""
-        problem = {}
+        exceptions = {}
         for number, line in self.lines("noun.exc"):
-            plural, *singulars = line.replace("_", " ").split()
+            plural, *singulars = line.replace("_", " ").split() or [""]
             if not singulars:
                 raise self.fault("noun.exc", number, f"'{plural}' has no base form")
-            problem[plural] = singulars
-        return problem
+            exceptions[plural] = singulars
+        return exceptions
 
     def read_counts(self, senses: dict[str, list[int]]) -> dict[tuple[str, int], int]:
         """Return how often each sense occurs in sense-tagged text, from ``cntlist.rev`` if it is there."""
@@ -179,10 +180,8 @@ class _Reader:
             try:
                 key, sense, count = line.split()
                 lemma, kind = key.split("%")
-                nodes = (
-                    senses.get(lemma, ()) if kind[0] == "1" else ()
-                )  # Debian's file names a few senses of old versions
-                if int(sense) <= len(nodes):
+                nodes = senses.get(lemma, ()) if kind[0] == "1" else ()
+                if int(sense) <= len(nodes):  # Debian's file names a few senses of old versions
                     counts[plain(lemma), nodes[int(sense) - 1]] = int(count)
             except (ValueError, IndexError):
                 raise self.fault(

@@ -20,12 +20,20 @@ def equation_1(subject: Vector, predicate: Vector, obj: Vector) -> float:
     return total
 
 
-def equation_2(entity: Sequence[Vector], relation: Sequence[Vector], triples: Sequence[Sequence[int]]) -> float:
-    """Mean over triples of ``log sum_o exp phi(s, p, o) + log sum_s exp phi(s, p, o) - 2 phi(s, p, o)``."""
-    total = 0.0
+def equation_2(
+    entity: Sequence[Vector],
+    relation: Sequence[Vector],
+    triples: Sequence[Sequence[int]],
+    candidates: Sequence[Vector] | None = None,
+) -> float:
+    """Mean over triples of ``log sum_o exp phi(s, p, o) + log sum_s exp phi(s, p, o) - 2 phi(s, p, o)``.
+
+    The sums are over all entities, or over the vectors of some ``candidates``.
+    """
+    total, candidates = 0.0, entity if candidates is None else candidates
     for s, p, o in triples:
-        over_objects = sum(math.exp(equation_1(entity[s], relation[p], other)) for other in entity)
-        over_subjects = sum(math.exp(equation_1(other, relation[p], entity[o])) for other in entity)
+        over_objects = sum(math.exp(equation_1(entity[s], relation[p], other)) for other in candidates)
+        over_subjects = sum(math.exp(equation_1(other, relation[p], entity[o])) for other in candidates)
         total += math.log(over_objects) + math.log(over_subjects)
         total -= 2 * equation_1(entity[s], relation[p], entity[o])
     return total / len(triples)

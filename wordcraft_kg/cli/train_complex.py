@@ -14,13 +14,14 @@ EXAMPLES = (
     "wordcraft-kg train-complex everyday --out models/everyday",
     "wordcraft-kg train-complex everyday --kg full --seed 1 --out models/everyday-full",
     "wordcraft-kg train-complex everyday --seeds 0-4 --out models/everyday-seeds",
+    "wordcraft-kg train-complex graphs/mine --with knowledge/wn --out models/mine-wn",
 )
 
 
 def train_complex(
     graph: Graph,
     *,
-    settings: Annotated[ComplExConfig, Parameter(name="*")] = ComplExConfig(),
+    settings: Annotated[ComplExConfig, Parameter(name="*", negative_iterable="")] = ComplExConfig(),
     seeds: Seeds = None,
     out: Path | None = None,
     force: Force = False,

@@ -194,6 +194,7 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
     rows = [
         ("trained", f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)"),
         *_learned_from(metrics),
+        *([("with", str(metrics.outside))] if metrics.outside else []),
         ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
         ("parameters", f"{metrics.parameters:,}"),
         ("train MRR", f"{metrics.train_mrr:.3f} on training triples (memory)"),

@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.artefacts import dump_json, staged_folder, with_a_name, write_atomically
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import Count, Record, as_values
 from wordcraft_kg.base.tensors import copied
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import end_run, read_finished_run, start_run
 
@@ -149,3 +150,13 @@ def read_knowledge(folder: str | Path) -> Knowledge:
 def knowledge_files(folder: str | Path) -> RunFiles:
     """Return verified access to the files of a knowledge folder; errors as :func:`read_knowledge`."""
     return RunFiles(Path(folder), read_finished_run(Path(folder), EXPECTED, KNOWLEDGE))
+
+
+def check_same_split(spec: str, opened: OpenedGraph) -> None:
+    """Raise ConfigError if a knowledge folder was made with the train recipes of another split of the same graph."""
+    inputs = knowledge_files(spec).run.inputs
+    if inputs.get("graph") == opened.graph.hash and inputs.get("split", opened.split.hash) != opened.split.hash:
+        raise ConfigError(
+            f"`with` '{spec}' was made with the train recipes of another split, which may be test recipes here. Make "
+            "the folder again from this graph folder."
+        )

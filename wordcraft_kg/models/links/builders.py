@@ -22,13 +22,17 @@ from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
-def make_training_loop(config: LinkSettings, factory: TriplesFactory) -> TrainingLoop:
+def make_training_loop(config: LinkSettings, factory: TriplesFactory, num_entities: int | None = None) -> TrainingLoop:
     """Build a PyKEEN model from settings, and return the training loop that holds the model.
+
+    If the factory has outside triples, ``num_entities`` counts the graph's entities, which have the first ids.
 
     Raises:
         ConfigError: if PyKEEN has no such model, or cannot build the model with these settings.
     """
-    return _complex_loop(config, factory) if isinstance(config, ComplExConfig) else _pykeen_loop(config, factory)
+    if isinstance(config, ComplExConfig):
+        return _complex_loop(config, factory, num_entities)
+    return _pykeen_loop(config, factory)
 
 
 def is_factored(name: str) -> bool:
@@ -70,18 +74,21 @@ def scorer_kind(config: LinkSettings, num_entities: int) -> str:
     return TableScorer.kind if table_bytes(num_entities) <= TABLE_LIMIT else ComplExScorer.kind
 
 
-def scorer_tensors(config: LinkSettings, model: Model, triples: Ids) -> tuple[str, dict[str, torch.Tensor]]:
+def scorer_tensors(
+    config: LinkSettings, model: Model, triples: Ids, num_entities: int | None = None
+) -> tuple[str, dict[str, torch.Tensor]]:
     """Return the scorer kind (see :func:`scorer_kind`) and the tensors to save for a model trained on ``triples``.
 
-    ComplEx embeddings include popularity (log counts); a score table comes with the model parameters.
+    ComplEx embeddings include popularity (log counts), and only the first ``num_entities`` entities and the relations
+    of recipes; a score table comes with the model parameters.
     """
     kind = scorer_kind(config, model.num_entities)
     if kind == TableScorer.kind:
         return kind, _all_scores(model)
-    return kind, with_popularity(_embeddings(model), triples, getattr(config, "popularity", None) or 0.0)
+    return kind, with_popularity(_embeddings(model, num_entities), triples, getattr(config, "popularity", None) or 0.0)
 
 
-def _complex_loop(config: ComplExConfig, factory: TriplesFactory) -> TrainingLoop:
+def _complex_loop(config: ComplExConfig, factory: TriplesFactory, num_entities: int | None) -> TrainingLoop:
     config = config.fixed()
     model = ComplExN3(
         triples_factory=factory,
@@ -97,19 +104,21 @@ def _complex_loop(config: ComplExConfig, factory: TriplesFactory) -> TrainingLoo
         "optimizer": "Adagrad",
         "optimizer_kwargs": {"lr": config.learning_rate},
     }
+    if factory.num_relations > len(RELATIONS):
+        settings |= {"num_own": num_entities, "outside_weight": config.outside_weight}
     negatives = config.for_size(factory.num_entities).negatives
     if negatives:
         return SampledSymmetricLCWATrainingLoop(model, num_sampled=negatives, **settings)
     return IndexedSymmetricLCWATrainingLoop(model, **settings)
 
 
-def _embeddings(model: Model) -> dict[str, torch.Tensor]:
+def _embeddings(model: Model, num_entities: int | None) -> dict[str, torch.Tensor]:
     tensors: dict[str, torch.Tensor] = {}
-    for name, (representation,) in (
-        ("entity", model.entity_representations),
-        ("relation", model.relation_representations),
+    for name, (representation,), size in (
+        ("entity", model.entity_representations, num_entities),
+        ("relation", model.relation_representations, len(RELATIONS)),
     ):
-        embedding = representation().detach().cpu()
+        embedding = representation()[:size].detach().cpu()
         if not embedding.is_complex():  # DistMult is ComplEx without imaginary parts
             embedding = torch.complex(embedding, torch.zeros_like(embedding))
         tensors |= {f"{name}_real": embedding.real.contiguous(), f"{name}_imag": embedding.imag.contiguous()}

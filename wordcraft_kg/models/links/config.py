@@ -109,7 +109,10 @@ class ComplExConfig(TrainingConfig):
             chosen if `n3` is not given and the book is small, or large (`negatives` above 0), else 0.
         init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
         negatives: sampled entities per batch in place of all other entities in the softmax; 0 for the full softmax.
-            Default: 0 up to 10,000 entities, 512 above, where the full softmax would take too long.
+            Default: 0 up to 10,000 entities and outside nodes, 512 above, where the full softmax would take too long.
+        with_: knowledge folders with triples (import-knowledge), for joint training on the graph's triples and these.
+        outside_weight: weight of an outside triple in the loss, relative to a triple of the graph; chosen on validation
+            parts, see docs/outside-knowledge.md.
 
     Example:
         >>> ComplExConfig(kg="full").n3
@@ -124,11 +127,13 @@ class ComplExConfig(TrainingConfig):
     popularity: float | None = None
     init_scale: float = 1e-3
     negatives: int | None = None
+    with_: tuple[str, ...] = ()
+    outside_weight: float = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
         whole("dim", self.dim, 1, MAX_DIM)
-        for name in ("learning_rate", "init_scale"):
+        for name in ("learning_rate", "init_scale", "outside_weight"):
             positive(name, getattr(self, name))
         if self.n3 is None and (self.kg == "full" or self.popularity is not None):
             object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)

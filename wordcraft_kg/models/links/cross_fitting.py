@@ -21,6 +21,7 @@ from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.links.builders import scorer_kind, scorer_tensors
 from wordcraft_kg.models.links.config import FOLDS, ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.fitting import fit
+from wordcraft_kg.models.links.outside import OutsideTriples
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import FoldDone
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
@@ -73,10 +74,12 @@ class _Job:
     settings: LinkSettings
     graph: RecipeGraph
     triples: Ids
+    outside: OutsideTriples | None
 
     def train(self, after_epoch: AfterEpoch) -> None:
-        model = fit(self.settings, triples_factory(self.graph, self.triples), after_epoch)
-        _, tensors = scorer_tensors(self.settings, model, self.triples)
+        factory, size = triples_factory(self.graph, self.triples, self.outside), self.graph.num_entities
+        model = fit(self.settings, factory, after_epoch, size)
+        _, tensors = scorer_tensors(self.settings, model, self.triples, size)
         # A table needs no model parameters.
         wanted = {name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")}
         _kept(self.folder).save(self.fold, copied(wanted), self.done)
@@ -91,11 +94,18 @@ def _kept(folder: Path) -> Checkpoints[FoldDone]:
 
 
 def train_folds(
-    folder: Path, folds: Folds, settings: LinkSettings, *, seconds: float, after_epoch: Callable[[int, int], None]
+    folder: Path,
+    folds: Folds,
+    settings: LinkSettings,
+    outside: OutsideTriples | None = None,
+    *,
+    seconds: float,
+    after_epoch: Callable[[int, int], None],
 ) -> None:
     """Train all missing fold models (for each fold, a model trained on the remaining train recipes).
 
-    ``settings`` are the main model's, with the final number of ``epochs``. ``seconds``, the duration of the main
+    ``settings`` are the main model's, with the final number of ``epochs``. ``outside`` triples are in
+    every fold's training. ``seconds``, the duration of the main
     training, decides on parallel processes. ``after_epoch`` is called with the finished and total epochs over all
     folds; may raise to end the training.
 
@@ -104,7 +114,7 @@ def train_folds(
     """
     settings = replace(settings, eval_every=0, patience=0, folds=0)
     graph = folds.split.graph
-    jobs = [_Job(folder, fold, settings, graph, folds.triples([fold])) for fold in range(folds.count)]
+    jobs = [_Job(folder, fold, settings, graph, folds.triples([fold]), outside) for fold in range(folds.count)]
     waiting = not_done(jobs, _kept(folder))
     epochs = {job.fold: 0 if job in waiting else settings.epochs for job in jobs}
 

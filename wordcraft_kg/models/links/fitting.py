@@ -56,17 +56,23 @@ def train_epochs(
         raise TrainingError("the loss became infinite or not a number. Train with a lower `learning_rate`.") from None
 
 
-def fit(settings: LinkSettings, factory: TriplesFactory, after_epoch: Callable[[int], None]) -> Model:
+def fit(
+    settings: LinkSettings,
+    factory: TriplesFactory,
+    after_epoch: Callable[[int], None],
+    num_entities: int | None = None,
+) -> Model:
     """Return a model trained without a run folder; equal settings and triples give the same model as a run.
 
-    ``after_epoch`` is called with each epoch number and may raise to end the training.
+    ``after_epoch`` is called with each epoch number and may raise to end the training. ``num_entities`` as in
+    :func:`make_training_loop`.
 
     Raises:
         ConfigError: if PyKEEN cannot build the model.
         TrainingError: if the loss becomes infinite or not a number.
     """
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
-        loop = make_training_loop(settings, factory)
+        loop = make_training_loop(settings, factory, num_entities)
         seed_everything(settings.seed, 1)
         train_epochs(loop, factory, settings, _Epochs(settings.seed, after_epoch))
     loop.model.eval()
@@ -101,17 +107,18 @@ class Epochs(TrainingCallback):
         run: RunFolder[LinkProgress],
         opened: OpenedGraph,
         triples: Ids,
+        num_triples: int,
         settings: LinkSettings,
         progress: Progress | None,
         log: Log,
     ):
-        """Start before the first epoch; ``triples`` has shape (T, 3)."""
+        """Start before the first epoch; ``triples``, shape (T, 3), are the graph's, of ``num_triples`` in all."""
         super().__init__()
         self.run, self.opened, self.triples, self.settings = run, opened, triples, settings
         self.report, self.log = progress, log
         self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
         self._valid = sampled_for(opened.graph, opened.split.held_out("valid")) if settings.eval_every else None
-        self._batches = -(-len(triples) // settings.batch_size)
+        self._batches = -(-num_triples // settings.batch_size)
         self._batch = 0
         self._total = settings.epochs * (1 + (settings.folds or 0))
         self._best: dict[str, Tensor] = {}
@@ -189,7 +196,8 @@ class Epochs(TrainingCallback):
     def _validate(self) -> float:
         self.model.eval()
         graph = self.opened.graph
-        scorer = make_scorer(*scorer_tensors(self.settings, self.model, self.triples), graph.entities, graph.hash)
+        tensors = scorer_tensors(self.settings, self.model, self.triples, graph.num_entities)
+        scorer = make_scorer(*tensors, graph.entities, graph.hash)
         ranks = rank_triples(scorer, self._valid, graph.triples)  # type: ignore[arg-type]
         self.model.train()
         return mean_reciprocal_rank(ranks)

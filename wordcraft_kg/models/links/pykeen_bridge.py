@@ -14,14 +14,20 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.links.outside import OutsideTriples
 
 
-def triples_factory(graph: RecipeGraph, triples: Ids, *, create_inverse_triples: bool = False) -> TriplesFactory:
-    """Return triples (T, 3) as a PyKEEN triples factory with the graph's ids."""
+def triples_factory(
+    graph: RecipeGraph, triples: Ids, outside: OutsideTriples | None = None, *, create_inverse_triples: bool = False
+) -> TriplesFactory:
+    """Return triples (T, 3), and outside triples if any, as a PyKEEN triples factory with the graph's ids first."""
+    nodes, relations, more = (
+        ((), (), triples[:0]) if outside is None else (outside.nodes, outside.relations, outside.triples)
+    )
     return TriplesFactory(
-        mapped_triples=torch.from_numpy(triples.copy()),
-        entity_to_id={label: i for i, label in enumerate(graph.entities)},
-        relation_to_id={label: i for i, label in enumerate(RELATIONS)},
+        mapped_triples=torch.from_numpy(np.concatenate([triples, more])),
+        entity_to_id={label: i for i, label in enumerate((*graph.entities, *nodes))},
+        relation_to_id={label: i for i, label in enumerate((*RELATIONS, *relations))},
         create_inverse_triples=create_inverse_triples,
     )
 

@@ -70,6 +70,23 @@ class Choice(Record, frozen=True, kw_only=True):
         )
 
 
+class OutsideSummary(Record, frozen=True, kw_only=True):
+    """Numbers of outside triples, of their nodes that are no entities, and of their relations.
+
+    ``coverage`` is the share of the graph's entities in the triples.
+    """
+
+    triples: Count
+    nodes: Count
+    relations: Count
+    coverage: Share
+
+    def __str__(self) -> str:
+        """Return the numbers in a line."""
+        relations, nodes = counted(self.relations, "relation"), counted(self.nodes, "node")
+        return f"{self.triples:,} outside triples, {relations}, {nodes} besides {self.coverage:.0%} of the entities"
+
+
 class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     """Content of ``metrics.json``: metrics from the training of a link predictor.
 
@@ -87,6 +104,7 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
         valid_mrr: best epoch's validation MRR.
         train_mrr: filtered MRR on the training triples: memory, not prediction.
         train_mrr_triples: number of triples ranked for ``train_mrr``.
+        outside: numbers of triples from outside the book, if any.
         choice: chosen regularisation, if any.
         folds: number of cross-fitting folds.
         fold_mrr: out-of-sample MRR on train triples, by the fold models, if any.
@@ -106,6 +124,7 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
     valid_mrr: float | None
     train_mrr: float
     train_mrr_triples: int
+    outside: OutsideSummary | None = None
     choice: Choice | None = None
     folds: Count = 0
     fold_mrr: Share | None = None
@@ -136,8 +155,10 @@ def links_history(files: RunFiles) -> History:
         "trained by": " ".join(files.run.argv),
         "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
         "on training triples": f"MRR {metrics.train_mrr:.3f}",
-        "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items()),
+        "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items() if value != ()),
     }
+    if metrics.outside:
+        facts["outside knowledge"] = str(metrics.outside)
     if metrics.folds:
         facts["cross-fitted"] = cross_fitted_words(metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr)
     if metrics.choice:

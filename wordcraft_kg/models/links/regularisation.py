@@ -19,6 +19,7 @@ from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkSettings
 from wordcraft_kg.models.links.fitting import fit
+from wordcraft_kg.models.links.outside import OutsideTriples
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.links.records import Candidate, Choice
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
@@ -49,13 +50,14 @@ def choose(
     after_epoch: Callable[[int, int], None],
     *,
     recipes: Ids | None = None,
+    outside: OutsideTriples | None = None,
 ) -> Choice | None:
     """Choose the N3 weight and the weight of training counts in the scores (popularity), by MRR on held-out recipes.
 
     On a large book, N3 is fixed, and only popularity is chosen, if the settings use a sampled softmax.
 
-    ``recipes`` (n, 3) are by default all train recipes. ``after_epoch`` is called with the finished and total epochs;
-    may raise to end the choice.
+    ``recipes`` (n, 3) are by default all train recipes; ``outside`` triples are in every training. ``after_epoch`` is
+    called with the finished and total epochs; may raise to end the choice.
 
     Returns:
         All candidates and the choice: most popularity among all candidates with nearly the best MRR.
@@ -79,7 +81,7 @@ def choose(
     for row, n3 in zip(sums, weights, strict=True):
         for fold in folds:
             short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0, patience=0)
-            row += _reciprocal_ranks(fold, short, lambda _: after_epoch(next(done), total))
+            row += _reciprocal_ranks(fold, short, outside, lambda _: after_epoch(next(done), total))
     means = sums / queries
     candidates = [
         Candidate(n3=n3, popularity=popularity, mrr=float(mrr))
@@ -119,11 +121,14 @@ def _queries(fold: Split) -> Ids:
     return sampled(fold.held_out("test"), min(RANKED, 2**26 // fold.graph.num_entities))
 
 
-def _reciprocal_ranks(fold: Split, settings: ComplExConfig, after_epoch: Callable[[int], None]) -> np.ndarray:
+def _reciprocal_ranks(
+    fold: Split, settings: ComplExConfig, outside: OutsideTriples | None, after_epoch: Callable[[int], None]
+) -> np.ndarray:
     graph, seen = fold.graph, fold.partial
-    model = fit(settings, triples_factory(graph, seen), after_epoch)
+    model = fit(settings, triples_factory(graph, seen, outside), after_epoch, graph.num_entities)
     popular = (replace(settings, popularity=weight) for weight in POPULARITY)
-    scorers = (make_scorer(*scorer_tensors(each, model, seen), graph.entities, graph.hash) for each in popular)
+    tensors = (scorer_tensors(each, model, seen, graph.num_entities) for each in popular)
+    scorers = (make_scorer(*each, graph.entities, graph.hash) for each in tensors)
     ranks = [rank_triples(scorer, _queries(fold), graph.triples) for scorer in (*scorers, FrequencyScorer(graph, seen))]
     return np.array([(1 / table["rank"]).sum() for table in ranks])
 

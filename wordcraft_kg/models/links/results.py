@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkSettings
-from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
+from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress, OutsideSummary
 from wordcraft_kg.models.scorers.cross_fitting import FoldsRecord
 from wordcraft_kg.models.scorers.folder import make_scorer, write_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
@@ -28,11 +28,12 @@ def write_results(
     settings: LinkSettings,
     progress: LinkProgress,
     choice: Choice | None = None,
+    outside: OutsideSummary | None = None,
 ) -> tuple[Scorer, LinkMetrics]:
     """Write a trained model's scorer, metrics (also per epoch) and chosen weights; return scorer and metrics."""
     model.eval()
     graph, triples = train_sample.graph, train_sample.triples
-    kind, tensors = scorer_tensors(settings, model, triples)
+    kind, tensors = scorer_tensors(settings, model, triples, graph.num_entities)
     sample = sampled_for(graph, triples)  # on large graphs a fixed sample is enough
     scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
     ranks = rank_triples(scorer, sample, triples)
@@ -50,6 +51,7 @@ def write_results(
         valid_mrr=progress.best_mrr,
         train_mrr=mean_reciprocal_rank(ranks),
         train_mrr_triples=len(sample),
+        outside=outside,
         choice=choice,
     )
     write_scorer(folder, kind, tensors, graph)
@@ -74,6 +76,8 @@ def model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics
         seen = "all triples, test recipes included: the scores show memory, not prediction."
     fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on training triples "
     points = [f"{metrics.triples:,} training triples", fitted + f"{metrics.train_mrr:.3f}"]
+    if metrics.outside and isinstance(settings, ComplExConfig):
+        points.append(f"joint training with {metrics.outside}, weight {settings.outside_weight:g}")
     if metrics.choice:
         points.append(f"regularisation chosen: {metrics.choice}")
     if isinstance(settings, ComplExConfig) and settings.negatives:

@@ -21,6 +21,7 @@ from torch.nn.functional import cross_entropy
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler, TensorDataset
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs.triples import RELATIONS
 
 
 class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
@@ -31,10 +32,17 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     ``loss = mean_b [ -log p(t | h, r) - log p(h | r, t) ] + regularisation(h) + (r) + (t)``, with the softmax over all
     entities and each looked-up factor regularised once.
 
+    In joint training on a recipe graph and outside triples, ``num_own`` counts the graph's entities, which have the
+    first ids. The softmax for a triple of the graph is over these entities alone, as without outside triples; for an
+    outside triple it is over all nodes. The loss of an outside triple, with its regularisation, is multiplied by
+    ``outside_weight``.
+
     Source: Jiang et al. 2020, Eq. 2; Lacroix et al. 2018.
     """
 
-    def __init__(self, model: ERModel, *args: Any, **kwargs: Any) -> None:
+    def __init__(
+        self, model: ERModel, *args: Any, num_own: int | None = None, outside_weight: float = 1.0, **kwargs: Any
+    ) -> None:
         """Check the model, and set up the loop with PyKEEN's arguments.
 
         Raises:
@@ -50,6 +58,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         ):
             raise ConfigError(f"{type(model).__name__} has no single embedding per entity; train with 'SymmetricLCWA'.")
         super().__init__(model, *args, **kwargs)
+        self.num_own, self.outside_weight = num_own, outside_weight
 
     def _create_training_data_loader(
         self, triples_factory: CoreTriplesFactory, sampler: str | None, **kwargs: Any
@@ -68,23 +77,45 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         slice_size: int | None = None,
     ) -> torch.Tensor:
         triples = batch[0][start:stop].to(self.model.device)
+        if self.num_own is None:
+            return self._loss(triples, label_smoothing, None)
+        is_own = _is_own(triples)
+        parts = (triples[is_own], 1.0, self.num_own), (triples[~is_own], self.outside_weight, None)
+        losses = [
+            weight * len(rows) / len(triples) * self._loss(rows, label_smoothing, candidates)
+            for rows, weight, candidates in parts
+            if len(rows)
+        ]
+        return torch.stack(losses).sum()
+
+    def _loss(self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None) -> torch.Tensor:
         heads, relations, tails = triples.unbind(dim=1)
         (entity,) = self.model.entity_representations
         (relation,) = self.model.relation_representations
         h, r, t = (x.unsqueeze(dim=1) for x in (entity(heads), relation(relations), entity(tails)))
-        loss = self._cross_entropies(h, r, t, triples, label_smoothing)
+        loss = self._cross_entropies(h, r, t, triples, label_smoothing, num_candidates)
         return loss + self.model.collect_regularization_term()
 
     def _cross_entropies(
-        self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor, triples: torch.Tensor, label_smoothing: float
+        self,
+        h: torch.Tensor,
+        r: torch.Tensor,
+        t: torch.Tensor,
+        triples: torch.Tensor,
+        label_smoothing: float,
+        num_candidates: int | None,
     ) -> torch.Tensor:
         (entity,) = self.model.entity_representations
         # The public call would regularise the candidates, hence the private call.
-        everything = entity._plain_forward().unsqueeze(dim=0)
+        everything = entity._plain_forward()[:num_candidates].unsqueeze(dim=0)
         heads, _, tails = triples.unbind(dim=1)
         return cross_entropy(
             self.model.interaction(h, r, everything), tails, label_smoothing=label_smoothing
         ) + cross_entropy(self.model.interaction(everything, r, t), heads, label_smoothing=label_smoothing)
+
+
+def _is_own(triples: torch.Tensor) -> torch.Tensor:
+    return triples[:, 1] < len(RELATIONS)
 
 
 training_loop_resolver.register(IndexedSymmetricLCWATrainingLoop, raise_on_conflict=False)
@@ -126,17 +157,31 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
         (entity,) = model.entity_representations
         if isinstance(entity, Embedding):
             entity._embeddings.sparse = True
-        counts = torch.bincount(triples_factory.mapped_triples[:, [0, 2]].flatten(), minlength=entity.max_id)
-        self.probabilities = ((1 / entity.max_id + counts / counts.sum()) / 2).to(model.device)
+        triples, size = triples_factory.mapped_triples, self.num_own or entity.max_id
+        self.probabilities = self._probabilities(triples[_is_own(triples)] if self.num_own else triples, size)
+        if self.num_own:
+            self.outside_probabilities = self._probabilities(triples[~_is_own(triples)], entity.max_id)
+
+    def _probabilities(self, triples: torch.Tensor, size: int) -> torch.Tensor:
+        counts = torch.bincount(triples[:, [0, 2]].flatten(), minlength=size)
+        return ((1 / size + counts / counts.sum()) / 2).to(self.model.device)
 
     def _cross_entropies(
-        self, h: torch.Tensor, r: torch.Tensor, t: torch.Tensor, triples: torch.Tensor, label_smoothing: float
+        self,
+        h: torch.Tensor,
+        r: torch.Tensor,
+        t: torch.Tensor,
+        triples: torch.Tensor,
+        label_smoothing: float,
+        num_candidates: int | None,
     ) -> torch.Tensor:
         if label_smoothing:
             raise ConfigError("a sampled softmax has no label smoothing; train with `negatives` 0.")
         (entity,) = self.model.entity_representations
-        drawn = torch.multinomial(self.probabilities, self.num_sampled, replacement=True)
-        log_expected = torch.log(self.num_sampled * self.probabilities[drawn])
+        is_own = num_candidates == self.num_own
+        probabilities = self.probabilities if is_own else self.outside_probabilities
+        drawn = torch.multinomial(probabilities, self.num_sampled, replacement=True)
+        log_expected = torch.log(self.num_sampled * probabilities[drawn])
         sample = entity._plain_forward(drawn)[None]
         true = self.model.interaction(h, r, t)[:, 0]
         heads, _, tails = triples.unbind(dim=1)

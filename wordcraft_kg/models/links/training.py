@@ -18,10 +18,12 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.train_samples import draw_train_sample, is_subsample
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.knowledge.folder import check_same_split
 from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.cross_fitting import decided_folds, train_folds, write_link_folds
 from wordcraft_kg.models.links.fitting import Epochs, train_epochs
+from wordcraft_kg.models.links.outside import outside_hashes, read_outside
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
 from wordcraft_kg.models.links.regularisation import choose
@@ -87,6 +89,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     Attributes:
         train_sample: training recipes.
         folds: cross-fitting folds, if any, equal for all models on a split.
+        outside: triples from outside the book, if any.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(LinksConfig.commands, "links", unit="epoch", progress=LinkProgress)
@@ -99,9 +102,14 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         Raises:
             ConfigError: if the settings do not fit the graph or machine.
         """
-        settings = decided_folds(_for_size(config.settings, opened.graph.num_entities), opened)
+        folders = getattr(config.settings, "with_", ())
+        for folder in folders:
+            check_same_split(folder, opened)
+        self.outside = read_outside(folders, opened.graph.entities)
+        num_nodes = opened.graph.num_entities + (self.outside.summary.nodes if self.outside else 0)
+        settings = decided_folds(_for_size(config.settings, num_nodes), opened)
         super().__init__(replace(config, settings=settings), opened)
-        _check_fit(opened, settings)
+        _check_fit(opened, settings, num_nodes)
         folds = make_folds(opened.split, settings.folds) if settings.folds else None
         if settings.kg == "full":
             self.train_sample = opened.train_sample("full")
@@ -112,9 +120,13 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             )
         self.folds = folds.with_train_sample(self.train_sample) if folds else None
 
+    @classmethod
+    def input_hashes(cls, config: LinksConfig) -> Mapping[str, str]:  # noqa: D102 - inherited
+        return outside_hashes(getattr(config.settings, "with_", ()))
+
     def begin(self, run: RunFolder[LinkProgress], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
         self._decide_regularisation(run, report)
-        settings, inputs = self.config.settings, {}
+        settings, inputs = self.config.settings, dict(self.input_hashes(self.config))
         if is_subsample(settings.train_fraction, settings.label_noise):
             inputs["train_sample"] = self.train_sample.hash
         if self.folds:
@@ -134,7 +146,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                     0, settings.epochs * (1 + (settings.folds or 0)), {"choosing settings, percent": 100 * done / total}
                 )
 
-        choice = choose(self.opened, settings, after_epoch, recipes=self.train_sample.recipes)
+        choice = choose(self.opened, settings, after_epoch, recipes=self.train_sample.recipes, outside=self.outside)
         if choice:
             write_atomically(run.path / CHOICE, dump_json(as_values(choice)), durable=True)
             settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
@@ -149,10 +161,10 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     ) -> TrainedLinks:
         settings, files = self.config.settings, RunFiles(run.path, run.record)
         choice = files.record(CHOICE, Choice) if CHOICE in run.record.inputs else None
-        factory = triples_factory(self.opened.graph, self.train_sample.triples)
+        factory = triples_factory(self.opened.graph, self.train_sample.triples, self.outside)
         with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
-            loop = make_training_loop(settings, factory)
-            epochs = Epochs(run, self.opened, self.train_sample.triples, settings, report, log)
+            loop = make_training_loop(settings, factory, self.opened.graph.num_entities)
+            epochs = Epochs(run, self.opened, self.train_sample.triples, factory.num_triples, settings, report, log)
             if checkpoint is not None:
                 with run.restoring():
                     epochs.restore(loop, checkpoint)
@@ -164,7 +176,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 run.interrupt()
                 return TrainedLinks(run.path, loop._epoch, None)
             epochs.restore_best(loop)
-            scorer, metrics = write_results(run.path, loop.model, self.train_sample, settings, epochs.so_far, choice)
+            trained = run.path, loop.model, self.train_sample, settings, epochs.so_far
+            scorer, metrics = write_results(*trained, choice, self.outside.summary if self.outside else None)
         outputs: tuple[str, ...] = OUTPUTS
         if self.folds:
             try:
@@ -196,7 +209,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 report(everything - total + done, everything, {"fold": fold, "folds": count})
 
         settings = replace(settings, epochs=ended)
-        train_folds(run.path, self.folds, settings, seconds=metrics.seconds, after_epoch=after_epoch)
+        train_folds(run.path, self.folds, settings, self.outside, seconds=metrics.seconds, after_epoch=after_epoch)
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedLinks:  # noqa: D102 - inherited
@@ -204,17 +217,18 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         return TrainedLinks(files.folder, metrics.epochs, metrics)
 
 
-def _for_size(settings: LinkSettings, num_entities: int) -> LinkSettings:
-    decided = settings.for_size(num_entities)
+def _for_size(settings: LinkSettings, num_nodes: int) -> LinkSettings:
+    decided = settings.for_size(num_nodes)
     if isinstance(decided, ComplExConfig) and decided != settings and decided.negatives:
+        nodes = "entities and outside nodes" if decided.with_ else "entities"
         logging.getLogger(__name__).warning(
-            f"{num_entities:,} entities: the softmax samples {decided.negatives:,} entities per batch, because the "
+            f"{num_nodes:,} {nodes}: the softmax samples {decided.negatives:,} entities per batch, because the "
             "full softmax would take too long (negatives = 0 for the full softmax)."
         )
     return decided
 
 
-def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
+def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> None:
     if isinstance(settings, LinkModelConfig):
         check_table_fits(settings.model, opened.graph.num_entities)
     if settings.kg == "partial" and opened.split.config.kind == "none":
@@ -228,14 +242,13 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings) -> None:
             "part, for example `train_ratio` 0.8 and `valid_ratio` 0.1."
         )
     check_device(settings.device)
-    _check_memory(opened, settings)
+    _check_memory(opened, settings, num_nodes)
 
 
-def _check_memory(opened: OpenedGraph, settings: LinkSettings) -> None:
-    graph = opened.graph
-    parameters = 4 * settings.dim * (graph.num_entities + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
+def _check_memory(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> None:
+    parameters = 4 * settings.dim * (num_nodes + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
     # Parameters, gradients and optimiser state.
-    check_memory("dim", settings.dim, f"training vectors for {graph.num_entities:,} entities", 3 * parameters)
+    check_memory("dim", settings.dim, f"training vectors for {num_nodes:,} entities", 3 * parameters)
     if isinstance(settings, LinkModelConfig) and settings.loop == "slcwa":
         triples = min(settings.batch_size, len(opened.triples(settings.kg)))
         needed = 4 * settings.dim * settings.negatives * triples

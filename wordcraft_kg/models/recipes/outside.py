@@ -21,7 +21,13 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.triples import is_in
-from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, TABLES, knowledge_files, read_knowledge
+from wordcraft_kg.models.knowledge.folder import (
+    KNOWLEDGE,
+    TABLES,
+    check_same_split,
+    knowledge_files,
+    read_knowledge,
+)
 from wordcraft_kg.models.recipes.base import Base, LinkTables, features_of_pairs, features_of_parts
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
@@ -142,16 +148,6 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: dict[tuple[str, str, str]
         tables[key] = table.float() if before is None else before.where(before != 0, table.float())
     sha256 = knowledge_files(spec).run.outputs[TABLES]
     return OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
-
-
-def check_same_split(spec: str, opened: OpenedGraph) -> None:
-    """Raise ConfigError if a knowledge folder was made with the train recipes of another split of the same graph."""
-    inputs = knowledge_files(spec).run.inputs
-    if inputs.get("graph") == opened.graph.hash and inputs.get("split", opened.split.hash) != opened.split.hash:
-        raise ConfigError(
-            f"`with` '{spec}' was made with the train recipes of another split, which may be test recipes here. Make "
-            "the folder again from this graph folder."
-        )
 
 
 def _of_words(spec: str, opened: OpenedGraph, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:

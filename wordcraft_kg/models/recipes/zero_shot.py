@@ -16,16 +16,10 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.knowledge.folder import KNOWLEDGE
+from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, check_same_split
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.fitting import LinkRankers, Ranker
-from wordcraft_kg.models.recipes.outside import (
-    OutsideKnowledge,
-    check_same_split,
-    is_book,
-    open_other_book,
-    open_outside,
-)
+from wordcraft_kg.models.recipes.outside import OutsideKnowledge, is_book, open_other_book, open_outside
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of
 
 

@@ -39,14 +39,9 @@ Slice = Literal["train_recipes", "layer", "link_rank"]
 class AgentSuccess(Record):
     """An agent's success rate with a distractor count; intervals are 95 %, by bootstrap except ``seed_ci``.
 
-    Attributes:
-        seed_ci: interval for ``mean`` over training seeds, by Student's t; None for a single run.
-        task_ci: interval for ``mean``, by resampling tasks.
-        seeds: each run's success rate.
-        by_plan: share of episodes that make the goal by one of the task's plans.
-        actions: mean number of actions per episode.
-        difference: ``mean`` minus the first agent's ``mean``, on the same tasks; None for the first agent.
-        difference_ci: interval for ``difference``, by resampling tasks.
+    ``mean`` has intervals over training seeds (by Student's t; None for a single run) and over tasks; ``seeds`` has
+    each run's rate. ``by_plan`` is the share of episodes that make the goal by one of the task's plans, ``actions`` the
+    mean per episode. ``difference`` to the first agent, by resampling tasks, is None for the first agent.
     """
 
     mean: Share

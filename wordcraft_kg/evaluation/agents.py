@@ -80,13 +80,8 @@ class AgentEntry(Record):
         settings: training settings that differ from the defaults.
         kg: training graph for the agent's scorer (full or partial); None for an agent without a scorer.
         cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample scores.
-        trained_with: distractor count per table in training.
-        success: success rates by distractor count.
-        outcomes: episode share for each termination reason, by distractor count.
-        confusions: most frequent wrong second ingredients, with the report's ``headline`` distractor count.
-        slices: success on task groups, with the report's ``headline`` distractor count.
+        success, outcomes: by distractor count; ``confusions`` and ``slices`` are for the report's ``headline`` count.
         curves: success during training, by task part (train or test).
-        provenance: facts about each run, by run name.
     """
 
     name: str
@@ -115,9 +110,6 @@ class BaselineSuccess(Record):
 
     Players are ``random``, ``nearest words`` (the two entities nearest to the goal by GloVe), ``recipe oracle``, and
     each agent's scorer alone.
-
-    Attributes:
-        by_plan: share of episodes in which the task's own recipes, not others for the same goal, make the goal.
     """
 
     name: str
@@ -138,10 +130,8 @@ class AgentsView(Record):
 
     Attributes:
         headline: distractor count in the report's main results.
-        distractor_seeds: tables per task, with different random distractors.
         sampled_from: total task count if a sample was played, else None.
         agents: each agent's metrics; the first agent is the reference.
-        references: published results for the same graph, split and tasks.
     """
 
     format: Literal["wordcraft-kg agent report 1"]
@@ -187,8 +177,7 @@ _Results = dict[int, list[Evaluation]]
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
     """Group training runs that differ only in the seed, and name each group (an agent) after the runs.
 
-    Raises:
-        ConfigError: if two runs have the same settings and the same seed.
+    Two runs with the same settings and seed are a ConfigError.
     """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
@@ -220,12 +209,7 @@ def view_agents(
 ) -> AgentsView:
     """Evaluate agents greedily on all tasks of a split part (such as test), with the same tables for all agents.
 
-    Args:
-        groups: runs by agent name, see :func:`group_agents`; the first agent is the reference.
-        part: the tasks' split part.
-        distractors: distractor counts to play with. Default: 1, 8 and the number in training.
-        distractor_seeds: tables per task, with different random distractors.
-        episodes: number of example episodes per agent, with scores and logits.
+    The first group is the reference; the default of ``distractors`` is 1, 8 and the number in training.
 
     Raises:
         GraphMismatchError: for agents trained on different graphs or splits.

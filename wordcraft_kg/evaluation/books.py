@@ -32,13 +32,7 @@ class BookList(Record):
 
 
 class CheckedBook(Record):
-    """The result of checking a recipe book.
-
-    Attributes:
-        book: file, folder or name from the user.
-        figures: counts; empty if no recipe could be read.
-        findings: problems first; ``passed`` if there are only notes.
-    """
+    """The result of checking a recipe book, problems first; ``figures`` are empty without a readable recipe."""
 
     book: str
     path: str
@@ -78,14 +72,7 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
 def view_check(
     book: str, base: list[str] | None, against: str | None, *, single_ingredient: str | None = None
 ) -> CheckedBook:
-    """Check a book, its words without vectors, and its overlap with another book.
-
-    Args:
-        book: file, folder or known name.
-        base: base entities; None takes or infers the book's base.
-        against: another book, or None.
-        single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
-    """
+    """Check a book, its words without vectors, and its overlap with another book; without ``base``, infer the base."""
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
     other = None if against is None else open_book(against)

@@ -14,12 +14,7 @@ NAMED = 3
 
 @dataclass(frozen=True)
 class Communities:
-    """Groups of entities that are crafted together.
-
-    Attributes:
-        group_of: each entity's group number, shape (E,); group 0 is the largest group.
-        names: the most typical entities in each group, at most :data:`NAMED`.
-    """
+    """Each entity's group, shape (E,), group 0 the largest, and the most typical entities in each group."""
 
     group_of: Ids
     names: tuple[tuple[str, ...], ...]
@@ -31,15 +26,10 @@ class Communities:
 
 
 def communities_of(labels: Sequence[str], links: Ids, seed: int) -> Communities:
-    """Find communities in an undirected graph by the Louvain method.
+    """Find communities in an undirected graph by the Louvain method; ``links`` are pairs of positions, shape (L, 2).
 
     Typical entities have many links within their group and few to other groups: the product of the number of links
     within the group and their share of all links is high.
-
-    Args:
-        labels: labels for entities.
-        links: shape (L, 2), pairs of linked entities as positions in ``labels``; repetitions count once.
-        seed: seed for the entity order.
 
     Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
     """

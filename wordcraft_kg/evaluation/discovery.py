@@ -22,11 +22,9 @@ if TYPE_CHECKING:
 
 
 class Known(Record):
-    """Mean number of known entities after a number of attempts (combined pairs).
+    """Mean number of known entities after a number of attempts, with the 95 % interval over runs.
 
-    Attributes:
-        low: lower bound for the 95 % interval over runs; None for a single run.
-        repeated: share of the attempts so far that repeated a pair.
+    Bounds are None for a single run; ``repeated`` is the share of the attempts so far that repeated a pair.
     """
 
     mean: float
@@ -39,12 +37,8 @@ class DiscoveryView(Record, omit_defaults=True):
     """Player results in open-ended play (crafting without a goal).
 
     Attributes:
-        base: labels for entities known at the start.
-        reachable: number of entities that can be made from ``base``.
         players: number of known entities by player and attempt count (the numbers in ``marks``, as text).
         people: number of entities known to people in a different crafting game, by attempt count.
-        references: published results for the same base, and results from the literature.
-        out: path to the written page, or None.
     """
 
     graph: str
@@ -77,15 +71,8 @@ def view_discovery(
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
     """Let players craft without a goal; return the results and all runs' curves.
 
-    Args:
-        graph: the recipe graph.
-        players: names in :data:`~wordcraft_kg.agents.discovery.DISCOVERERS`.
-        attempts: number of pairs that a player combines in a run.
-        runs: runs per player.
-        seed: root seed.
-        base: labels for entities known at the start; None takes the graph's base entities.
-        scorer: name and scorer for the player ``empowerment-scorer``.
-        progress: callback, see :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
+    ``players`` are names in :data:`~wordcraft_kg.agents.discovery.DISCOVERERS`, ``base`` the labels known at the start
+    (default: the graph's base), and ``scorer`` the name and scorer for the player ``empowerment-scorer``.
     """
     start = Discovery(graph, base)
     loaded = None if scorer is None else scorer[1]

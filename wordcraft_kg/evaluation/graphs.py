@@ -57,11 +57,7 @@ def view_build(audit: Audit, folder: Path) -> BuiltGraph:
 
 
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:
-    """Return the recipes that make or use an entity, and the cheapest way to make the entity from the base.
-
-    Raises:
-        UnknownEntityError: for an unknown label.
-    """
+    """Return an entity's recipes, and the cheapest way to make it; an unknown label is an UnknownEntityError."""
     entity = graph.id_of(label)
     layer = int(layers(graph)[entity])
     try:

@@ -31,8 +31,6 @@ class ComparedModel(RankingMetrics, kw_only=True):
     """A model's metrics on the shared queries, averaged over seeds.
 
     Attributes:
-        has_seen_the_test_recipes: whether training includes the queries.
-        mrr_of_seeds: MRR per training seed.
         difference: MRR difference to the first model; None for the first model.
         difference_ci: interval with 95 % joint confidence over all model pairs.
         probability_better: share of resamples with a higher MRR than the first model; ties count half.
@@ -51,13 +49,10 @@ class LinkComparison(Record, omit_defaults=True):
     """Models compared on the same queries; differences are to the first model.
 
     Attributes:
-        split: content hash of the split.
         triples: number of ranked unseen triples, that is, test triples outside the training data.
         sampled_from: total unseen triple count if a uniform sample is ranked.
-        pairs: number of model pairs, for the Bonferroni correction of difference intervals.
         best: model with the highest MRR among models that have not seen the test recipes.
         not_told_apart: models that do not differ from ``best``: the difference interval contains 0.
-        out: path to the written page, or None.
     """
 
     graph: str
@@ -87,11 +82,6 @@ def compare(contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed
 
     All models share the ingredient pair resamples: a paired difference is more precise than two separate intervals.
     Reciprocal ranks are averaged over a model's seeds.
-
-    Args:
-        contenders: two or more; the first is the reference.
-        resamples: bootstrap resamples.
-        seed: bootstrap and sample seed.
 
     Raises:
         ConfigError: for a setting out of range, or different training settings between a model's seeds.

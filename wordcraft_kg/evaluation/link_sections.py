@@ -37,12 +37,9 @@ NO_NEAR_SYNONYM = "no such train recipe"
 
 
 class Comparison(Record):
-    """A link predictor compared with a baseline on the same queries.
+    """A link predictor's MRR minus a baseline's on the same queries, with the 95 % bootstrap interval over recipes.
 
-    Attributes:
-        difference: the model's MRR minus the baseline's MRR.
-        ci: 95 % interval for ``difference``, by bootstrap over recipes.
-        verdict: ``above`` or ``below`` the baseline, or ``level with`` the baseline if the interval includes 0.
+    The verdict is ``above`` or ``below`` the baseline, or ``level with`` it if the interval includes 0.
     """
 
     baseline: str
@@ -63,7 +60,6 @@ class DrillDown(Record):
     Attributes:
         seen_in_train: by the number of training triples that contain the query's answer.
         layer: by the number of crafting rounds before the query's answer can be made.
-        self_combination: combinesWith queries between an entity and itself, and between different entities.
         near_synonyms: queries from test recipes that repeat a train recipe with a near-synonym, and all the rest.
     """
 

@@ -87,9 +87,7 @@ class InSample(Record):
     """MRR for a cross-fitted model on train triples, with and without these triples in training.
 
     Attributes:
-        folds: number of folds; each fold of the train recipes has a model trained on all remaining folds.
         queries: query count for train triples that no recipe outside their fold gives.
-        in_sample_mrr: MRR with the model trained on all train recipes.
         left_out_mrr: MRR with the models trained without the query's fold; often below ``test_mrr``, so not a forecast.
     """
 
@@ -104,19 +102,16 @@ class LinkView(Record):
     """All numbers in a link-prediction report (``report.json``).
 
     Attributes:
-        queries: query count, two per ranked triple (``triples``).
-        sampled_from: total triple count if a uniform sample is ranked, else None.
+        queries: query count, two per ranked triple; ``sampled_from`` is the triple count behind a uniform sample.
         without_pairs: whether the graph is too large to score all pairs; fields that need all pairs are empty or None.
         leaked_left_out: number of test recipe triples left out because they are also in training.
         metrics: metrics with filtered ranks; equal scores share their mean rank.
-        in_sample: MRR with and without training on the queries, for a cross-fitted model; else None.
-        probabilities: calibration of triple probabilities, for a cross-fitted model; else empty.
+        in_sample, probabilities: for a cross-fitted model; else None and empty.
         with_leaked: metrics with the leaked triples included.
         comparisons: differences between the model and each baseline, the best baseline first.
         perhaps_missing: the best-scored triples outside the graph.
         kg_play: success rates for players that choose by the scores alone.
         trace: a row for each training epoch.
-        provenance: facts about the training, by name.
     """
 
     format: Literal["wordcraft-kg link report 1"]

@@ -20,13 +20,9 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success rates for a trained agent, or for a different player on the tasks in the agent's training run.
+    """Success rates for a trained agent, or another player on the tasks of its training run, by distractor count.
 
-    Attributes:
-        checkpoint: checkpoint of the trained agent; None for a different player.
-        scores: score settings for the player ``kg-only``, which uses the agent's scorer alone; else None.
-        success: success rates by distractor count.
-        outcomes: episode share for each termination reason, by distractor count.
+    The checkpoint is None for another player; ``scores`` has the score settings of ``kg-only``, the scorer alone.
     """
 
     run: str
@@ -60,8 +56,7 @@ def view_evaluation(
 ) -> AgentEvaluation:
     """Evaluate a player on the tasks in an agent's training run, for each distractor count.
 
-    ``agent`` is the player's name, see :func:`~wordcraft_kg.agents.evaluation.player_of`. ``distractor_policy``
-    replaces the agent's own.
+    ``agent`` names the player, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
     """
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
     config = tasks.environment(part, distractors[0])
@@ -96,9 +91,7 @@ def view_explanation(
 class Baselines(Record):
     """Success rates for scripted players, with a row for each player and distractor count.
 
-    Attributes:
-        tasks: number of tasks; each task is played ``distractor_seeds`` times for each distractor count.
-        intervals: interval level and method, in words.
+    Each task is played ``distractor_seeds`` times for each distractor count.
     """
 
     graph: str
@@ -123,18 +116,7 @@ def view_baselines(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> Baselines:
-    """Evaluate scripted players and, if a model is given, players that follow the model's scores.
-
-    Args:
-        opened: graph and split.
-        graph: the user's name for the graph.
-        config: environment settings, such as the split part and the depth of the tasks.
-        distractors: distractor counts to play with.
-        model: name and trained link predictor.
-        distractor_seeds: tables per task, with different random distractors.
-        seed: seed for distractors and for choices between equal scores.
-        progress: callback, see :func:`~wordcraft_kg.agents.players.play_all`.
-    """
+    """Evaluate scripted players and, if a model is given with its name, players that follow the model's scores."""
     players = knowledge_players(opened.split)
     world = World(opened, config)
     if model is not None:

@@ -35,11 +35,7 @@ class Reliability(Record):
     combinesWith counts a single direction.
 
     Attributes:
-        pairs: triples of different entities (``distinct``), or of an entity with ``itself``.
-        expected: expected number of true triples, the sum of the probabilities.
-        observed: number of true triples, from recipes outside training.
         base_rate: constant probability that ignores the scores.
-        ece: expected calibration error over ``bins``.
         log_loss: mean ``-log(probability of the observed outcome)``, nats; ``base_log_loss`` is for the base rate.
         reason: why all triples have the base rate as probability, or empty.
         bins: groups of triples by probability, with about equal expected numbers of true triples.

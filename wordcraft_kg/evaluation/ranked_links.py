@@ -29,8 +29,6 @@ class RankedLinks:
     """The evaluation triples in a graph, ranked by a scorer.
 
     Attributes:
-        kg: training graph: full, partial or none.
-        population: total evaluation triple count.
         queries: ranked triples as ids, shape (T, 3): all evaluation triples, or a uniform sample.
         ranks: table with a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`.
         train_sample: the recipes that the scorer was trained on.
@@ -107,16 +105,9 @@ def rank_links(
     """Rank the evaluation triples in a graph by a scorer.
 
     For a scorer trained on the partial graph, evaluation triples are the test triples outside training. For a scorer
-    trained on the full graph, evaluation triples are all triples, which measures memory.
-
-    Args:
-        scorer: a link predictor for the graph.
-        opened: graph and split.
-        kg: graph that the scorer was trained on.
-        train_sample: recipes that the scorer was trained on, if not all recipes of ``kg``. Evaluation triples and
-            filtered ranks do not depend on the sample.
-        max_queries: most queries to rank, two per triple in a uniform sample; 0 ranks all.
-        seed: seed for the sample.
+    trained on the full graph, evaluation triples are all triples, which measures memory. Neither depends on a
+    ``train_sample`` of the recipes of ``kg``. At most ``max_queries`` are ranked, two per triple in a uniform sample; 0
+    ranks all.
 
     Raises:
         ConfigError: if ``max_queries`` is too small for a meaningful figure.

@@ -34,8 +34,6 @@ class ScoredRecipe(Record):
         known: split part of the recipe (train, valid or test), or ``new``; None without the graph.
         in_sample: whether the scorer was trained on the recipe.
         because: train recipes that support the score, by descending weight.
-        probability: calibrated probability that the two ingredients make this result, or None.
-        outside: evidence from outside the train recipes, strongest first.
     """
 
     ingredient_a: str
@@ -83,13 +81,9 @@ class ScoredRecipeRow(Record):
 
 @dataclass(frozen=True)
 class RecipeScoring:
-    """A recipe scorer, with the known recipes in the recipe book.
+    """A recipe scorer, of a cross-fitted model the whole one, with the known recipes by split part.
 
-    Attributes:
-        model: the opened model, with the recipe split if the graph is available.
-        scorer: the recipe scorer; for a cross-fitted model, the scorer trained on all train recipes.
-        parts: split part of each known recipe; empty if the graph is missing.
-        seen: the recipes that the scorer was trained on.
+    ``parts`` are empty without the graph; ``seen`` are the recipes that the scorer was trained on.
     """
 
     model: ScoringModel

@@ -85,12 +85,7 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
         play: crafting tasks or open-ended play; None for results from the literature.
         interval: interval level and method, in words; empty without intervals.
         distractor_seeds: tables per task, with different random distractors.
-        seeds: number of training runs.
-        runs: run count in open-ended play.
-        settings: the player's settings by name.
         environment: publication environment, and how this package differs.
-        year: publication year.
-        notes: further remarks.
     """
 
     player: str
@@ -117,14 +112,7 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
         return msgspec.structs.replace(self, figures=kept)
 
     def shown(self, column: int) -> str:
-        """Format a cell of the comparison table: result and interval, such as ``0.50 [0.45, 0.55]``.
-
-        Args:
-            column: key of the result in ``figures``: a distractor count, or an attempt count in open-ended play.
-
-        Returns:
-            The text; empty if the player has no result in this column.
-        """
+        """Format a cell by its column: result and interval, such as ``0.50 [0.45, 0.55]``; empty without a result."""
         figure = self.figures.get(str(column))
         if figure is None:
             return ""
@@ -238,10 +226,7 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
 
 
 def figures_of(values: Mapping[int, Estimate], by_plan: Mapping[int, float] | None = None) -> dict[str, Figure]:
-    """Convert values with bounds, by distractor count (or attempts), to results rounded to six digits.
-
-    ``by_plan`` holds the success by the tasks' own recipes, by distractor count.
-    """
+    """Convert values with bounds, by distractor count (or attempts), to results rounded to six digits."""
     own = by_plan or {}
 
     def rounded(value: float | None) -> float | None:

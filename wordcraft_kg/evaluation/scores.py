@@ -32,10 +32,7 @@ class ScoredTriple(Record):
 
     Attributes:
         known: split part with the triple, see :data:`Known`; None if the graph is missing.
-        probability: calibrated probability for a triple outside training, or None.
         trained_on: recipes that the model was trained on, ``full`` or ``partial``; None if not recorded.
-        by_words: labels for entities outside the graph, scored by their words alone.
-        outside: evidence from outside the train recipes, strongest first.
     """
 
     head: str
@@ -102,7 +99,6 @@ class ScoringModel:
 
     Attributes:
         kg: recipes that the scorer was trained on, ``full`` or ``partial``; None if not recorded.
-        missing: why the graph is missing, or empty.
         by_words: labels for entities outside the graph, the scorer's last entities, see :func:`with_new_words`.
         outside: finder for evidence from outside the train recipes; None without such knowledge or without the graph.
     """
@@ -276,15 +272,8 @@ def with_new_words(
 ) -> ScoringModel:
     """Extend a model by new entities in queries, described by their words.
 
-    Args:
-        model: the model.
-        folder: model folder.
-        queries: the queries.
-        file: query file, for errors.
-
     Raises:
-        UnknownEntityError: if the model cannot score a new entity.
-        QueryFileError: the same with the line, for queries from a file.
+        UnknownEntityError: if the model cannot score a new entity; a QueryFileError with the line for a query ``file``.
     """
     lines: dict[str, int | None] = {}
     known = frozenset(model.scorer.entities)

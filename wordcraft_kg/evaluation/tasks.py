@@ -19,13 +19,9 @@ class ShownTask(Record):
 
 
 class TaskListing(Record):
-    """The crafting tasks in a split part (such as test), with examples.
+    """The crafting tasks in a split part (such as test), with examples (``shown``).
 
-    Attributes:
-        tasks: number of tasks.
-        complete: whether all tasks are counted; False if the tasks are a random sample.
-        mixed: tasks in no part, because their plans use recipes from several parts.
-        shown: example tasks.
+    ``complete`` is False for a random sample; ``mixed`` tasks are in no part, because plans use recipes from several.
     """
 
     graph: str

@@ -61,10 +61,7 @@ def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
 
 
 def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]]) -> list[Markup]:
-    """Draw a chart for each logged training statistic, with a curve for each run.
-
-    ``figures`` has the curves by agent name and statistic.
-    """
+    """Draw a chart for each logged statistic with a curve for each run, from the curves by agent and statistic."""
     pictures = []
     for figure, title in FIGURES.items():
         runs = {

@@ -38,10 +38,7 @@ def make_agent_report(
     distractor_seeds: int = 5,
     episodes: int = 2,
 ) -> Report[AgentsView]:
-    """Evaluate agents on all tasks in a split part, and return the report, ready to write.
-
-    For the arguments see :func:`~wordcraft_kg.evaluation.agents.view_agents`.
-    """
+    """Evaluate agents by :func:`~wordcraft_kg.evaluation.agents.view_agents`; return the report, ready to write."""
     view = view_agents(groups, part=part, distractors=distractors, distractor_seeds=distractor_seeds, episodes=episodes)
     return Report(
         view,

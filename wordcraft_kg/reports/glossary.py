@@ -278,9 +278,5 @@ GLOSSARY = {
 
 
 def find_term(key: str) -> Term:
-    """Return the term for a key: a glossary entry, or the label for a registered score source.
-
-    Raises:
-        KeyError: if the key is unknown.
-    """
+    """Return the term for a key, a glossary entry or a registered score source; KeyError if the key is unknown."""
     return GLOSSARY[key] if key in GLOSSARY else _term(label_of(key))

@@ -48,19 +48,8 @@ def make_link_report(
 ) -> Report[LinkView]:
     """Evaluate a link predictor on a graph's triples, and return the report, ready to write.
 
-    Args:
-        scorer: a link predictor for this graph.
-        opened: graph and split.
-        kg: graph that the scorer was trained on, see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links`.
-        train_sample: recipes that the scorer was trained on; None takes all ``kg`` recipes.
-        name: scorer name in the report.
-        provenance: facts about the training, by name.
-        trace: a row for each training epoch.
-        max_queries: most queries to rank; 0 ranks all.
-        seed: seed for the query sample and the bootstrap.
-
-    Raises:
-        SplitError: if fewer than 30 evaluation triples remain.
+    For the arguments and errors see :func:`~wordcraft_kg.evaluation.ranked_links.rank_links` and
+    :func:`~wordcraft_kg.evaluation.links.view_links`.
     """
     links = rank_links(scorer, opened, kg, train_sample=train_sample, max_queries=max_queries, seed=seed)
     view = view_links(links, name=name, provenance=provenance, trace=trace, seed=seed)

@@ -45,24 +45,17 @@ class Outline:
         return Markup('<h2 id="{}"><a href="#{}">{}</a>{}</h2>').format(anchor, anchor, title, remark)
 
     def term(self, key: str, text: str | None = None) -> Markup:
-        """Record a glossary term; return the term's name (or ``text``) as HTML, with the meaning as a tooltip.
-
-        Raises:
-            KeyError: for an unknown key.
-        """
+        """Record a glossary term (KeyError if unknown); return its name or ``text``, with the meaning as a tooltip."""
         term = self.terms[key] = find_term(key)
         shown = text or (f"{term.name} ({term.symbol})" if term.symbol else term.name)
         return Markup('<abbr title="{}">{}</abbr>').format(term.meaning, shown)
 
 
 def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> str:
-    """Render a page; labels are escaped, and a missing value is an error.
+    """Render a page from a template file that extends ``page.html.j2``; a missing value is an error.
 
-    Args:
-        template: template file that extends ``page.html.j2``. In the template, ``heading(title)`` begins a
-            section and ``term(key)`` explains a term in :data:`~wordcraft_kg.reports.glossary.GLOSSARY`.
-        data: files in the same folder to link to.
-        values: template values.
+    In the template, ``heading(title)`` begins a section and ``term(key)`` explains a term in
+    :data:`~wordcraft_kg.reports.glossary.GLOSSARY`. ``data`` lists files in the same folder to link to.
     """
     outline = Outline()
     shown = {"outline": outline, "heading": outline.heading, "term": outline.term, "data": data}

@@ -37,13 +37,9 @@ def cell_file(store: Path, task: Task) -> Path:
 
 
 def exchange_cells(plan: Plan, root: Path, store: Path) -> int:
-    """Copy missing results between a study's results folder ``root`` and the folder ``store``, in both directions.
+    """Copy missing results between a results folder and a store (ConfigError for a file), in both directions.
 
-    Returns:
-        The number of cells (results of one training) taken from the store.
-
-    Raises:
-        ConfigError: if the store is a file.
+    Return the number of cells taken from the store.
     """
     if store.is_file():
         raise ConfigError(f"`store` '{store}' is a file; expected a folder of cells, which may be new.")
@@ -74,14 +70,9 @@ def read_cell(task: Task, store: Path) -> Figures | None:
 
 
 def keep_cell(task: Task, root: Path, store: Path) -> None:
-    """Copy the results of a finished training into the store, as a cell: a JSON file with settings, metrics and hash.
+    """Copy the results of a finished scorer or agent training into the store, as a cell with settings and hash.
 
     An intact cell is never replaced. A warning reports different results by the same platform and versions.
-
-    Args:
-        task: the finished training of a scorer or an agent; graphs are not stored.
-        root: results folder of the study, with the task's folder.
-        store: folder of cells, shared by machines.
     """
     figures = read_figures(task.folder(root), FIGURES[task.kind])
     if task.kind == "graphs" or figures.stored or not figures.platform:

@@ -52,14 +52,10 @@ _MEASURES = {
 
 
 class Measured(Record, frozen=True):
-    """The measured values for a claim under fixed grid settings (``values``).
+    """The measured values for a claim under fixed grid settings: means over common seeds for both sides.
 
-    Attributes:
-        left: mean over seeds for the claim's first variant.
-        right: mean over seeds for the claim's second variant, or the claim's value.
-        low: lower bound of the 95 % interval for ``difference``; None for a single seed.
-        seeds: number of seeds that both variants have.
-        tasks: number of test tasks; 0 for a measure with a single value per run.
+    The 95 % interval for ``difference`` is None for a single seed; ``tasks`` is 0 for a measure with a single value per
+    run.
     """
 
     values: Values
@@ -73,13 +69,10 @@ class Measured(Record, frozen=True):
 
 
 class ClaimVerdict(Record, frozen=True):
-    """A claim with its verdict.
+    """A claim with its verdict, which follows from the measured intervals by the table of this module.
 
-    Attributes:
-        sides: the two variants that the claim compares; the second may be a value (``is_value``).
-        verdict: follows from the 95 % interval of the difference by the table of this module; ``why`` has the reason.
-        note: the known reason for a deviation from the claim.
-        measured: measured values, one per grid point; several if the claim says that the sign of the difference varies.
+    ``why`` has the reason, ``note`` the known reason for a deviation. The second side may be a value. Several measured
+    values belong to a claim that the sign of the difference varies.
     """
 
     text: str

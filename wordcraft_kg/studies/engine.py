@@ -32,10 +32,8 @@ _TICK = 0.5
 class State:
     """The progress of a running study, in numbers of tasks.
 
-    Attributes:
-        kept: tasks that were finished before the start; ``taken`` of them in the store of cells.
-        failed: outcomes for failed tasks and for tasks with failed inputs, by task folder.
-        running: start time of each running task by :func:`time.monotonic`, by task folder.
+    ``kept`` tasks were finished before the start, ``taken`` of them in the store. ``failed`` has outcomes by task
+    folder, also for tasks with failed inputs, and ``running`` start times by :func:`time.monotonic`.
     """
 
     total: int
@@ -69,15 +67,9 @@ def run_plan(
 ) -> State:
     """Perform the tasks in a study that lack results in the folder ``root``, and return the final state.
 
-    A failed task stops only the tasks that need its result; the next call repeats failed tasks.
-
-    Args:
-        plan: the study's tasks.
-        root: results folder.
-        make_workers: function that starts the workers; called only if there are tasks.
-        command: the command line, for the record.
-        watch: function to call regularly with the plan and its state.
-        store: folder with cells (results of one training each) to read, and to extend with new results.
+    A failed task stops only the tasks that need its result; the next call repeats failed tasks. Workers are made only
+    if there are tasks; ``command`` is for the record, and ``watch`` is called regularly. Results are also taken from,
+    and added to, the cells in the folder ``store``.
 
     Raises:
         ArtefactError: if a different study runs in the folder.

@@ -45,16 +45,9 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> bool:
-    """Check the files of a finished task, and return whether the graph or model itself exists, not only its metrics.
+    """Check a finished task's files; return whether the graph or model itself exists, not only copied metrics.
 
-    A scorer may lack its model files: studies can copy metrics from a store, a folder of results shared by machines.
-
-    Args:
-        task: a task that makes a graph or scorer.
-        root: results folder of the study, with the task's folder.
-
-    Raises:
-        ArtefactError: for a missing or damaged file.
+    A missing or damaged file is an ArtefactError.
     """
     folder = task.folder(root)
     if task.kind == "graphs":
@@ -83,12 +76,7 @@ def platform_of(device: str) -> str:
 
 
 def make_graph(task: Task, root: Path, book: str) -> None:
-    """Build a task's graph from a recipe book, and write the graph folder into the results folder ``root``.
-
-    Raises:
-        RecipeFileError: for a missing book.
-        ArtefactError: if the book has changed since planning.
-    """
+    """Write a task's graph folder from a recipe book (RecipeFileError if missing, ArtefactError if changed)."""
     folder = task.folder(root)
     recipes = open_book(book)
     graph = RecipeGraph.from_book(recipes)
@@ -100,12 +88,9 @@ def make_graph(task: Task, root: Path, book: str) -> None:
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
-    """Train a task's scorer or agent, from a checkpoint if present; errors are returned in the outcome, not raised.
+    """Train a task's scorer or agent, from a checkpoint if present; errors are in the outcome, not raised.
 
-    Args:
-        task: the task.
-        root: results folder, with the task's inputs.
-        keep_all: keep large files in the run folder, such as agent weights.
+    Without ``keep_all``, large files such as agent weights are removed from the run folder.
     """
     try:
         if is_done(task, root):

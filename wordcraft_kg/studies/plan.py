@@ -67,12 +67,10 @@ DEFAULTS_OF_GRAPH = {name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for
 
 @dataclass(frozen=True)
 class Plan:
-    """A study's tasks, in an executable order. An address is a task's folder relative to the results folder.
+    """A study's tasks by address (folder relative to the results folder), each after its inputs.
 
-    Attributes:
-        runs: address of the agent run for each cell; equal trainings share an address.
-        tasks: all tasks by address, each after its inputs.
-        books: name or file of the recipe book, by graph address.
+    ``runs`` has the address of the agent run for each cell; equal trainings share an address. ``books`` has the name or
+    file of the recipe book by graph address.
     """
 
     name: str
@@ -95,9 +93,7 @@ class Plan:
 def make_plan(study: Study, name: str) -> Plan:
     """Plan the tasks for a study; ``name`` becomes a file name in the results folder.
 
-    Raises:
-        ConfigError: for an invalid name, a setting out of range or in conflict with another, or two equal variants.
-        RecipeFileError: for a missing book.
+    A missing book is a RecipeFileError; an invalid name or setting, or two equal variants, are a ConfigError.
     """
     if name in ("", "..") or Path(name).name != name:
         raise ConfigError(

@@ -30,16 +30,11 @@ class RayWorkers:
     """
 
     def __init__(self, root: Path, address: str | None, perform: Callable[[Task, Path], Outcome]):
-        """Connect to a cluster.
+        """Connect to a cluster, or start a temporary one without an address.
 
-        Args:
-            root: results folder.
-            address: host:port of the cluster, ``auto`` for a cluster on this machine, or None for a temporary cluster.
-            perform: function that performs a task, see :func:`~wordcraft_kg.studies.perform.perform`.
-
-        Raises:
-            MissingExtraError: without Ray.
-            ConfigError: if no cluster answers.
+        The address is host:port, or ``auto`` for a cluster on this machine; for ``perform`` see
+        :func:`~wordcraft_kg.studies.perform.perform`. Without Ray it is a MissingExtraError, without an answer a
+        ConfigError.
         """
         self._running: dict[Any, Task] = {}
         self._refused: list[Outcome] = []

@@ -47,14 +47,9 @@ _ALONE = ("u+v, self edges dropped", "w, best pair")
 class ReferenceTable(Record, frozen=True):
     """A table that compares players under one condition, with results from the literature.
 
-    Attributes:
-        measure: the measure in ``rows``, such as success.
-        columns: distractor counts, or attempt counts in open-ended play.
-        pack: title of the published results for this graph and split, or None.
-        measured: columns without published results, measured now with scripted players.
-        rows: results on this graph and split, by player kind.
-        literature: results from different environments, not directly comparable.
-        out: path to the written page, or None.
+    ``columns`` are distractor counts, or attempt counts in open-ended play; ``measured`` columns lack published results
+    (``pack`` is their title), so scripted players were measured now. ``rows`` are on this graph and split, by player
+    kind; ``literature`` is from different environments, not directly comparable.
     """
 
     graph: PlayedGraph
@@ -73,16 +68,8 @@ def view_references(
 ) -> ReferenceTable:
     """Return a table with published results, scripted players for missing columns, and the user's results.
 
-    Args:
-        opened: graph and split; open-ended play ignores the split.
-        play: crafting tasks, or open-ended play.
-        columns: distractor counts; open-ended play uses the attempt counts in ``discover``.
-        external: the user's folders and files, see :func:`~wordcraft_kg.studies.result_readers.external_rows`.
-
-    Raises:
-        ConfigError: as ``external_rows``, or for a number out of range.
-        GraphMismatchError: as ``external_rows``.
-        TaskError: without such tasks.
+    Open-ended play ignores the split, and uses the attempt counts in ``discover`` as columns. For ``external`` and its
+    errors see :func:`~wordcraft_kg.studies.result_readers.external_rows`; without such tasks it is a TaskError.
     """
     measures: list[Measure] = ["success"]
     split: str | None = opened.split.hash
@@ -106,11 +93,7 @@ def view_references(
 
 
 def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPlay:
-    """Return the settings of open-ended play that start from base entities; None takes the base of the graph.
-
-    Raises:
-        ConfigError: for an unknown entity, or a base that makes nothing.
-    """
+    """Return open-ended play from base entities (default: the graph's); ConfigError if the base makes nothing."""
     return OpenPlay(opened.graph.labels(Discovery(opened.graph, base).base))
 
 

@@ -24,10 +24,7 @@ _SUCCESS = "greedy success on test tasks"
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
     """Write a study's page, report.json, table and picture files into a folder, and return the paths.
 
-    The extra ``figures`` adds PNG and PDF files.
-
-    Raises:
-        OutputExistsError: if the folder exists and ``force`` is False.
+    The extra ``figures`` adds PNG and PDF files. An existing folder is an OutputExistsError without ``force``.
     """
     report = make_study_report(view)
     write_report(report, folder, force=force)

@@ -52,7 +52,7 @@ class ResultReader:
         expected: description of the format, for the error about an unknown path.
         knows: return whether a path, which need not exist, has this format.
         task_rows: return success on crafting tasks from paths, graph and split, tasks, and distractor counts.
-        open_rows: return known entities in open-ended play from paths, graph and play; None if not supported.
+        open_rows: return known entities in open-ended play; None if not supported.
     """
 
     expected: str
@@ -66,16 +66,7 @@ def external_rows(
 ) -> tuple[ReferenceRow, ...]:
     """Return the rows of a reference table for results of the user: runs, people, text agents.
 
-    Args:
-        opened: the table's graph and split.
-        play: the table's tasks, or open-ended play.
-        columns: distractor counts; ignored for open-ended play.
-        paths: folders and files with the results.
-
-    Raises:
-        ConfigError: for an unknown path, or results on other tasks.
-        GraphMismatchError: for results on another graph or split.
-        ArtefactError: for a damaged file.
+    An unknown path is a ConfigError; for further errors see :class:`ResultReader`. ``columns`` are distractor counts.
     """
     readers = list(READERS.values())
     if isinstance(play, OpenPlay):
@@ -130,15 +121,7 @@ def agent_rows(
 ) -> tuple[ReferenceRow, ...]:
     """Evaluate agents greedily, as ``compare`` does, and return a table row (success, interval, settings) for each.
 
-    Args:
-        groups: runs by agent, on this graph and split.
-        opened: the graph and split.
-        play: the tasks.
-        columns: distractor counts; a policy may skip some counts.
-        origin: "ours" for rows of the package, "external" for the user's.
-
-    Raises:
-        ConfigError: for an agent with other tasks, or without any of these distractor counts.
+    A policy may skip some distractor counts; one without any, or with other tasks, is a ConfigError.
     """
     for agent in (agent for members in groups.values() for agent in members):
         its = play_of(agent.config.tasks, play.part)

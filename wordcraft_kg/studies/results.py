@@ -25,18 +25,13 @@ class RunResult(Record, frozen=True):
     Attributes:
         values: the training's values for the grid settings.
         run: run folder in the results folder, named by a settings hash.
-        graph: position of the graph in :attr:`StudyResults.graphs`.
-        success: greedy success rate by split part (train, test).
-        by_plan: share of episodes that make the goal by one of the task's plans, by split part.
-        terminations: share of episodes by termination reason, see
-            :data:`~wordcraft_kg.agents.outcomes.TERMINATION_REASONS`.
+        graph, origin: positions in :attr:`StudyResults.graphs` and :attr:`StudyResults.origins`.
+        success, by_plan: greedy success rate by split part, in all and by one of the task's plans.
         won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
         curve: success on test tasks during training.
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has seen these triples.
-        steps: environment steps.
         seconds: training time; 0 for results from a store.
         steps_per_second: environment steps per second of acting and learning, without evaluation.
-        origin: position in :attr:`StudyResults.origins`.
     """
 
     variant: str
@@ -81,15 +76,10 @@ class Origin(Record, frozen=True):
 
 
 class StudyResults(Record, frozen=True):
-    """A study and the results of all its trainings (``results.json``).
+    """A study, with all command line changes, and the results of all its trainings (``results.json``).
 
-    Attributes:
-        command: the command that runs the study again.
-        study: the study with all command line changes.
-        versions: versions of the packages that the trainings used.
-        runs: results of finished trainings, by grid point, variant and seed.
-        hours: training time in this results folder.
-        origins: platforms of the trainings, and whether their results are from a store of cells.
+    ``runs`` are ordered by grid point, variant and seed; ``hours`` is the training time in this results folder;
+    ``origins`` are the platforms of the trainings, and whether their results are from a store of cells.
     """
 
     format: Literal["wordcraft-kg results 1"]
@@ -116,13 +106,7 @@ F = TypeVar("F", bound="Figures")
 
 
 class Figures(Record, frozen=True, kw_only=True):
-    """Results of a graph, a scorer or a run.
-
-    Attributes:
-        seconds: training time; 0 for a graph, and for results from a store (``stored``).
-        versions: versions by package.
-        platform: system, machine, and instruction set or GPU.
-    """
+    """Results of a graph, a scorer or a run; ``seconds`` is 0 for a graph and for results from a store."""
 
     seconds: float
     versions: dict[str, str]
@@ -158,11 +142,7 @@ def write_figures(folder: Path, figures: Figures) -> None:
 
 
 def read_figures(folder: Path, kind: type[F]) -> F:
-    """Read a task's results, a record of the type ``kind``, from ``figures.json`` in the task's folder.
-
-    Raises:
-        ArtefactError: for a missing, damaged or edited file.
-    """
+    """Read a task's results of the type ``kind`` from its folder; a damaged or edited file is an ArtefactError."""
     path = folder / FIGURES_FILE
     values = read_json(path)
     if not isinstance(values, dict) or values.keys() != {"sha256", "figures"}:

@@ -36,13 +36,11 @@ class ScatterPoint(Record):
 
 
 class ScorerScatter(Record):
-    """Agents' success against their scorers' MRR, with all further settings equal.
+    """Agents' success against their scorers' MRR, with all further settings (``values``) equal.
 
     Attributes:
-        values: the settings that all points share, such as distractors.
         in_sample: whether train tasks have scores from a scorer trained on the same recipes.
-        points: a point for each agent and scorer setting, by ascending MRR.
-        pearson: correlation between MRR and success; None for fewer than three points.
+        points: a point for each agent and scorer setting, by ascending MRR; correlations need three.
         steps_spearman: rank correlation of MRR and the steps to the reference's success; "not reached" is latest.
         without: success of the reference agent, if it has no scorer.
     """

@@ -42,10 +42,9 @@ class PlannedStudy(Record, frozen=True):
 
 @contextmanager
 def own_results(root: Path) -> Iterator[None]:
-    """Lock a results folder, created if necessary, for a single study, and remove files that a killed study left.
+    """Lock a results folder for a single study, and remove files that a killed study left.
 
-    Raises:
-        ArtefactError: if another study has the lock, or the path is a file.
+    The folder is created if necessary; a path that is a file or locked is an ArtefactError.
     """
     if root.is_file():
         raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")

@@ -66,10 +66,7 @@ class Claim(Record, frozen=True, omit_defaults=True):
     """A testable claim that compares two variants, or a variant and a value.
 
     Attributes:
-        text: the claim, in a sentence.
-        left: name of the first variant.
         right: name of the second variant, or empty.
-        than: a value in place of ``right``.
         expected: ``left`` has more or less than ``right``; comparable (difference below ``by``); or varies (``left``
             is better for some grid settings, ``right`` for different settings).
         by: least difference for more and less, greatest difference for comparable, in the measure's unit.
@@ -78,8 +75,6 @@ class Claim(Record, frozen=True, omit_defaults=True):
             same_twice: share of test episodes that end with an entity paired with itself without making the goal.
         at: grid settings for which the claim holds, with values; empty for the whole grid.
         right_at: grid settings in which ``right`` differs from ``left``, with values.
-        source: author and place of the claim.
-        note: known reason for a deviation.
     """
 
     text: str
@@ -99,19 +94,14 @@ class Study(Record, omit_defaults=True):
     """A study file's content: variants (named agent settings), each trained for all grid settings and seeds.
 
     Attributes:
-        title: the comparison's subject, in a line.
         variants: training settings by variant name.
-        about: the study's question, and how to read the results.
-        source: where the comparison comes from, such as a figure in the paper.
         seeds: trainings per variant and grid point, with seeds from 0; scorers without a seed use the agent's seed.
         drawing: kind of picture.
         reference: the variant that all variants are compared with. Default: the first.
-        settings: settings common to all trainings.
         grid: values by setting; each combination of values is a grid point.
         points: further combinations, each a table with the same settings, crossed with the grid.
         scorers: settings by scorer name, with ``command``: train-complex, train-links, train-recipes, facts,
             neighbours or kernel.
-        claims: claims to compare with the results.
 
     Example:
         >>> study = Study("Two policies", {"attention": {}, "mlp": {"policy": "mlp"}}, grid={"distractors": [1, 8]})
@@ -150,8 +140,7 @@ def built_in() -> list[str]:
 def read_study(source: str | Path) -> Study:
     """Read a study from a TOML file or a built-in study by name, and check everything except its recipe books.
 
-    Raises:
-        ConfigError: for a missing study, or an unknown, wrong or contradictory setting.
+    A missing study, or an unknown, wrong or contradictory setting, is a ConfigError.
 
     Example:
         >>> read_study("knowledge").drawing
@@ -187,10 +176,9 @@ def parse_study(text: str, source: str) -> Study:
 
 
 def adapted(study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None) -> Study:
-    """Return a study changed to a different recipe book, number of training steps or number of seeds.
+    """Return a study with another recipe book, number of training steps or number of seeds.
 
-    Raises:
-        ConfigError: if the study varies the setting, or for a number out of range.
+    A setting that the study varies, or a number out of range, is a ConfigError.
     """
     given: Values = {name: value for name, value in (("book", book), ("steps", steps)) if value is not None}
     for name in given:

@@ -16,13 +16,7 @@ from wordcraft_kg.studies.view import StudyView, title_of
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts.
-
-    Attributes:
-        title: the grid settings in words.
-        headings: column headings, the first for the variants.
-        rows: the texts for each variant.
-    """
+    """A table of texts with a title, column headings and rows; the first column names the variants."""
 
     title: str
     headings: tuple[str, ...]

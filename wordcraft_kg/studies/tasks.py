@@ -16,12 +16,8 @@ TerminationReason = Literal["done", "failed", "interrupted"]
 class Task:
     """A task in a study: make a graph folder, a scorer folder or an agent's run folder.
 
-    Attributes:
-        settings: all settings that determine the result, and the addresses (folders) of inputs.
-        title: description for people; does not change the address.
-        needs: addresses of the tasks that make the inputs.
-        threads: number of CPU threads.
-        device: torch device.
+    ``settings`` are all settings that determine the result, with the addresses of inputs (``needs``); ``title`` is for
+    people and does not change the address.
     """
 
     kind: Kind
@@ -44,12 +40,9 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended: done, failed or interrupted; an interrupted task can be resumed.
+    """How a task ended; an interrupted task can be resumed.
 
-    Attributes:
-        error: the error in a line.
-        detail: traceback for an unexpected error.
-        disk_full: whether the disk was full, which ends the study.
+    ``error`` is a line, ``detail`` the traceback of an unexpected error; ``disk_full`` ends the study.
     """
 
     address: str

@@ -36,14 +36,11 @@ class StudyCurvePoint(Record, array_like=True):
 
 
 class Comparison(Record):
-    """A variant compared with the study's reference variant under the same grid settings; intervals are 95 %.
+    """A variant compared with the study's reference variant under the same grid settings.
 
-    Attributes:
-        difference: the variant's mean success on test tasks minus the reference's.
-        interval: interval for ``difference``, by resampling seeds and tasks.
-        pairs: number of seeds that both variants have.
-        p_value: p-value for a true difference of 0, from ``interval``; None below three pairs.
-        p_corrected: ``p_value`` with Holm's correction for all comparisons in the study.
+    ``difference`` of mean success on test tasks, with the 95 % interval by resampling seeds and tasks, over ``pairs``
+    common seeds. The p-value is None below three pairs; ``p_corrected`` has Holm's correction for all comparisons in
+    the study.
     """
 
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -57,19 +54,13 @@ class VariantFigures(Record):
     """Results of a variant under fixed grid settings; all intervals are 95 % intervals.
 
     Attributes:
-        success: each run's success on test tasks, in the order of ``seeds``.
         seed_interval: interval for ``mean`` over seeds, by Student's t; None for a single seed.
         interval: interval for ``mean``, by resampling seeds and tasks; only tasks for a single seed.
-        by_plan: share of episodes that make the goal by one of the task's plans.
         train: mean success on train tasks; None if not measured.
         mrr: mean MRR of the agents' scorers on test triples outside training, or None.
-        mrr_range: least and greatest MRR.
         comparison: difference to the reference; None for the reference and without common seeds.
         reached: steps until the mean learning curve reaches the reference's final success; None for never.
         reached_interval: interval for ``reached``, with None for never; None below four seeds.
-        curve: mean success during training.
-        runs: run folders relative to the results folder.
-        seconds: mean training time.
     """
 
     variant: str
@@ -92,13 +83,9 @@ class VariantFigures(Record):
 
 
 class PointFigures(Record):
-    """Results for all variants at a grid point (one combination of grid settings).
+    """Results for all variants at a grid point, a combination of grid settings described by ``title``.
 
-    Attributes:
-        values: the grid settings; ``title`` is their description in words.
-        graphs: the runs' graphs, usually a single graph.
-        tasks: number of test tasks.
-        distractor_seeds: tables per task, with different random distractors.
+    Usually the runs share a single graph; ``distractor_seeds`` is the number of tables per task.
     """
 
     values: Values

@@ -20,8 +20,6 @@ class StudyView(Record):
     """All numbers in a study report (``report.json``).
 
     Attributes:
-        reference: the variant that all variants are compared with.
-        points: results for each combination of grid settings that has runs.
         scatters: success against the scorer's MRR, if the study's ``drawing`` is "scatter".
         comparisons: number of comparisons that the p-values are corrected for.
     """
@@ -51,8 +49,7 @@ Runs = dict[str, list[RunResult]]
 def view_study(results: StudyResults) -> StudyView:
     """Summarise a study's results.
 
-    Raises:
-        ConfigError: without runs, or if a variant's runs at a grid point have different graphs, splits or tasks.
+    It is a ConfigError without runs, or if a variant's runs at a grid point have different graphs, splits or tasks.
     """
     study = results.study
     reference = study.reference or next(iter(study.variants))

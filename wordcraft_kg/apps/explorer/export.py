@@ -42,11 +42,7 @@ class ExportedSite(Record):
 
 
 def export_site(explored: Explored, out: Path, *, force: bool = False) -> ExportedSite:
-    """Write the pages that need no server into a folder, with ``index.html`` as the first.
-
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-    """
+    """Write the pages that need no server into a folder, with ``index.html`` as the first."""
     files = _Files(explored)
     sizes, skipped = [], {}
     with staged_folder(out, force=force) as folder:

@@ -29,7 +29,6 @@ class Page(Generic[S]):
 
     Attributes:
         name: first address segment, and template name.
-        state: settings class.
         view: returns the shown values as a record. An UnknownEntityError becomes a page "not found", other input
             errors a page with the message.
         title: name in the menu; empty for pages outside the menu.

@@ -59,11 +59,7 @@ class ScoredLink(Record):
 class PredictedEntity(ScoredLink):
     """A predicted answer to a query, a triple with an unknown head or tail: the entity that fills the open slot.
 
-    Attributes:
-        entity: label.
-        position: place in the page's list of answers, from 1; 0 for unlisted entities.
-        rank: filtered rank among all entities; ties get the mean rank.
-        reason: supporting training links; None if not requested.
+    The position in the page's list is 0 for unlisted entities; ties in the filtered rank get the mean rank.
     """
 
     entity: str
@@ -204,14 +200,9 @@ class LinkPredictor:
     def best(
         self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
     ) -> PredictedSlot:
-        """List the best entities in an open slot, and the best ranked true entities.
+        """List the ``top`` entities in an open slot, and the best ranked true entities (at most ``truth``).
 
-        Args:
-            slot: the query.
-            with_learned: include training links.
-            top: maximum number of best entities.
-            witnesses: maximum number of supporting links per entity; 0 gives no reasons.
-            truth: maximum number of true entities.
+        Reasons have at most ``witnesses`` supporting links per entity; 0 gives none.
         """
         order = np.argsort(-slot.scores, kind="stable")
         listed = order if with_learned else order[~slot.learned[order]]

@@ -85,12 +85,9 @@ class AnswersDatabase:
     """The answers of a study, for the server; thread-safe."""
 
     def __init__(self, path: Path, study: str, turns: int):
-        """Open or create the database of a study.
+        """Open or create the database of a study (hash of its record), with a number of tasks per person (``turns``).
 
-        Args:
-            path: the file; damaged, different and read-only files are an ArtefactError and stay unchanged.
-            study: hash of the study record.
-            turns: tasks per person.
+        Damaged, different and read-only files are an ArtefactError and stay unchanged.
         """
         if not path.exists():
             _make(path, study)
@@ -130,11 +127,7 @@ class AnswersDatabase:
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
         """Start a session in the cell with the fewest sessions; ties: fewest finished sessions, then order.
 
-        A repeated code returns the existing session, so a repeated form starts one session.
-
-        Args:
-            code: hash of the code.
-            cells: forms and conditions in order of preference.
+        A repeated code (by its hash) returns the existing session, so a repeated form starts one session.
         """
         with self._writing() as connection:
             if (known := _find(connection, code)) is not None:
@@ -222,8 +215,7 @@ _ANSWERS = "SELECT session, part, number, goal, slots, actions, made, success, s
 def read_answers(path: Path, study: str) -> tuple[list[Participant], list[StoredAnswer]]:
     """Return all people and answers in order; nothing is written, and a server may be running.
 
-    Raises:
-        ArtefactError: for damaged files and the databases of other studies.
+    Damaged files and the databases of other studies are an ArtefactError.
     """
     with _reading(path, study) as connection:
         rows = connection.execute(f"{_PEOPLE} ORDER BY number").fetchall()

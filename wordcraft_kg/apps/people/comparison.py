@@ -20,12 +20,8 @@ from wordcraft_kg.models.policies.policy import Policy
 def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, bool]:
     """Return whether an agent, acting greedily, makes the goal at each answered table.
 
-    As in training, the model without a task's recipes scores a train task if the scorer is cross-fitted.
-
-    Raises:
-        GraphMismatchError: if the agent was trained on another graph or split.
-        ArtefactError: if this version poses another task.
-        ConfigError: if the agent cannot play at tables of that size.
+    As in training, the model without a task's recipes scores a train task if the scorer is cross-fitted. Another graph
+    or split is a GraphMismatchError, a table size that the agent cannot play a ConfigError.
     """
     protocols: dict[tuple[int, int], HumanProtocol] = {}
     posed: dict[TableKey, PosedTask] = {}

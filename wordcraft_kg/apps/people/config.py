@@ -30,14 +30,10 @@ answers are removed. Do not share the code: anyone who has it can continue your 
 
 @dataclass(frozen=True)
 class StudyConfig:
-    """Settings of a study.
+    """Settings of a study: tasks per part, distractors per table in each condition, and sampled task lists (forms).
 
-    Attributes:
-        tasks: tasks per part.
-        distractors: conditions, as distractors per table.
-        forms: sampled task lists; people are spread evenly over forms and conditions.
-        seed: seed for the first form; each further form has the next seed.
-        consent: consent text; blank lines separate paragraphs.
+    People are spread evenly over forms and conditions; each form after the first has the next seed. Blank lines
+    separate paragraphs of the consent text.
     """
 
     tasks: int = TASKS_PER_PART

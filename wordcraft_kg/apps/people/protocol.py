@@ -28,11 +28,7 @@ def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
 
 
 def episode_seed(seed: int, part: str, number: int) -> int:
-    """Return the seed for an episode, independent from earlier episodes.
-
-    Raises:
-        ConfigError: if the seed is negative.
-    """
+    """Return the seed for an episode, independent from earlier episodes; a negative seed is a ConfigError."""
     whole("seed", seed, 0)
     return int(np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number)).generate_state(1)[0])
 
@@ -50,12 +46,8 @@ class Header(Record):
 class Answer(Record):
     """A participant's answer to a task, without data about person or machine.
 
-    Attributes:
-        part: ``train`` or ``test``.
-        number: task number in the part, from 1.
-        table: entities on the table, slot by slot.
-        made: results of the two actions.
-        seconds: time from the first page load to the second action.
+    The task is numbered in its part, from 1; ``made`` are the results of the two actions; ``seconds`` are from the
+    first page load to the second action.
     """
 
     part: str
@@ -93,12 +85,8 @@ class PosedTask:
 class HumanProtocol:
     """The protocol of the paper: 40 train tasks with feedback, then 40 test tasks; depth 1, one attempt.
 
-    Tasks and tables are sampled as for agents and depend only on graph, split, distractor condition and seed. A
-    shorter protocol is the start of a longer protocol.
-
-    Attributes:
-        turns: part and number for each task, in order.
-        header: properties of all sessions with these tasks.
+    Tasks and tables are sampled as for agents and depend only on graph, split, distractor condition and seed. A shorter
+    protocol is the start of a longer protocol.
     """
 
     def __init__(

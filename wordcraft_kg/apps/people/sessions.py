@@ -54,11 +54,9 @@ def check_alike(path: Path, header: Header, other: str, reference: Header) -> No
 
 
 def check_equal(subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]) -> None:
-    """Check that the settings ``have`` equal ``want``, except for the graph name; ``subject`` and ``other`` name both.
+    """Check that settings are equal, except for the graph name; ``subject`` and ``other`` name both in the error.
 
-    Raises:
-        GraphMismatchError: if a hash differs.
-        ConfigError: if another setting differs.
+    A hash that differs is a GraphMismatchError, another setting a ConfigError.
     """
     for name in {**want, **have}:
         if name != "graph" and have.get(name) != want.get(name):

@@ -36,8 +36,7 @@ STUDY_FILE = "study.json"
 class StudyRecord(Record):
     """``study.json``: the identity of a study; the settings exclude the number of distractors.
 
-    Attributes:
-        texts_hash: hash of the page templates; a study keeps its texts from begin to end.
+    A study keeps its texts, whose hash is ``texts_hash``, from begin to end.
     """
 
     format: Literal["wordcraft-kg study 2"]
@@ -71,11 +70,7 @@ def texts_hash() -> str:
 
 
 class Study:
-    """A study's tasks for each cell: a form (sampled task list) with a number of distractors.
-
-    Attributes:
-        cells: all cells; people are assigned to the first cells first.
-    """
+    """A study's tasks for each cell: a form (sampled task list) with a number of distractors."""
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
         """Prepare the tasks; a part without tasks is a TaskError."""
@@ -117,11 +112,10 @@ class Study:
 
 @contextmanager
 def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
-    """Yield the answers of a new or begun study folder, for one server.
+    """Yield the answers of a new or begun study folder, for one server; on errors the folder is unchanged.
 
-    Raises:
-        ArtefactError: if another server uses the folder, a file is damaged, or this version poses different tasks.
-        GraphMismatchError, ConfigError, OutputExistsError: see :func:`check_study_folder`. The folder is unchanged.
+    It is an ArtefactError if another server uses the folder, a file is damaged, or this version poses different tasks;
+    for further errors see :func:`check_study_folder`.
     """
     if check_study_folder(folder, study.record) and (folder / ANSWERS_FILE).exists():
         _check_tasks(folder, study)
@@ -156,11 +150,8 @@ def _check_tasks(folder: Path, study: Study) -> None:
 def check_study_folder(folder: Path, record: StudyRecord) -> bool:
     """Return whether a folder holds this study; False for a new or empty folder.
 
-    Raises:
-        ArtefactError: if ``study.json`` is damaged.
-        GraphMismatchError: if the folder's study has another graph or split.
-        ConfigError: if the folder's study has different settings.
-        OutputExistsError: for other folders and files.
+    Another graph or split is a GraphMismatchError, another setting a ConfigError, another folder or file an
+    OutputExistsError, and a damaged ``study.json`` an ArtefactError.
     """
     if not os.path.lexists(folder) or (folder.is_dir() and not any(folder.iterdir())):
         return False
@@ -221,11 +212,7 @@ class ReadStudy:
 
 
 def read_study(folder: Path) -> ReadStudy:
-    """Read a study folder; nothing is written, and a server may be running.
-
-    Raises:
-        ArtefactError: if the folder is damaged or not a study folder.
-    """
+    """Read a study folder; nothing is written, and a server may be running. Damage is an ArtefactError."""
     record, identity = read_study_record(folder)
     path = folder / ANSWERS_FILE
     people, stored_answers = read_answers(path, identity)

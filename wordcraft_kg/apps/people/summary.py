@@ -29,10 +29,8 @@ class AgentRate(Record):
 class AnswerRate(Record):
     """Number and share of correct answers; None without answers.
 
-    Attributes:
-        interval: 95 % Wilson interval for independent answers of these people.
-        people_interval: 95 % bootstrap interval over people; Wilson's for equal results; None for a single person.
-        agents: results of agents at the same tables, by name.
+    The 95 % Wilson interval is for independent answers of these people; ``people_interval`` is a bootstrap over people,
+    Wilson's for equal results, and None for a single person. ``agents`` played at the same tables.
     """
 
     answered: Count
@@ -75,14 +73,10 @@ class ExportedAnswers(Record):
 def view_people(
     sources: Mapping[Path, Sequence[Session]], agents: Mapping[str, Mapping[TableKey, bool]] | None = None
 ) -> HumanSummary:
-    """Return success rates over sessions with equal graph, split and settings.
+    """Return success rates over sessions; ``agents`` holds the success of each agent by name and table.
 
-    ``agents`` holds the success of each agent by name and table.
-
-    Raises:
-        ArtefactError: if two studies have the same answers.
-        GraphMismatchError: if the graphs or splits differ.
-        ConfigError: if settings other than the number of distractors differ, or there is no session.
+    Two studies with the same answers are an ArtefactError, other graphs or splits a GraphMismatchError, and other
+    settings than the number of distractors, or no session, a ConfigError.
     """
     _check_sources(sources)
     sessions = [session for group in sources.values() for session in group]

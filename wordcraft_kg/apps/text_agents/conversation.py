@@ -23,14 +23,8 @@ class Conversation:
     """A game played in text: an opening prompt, and a reply to each message by the player.
 
     Only the last line in a message is read: two labels are an attempt to combine the entities, ``look up`` and a label
-    a request for facts. An invalid message costs nothing, but after ``max_invalid`` in a row the next costs an attempt,
-    so every conversation ends.
-
-    Attributes:
-        game: the game.
-        invalid_actions: number of invalid messages.
-        lost_attempts: number of attempts lost by invalid messages.
-        look_ups: number of look-ups so far.
+    a request for facts. An invalid message costs nothing, but after ``max_invalid`` in a row the next costs an attempt
+    (``lost_attempts``), so every conversation ends.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -88,8 +82,7 @@ class Conversation:
     def look_up(self, entity: int) -> tuple[list[str], str]:
         """Count a look-up; return the facts about an entity (id) as lines, and as a reply text.
 
-        Raises:
-            ActionError: if all look-ups are used up.
+        It is an ActionError if all look-ups are used up.
         """
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
             raise ActionError(prompt_text("no_look_ups"))
@@ -138,7 +131,6 @@ class Play:
         Raises:
             ConfigError: for settings that do not fit the graph.
             LeakError: if a scorer would reveal its train recipes on train tasks.
-            ArtefactError, RecipeFileError, GraphMismatchError: for an unreadable or mismatched graph or scorer.
         """
         opened = open_graph(graph)
         knowledge = open_knowledge(settings, opened)

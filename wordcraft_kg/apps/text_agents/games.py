@@ -18,12 +18,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 class Game(ABC):
     """Base class for games: an attempt combines two entities in :attr:`labels`; after the end, an EpisodeError.
 
-    Attributes:
-        graph: the recipe graph.
-        rules: prompt with the game's rules.
-        goal: the goal's label; None in the open-ended world.
-        tasks: the world's tasks; None in the open-ended world.
-        task: index of the game's task; -1 in the open-ended world.
+    In the open-ended world, goal and tasks are None and ``task``, the task's index, is -1.
     """
 
     goal: str | None = None
@@ -94,10 +89,7 @@ class TaskGame(Game):
     """A game for a crafting task: make the goal from the entities on an evaluation table.
 
     Attributes:
-        distractor_seed: seed for the distractors on the table.
         start: labels on the table at the start.
-        attempts: number of attempts in the game.
-        is_made: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
         actions: number of chosen entities: two in an attempt, one in an attempt lost by invalid messages.
         last: labels of the last combined pair; None initially and after a lost attempt.
@@ -177,9 +169,7 @@ class TaskGames:
 class DiscoveryGame(Game):
     """A game in the open-ended world: combine known entities to discover as many entities as possible.
 
-    Attributes:
-        known_after: number of known entities after each attempt.
-        repeated: number of attempts with an already tried pair.
+    ``known_after`` counts known entities after each attempt, ``repeated`` attempts with an already tried pair.
     """
 
     def __init__(self, env: OpenEndedEnv):
@@ -224,11 +214,7 @@ class DiscoveryGame(Game):
 
 
 class DiscoveryGames:
-    """A factory for independent games in a graph's open-ended world, all from the same base entities.
-
-    Raises:
-        ConfigError: for a value out of range, or a base that makes nothing.
-    """
+    """A factory for independent games in a graph's open-ended world, all from the same base entities."""
 
     def __init__(self, graph: GraphLike, *, attempts: int = 100, base: Iterable[Entity] | None = None):
         """Prepare the world; default base: the graph's base."""

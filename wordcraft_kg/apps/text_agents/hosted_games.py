@@ -28,12 +28,8 @@ class HostedGame:
     """A game on a server: id, conversation, and all messages between player and server.
 
     Methods raise an EpisodeError once the game is over, an ActionError for invalid input, and an OSError if the record
-    cannot be written; :meth:`end` then tries to write the record again.
-
-    Attributes:
-        name: the game's id.
-        talk: the conversation: the game, and counts of invalid messages and look-ups.
-        messages: prompts and answers in turn, until the game is recorded; only the first prompt has rules and state.
+    cannot be written; :meth:`end` then tries to write the record again. Of the prompts, only the first has rules and
+    state.
     """
 
     def __init__(self, name: str, talk: Conversation, keep: "Callable[[HostedGame], None]"):
@@ -92,12 +88,7 @@ class HostedGame:
 
 
 class HostedGames:
-    """All games on a server, open to anyone with a game's id.
-
-    Attributes:
-        play: starts games, with the settings for all games.
-        keep: called with each finished game, for the record.
-    """
+    """All games on a server, open to anyone with a game's id; ``keep`` records each finished game."""
 
     def __init__(self, play: Play, *, most: int = _MOST_GAMES):
         """Prepare to host games; at most ``most`` games are remembered."""
@@ -124,11 +115,7 @@ class HostedGames:
         return hosted
 
     def game(self, name: str) -> HostedGame:
-        """Return the game with the id ``name``.
-
-        Raises:
-            EpisodeError: for an unknown or forgotten id.
-        """
+        """Return the game with the id ``name``; an unknown or forgotten id is an EpisodeError."""
         if name not in self._hosted:
             raise EpisodeError(
                 f"Unknown game id '{name[:40]}': expected an id returned by `begin`; the server keeps the last "
@@ -142,8 +129,7 @@ class HostedGames:
 def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame], None]]:
     """Lock a games file (``--out``), and yield a function that appends a finished game to this file.
 
-    Raises:
-        ArtefactError, GraphMismatchError, ConfigError: as ``playing.open_games``, or if a server uses the file.
+    For errors see :func:`~wordcraft_kg.apps.text_agents.playing.open_games`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():

@@ -35,11 +35,8 @@ class LoggedTask(Record, frozen=True, kw_only=True):
 def read_inspect_log(path: str | Path) -> TextResult:
     """Read a language model's result from an Inspect log (``.eval``, ``.json``) for ``crafting`` or ``discovery``.
 
-    The player is the model's name. Games that an Inspect limit ended count.
-
-    Raises:
-        MissingExtraError: if Inspect AI is not installed.
-        ArtefactError: for a missing or damaged file, the log of another Inspect task, or missing games.
+    The player is the model's name. Games that an Inspect limit ended count. A missing or damaged file, the log of
+    another Inspect task, or missing games are an ArtefactError.
     """
     path = Path(path)
     log = _read(path)
@@ -87,10 +84,6 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
 
 
 def played_of(values: Mapping[str, Any] | None, kind: type[_Played], where: str) -> _Played:
-    """Parse the metadata of an Inspect score as the record of a game; ``kind`` is the record type.
-
-    Raises:
-        ArtefactError: for damaged metadata; the message names the source ``where``.
-    """
+    """Parse a score's metadata as the record of a game; damage is an ArtefactError that names ``where``."""
     bare = {key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}
     return as_record({**bare, "messages": []}, kind, where)

@@ -70,10 +70,8 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
     """Return an Inspect task: make goals from the entities on a table, as in agent evaluation.
 
     ``graph`` is a graph folder, a recipe book file, or the name of a built-in book; see
-    :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters.
-
-    Raises:
-        InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
+    :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters. A wrong parameter, or an
+    unreadable graph or scorer, is an InspectTaskError.
     """
     with _readable():
         play = _open(crafting, graph, settings)

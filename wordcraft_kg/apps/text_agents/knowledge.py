@@ -29,9 +29,7 @@ _MOST_LINKS = 10
 class Knowledge(ABC):
     """Base class for sources of facts that a text agent can look up during a game.
 
-    Attributes:
-        scorer: hash of the scorer's weights; None if the facts are recipes.
-        kg: training triples of the scorer, full or partial graph; a scorer trained on the full graph knows the answers.
+    For a scorer, the hash of its weights, and its training triples: with the full graph it knows the answers.
     """
 
     scorer: str | None = None
@@ -105,11 +103,7 @@ class ScorerKnowledge(Knowledge):
     _prompt = "likely_links"
 
     def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: TrainedOn | None = None):
-        """Take a scorer, the hash of its weights, and the triples that the scorer was trained on (full or partial).
-
-        Raises:
-            GraphMismatchError: if the scorer belongs to another graph.
-        """
+        """Take a scorer for this graph, the hash of its weights, and its training triples (full or partial)."""
         from wordcraft_kg.models.scorers.protocol import check_scorer
 
         check_scorer(scorer, split.graph)
@@ -119,8 +113,7 @@ class ScorerKnowledge(Knowledge):
     def facts(self, entity: int, game: Game) -> list[str]:
         """Return an entity's best links as text: partners on the table, any results and ingredients.
 
-        Raises:
-            LeakError: for a train task, if the scorer has no folds (models trained without some train recipes).
+        On a train task, a scorer without folds (models trained without some train recipes) is a LeakError.
         """
         scorer = self._answering(game)
         return [] if scorer is None else [*self._links(scorer, entity, game)]
@@ -163,9 +156,7 @@ class ScorerKnowledge(Knowledge):
 def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | None:
     """Return the source of facts that the settings select, for games on a graph and split; None without look-ups.
 
-    Raises:
-        ArtefactError: for an unfinished or damaged scorer folder.
-        GraphMismatchError: for a scorer on another graph or split.
+    A scorer folder that is unfinished or damaged is an ArtefactError, another graph or split a GraphMismatchError.
     """
     if settings.scorer is None:
         return PartialGraphKnowledge(opened.split) if settings.knowledge == "partial" else None

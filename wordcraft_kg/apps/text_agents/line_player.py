@@ -33,8 +33,7 @@ _PATIENCE = 5.0  # seconds between the end of the input and the exit
 class LinePlayer:
     """A running program that plays games by the line protocol.
 
-    Attributes:
-        name: name of the script or program, without command-line options, which may contain a secret.
+    Its name is that of the script or program, without command-line options, which may contain a secret.
 
     Example:
         >>> with LinePlayer("python examples/line_player.py") as player:
@@ -45,9 +44,7 @@ class LinePlayer:
     def __init__(self, command: str, *, timeout: float = TIMEOUT):
         """Start the program ``command``, without a shell; ``timeout`` is the time limit for an answer, in seconds.
 
-        Raises:
-            ConfigError: for an invalid command line or time.
-            PlayerError: if the program cannot be started.
+        An invalid command line or time is a ConfigError; a program that cannot be started is a PlayerError.
         """
         number_in("timeout", timeout, 1e-3, 1e6, "seconds, .001 to a million")
         self._timeout = timeout
@@ -111,8 +108,7 @@ class LinePlayer:
     def ask(self, line: str) -> str:
         """Send a line to the program, and return the program's answer.
 
-        Raises:
-            PlayerError: if the program has ended, does not answer in time, or breaks the protocol.
+        A program that has ended, does not answer in time, or breaks the protocol is a PlayerError.
         """
         if not self._lines.empty():
             self._receive(0)  # raises if the program has ended

@@ -33,11 +33,8 @@ _Speaker = Callable[[Conversation], Callable[[str], str]]
 def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResult:
     """Evaluate a player in all games, and write games and result to a folder; continue an interrupted evaluation.
 
-    ``player`` is the player's name; ``speak`` maps a conversation to the function that answers the prompts.
-
-    Raises:
-        ArtefactError: for damaged or changed games, or a folder in use by another process.
-        ConfigError, GraphMismatchError: for games by a different player or settings, see :func:`open_games`.
+    ``speak`` maps a conversation to the function that answers the prompts. Damaged or changed games, or a folder in use
+    by another process, are an ArtefactError; for other players or settings see :func:`open_games`.
     """
     path, settings = folder / GAMES_FILE, play.settings
     tasks = chosen_tasks(play.games.world, settings.tasks).tolist() if isinstance(play.games, TaskGames) else [0]
@@ -73,10 +70,8 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
 def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:
     """Create a games file with this header, or return the games in an existing file without an incomplete last line.
 
-    Raises:
-        ArtefactError: if the file is damaged or not a games file.
-        GraphMismatchError: if the file has games on a different graph or split.
-        ConfigError: if the file has games by a different player or settings. The file is unchanged on errors.
+    A damaged file is an ArtefactError, another graph or split a GraphMismatchError, and another player or setting a
+    ConfigError. The file is unchanged on errors.
     """
     line = as_lines([header])[0].encode()
     if not path.exists():
@@ -97,11 +92,7 @@ def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld
 
 
 def append_game(path: Path, played: PlayedTask | PlayedWorld) -> None:
-    """Append the record of a game to a games file and flush to disk; the file is unchanged on errors.
-
-    Raises:
-        OSError: if the file cannot be written.
-    """
+    """Append the record of a game to a games file and flush to disk; the file is unchanged on an OSError."""
     size = path.stat().st_size
     try:
         _write(path, "ab", as_lines([played])[0].encode())

@@ -23,9 +23,6 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
     Attributes:
         part: None in the open-ended world, like depth and distractors.
-        base: initial entities in the open-ended world; empty for tasks.
-        scorer: hash of the weights, if look-ups use a scorer.
-        kg: triples that the scorer was trained on: full or partial.
         prompt_hash: hash of all prompt texts, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
     """
 
@@ -82,15 +79,11 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     """A finished game on a crafting task: a line in ``games.jsonl``.
 
     Attributes:
-        task: index of the task in its part.
-        distractor_seed: seed for the distractors on the table.
         table: labels on the table at the start.
         by_plan: whether a plan's last pair made the goal.
         actions: number of actions (choices of an entity) until the end.
         last: labels of the last combined pair; None after a lost attempt.
-        invalid_actions: number of invalid messages.
-        lost_attempts: number of attempts lost by invalid messages.
-        look_ups: number of look-ups in the game.
+        invalid_actions, lost_attempts: numbers of invalid messages, and of attempts lost by them.
         messages: all prompts and answers in turn.
     """
 
@@ -112,10 +105,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
 class PlayedWorld(Record, frozen=True, kw_only=True):
     """A finished open-ended game: a line in ``games.jsonl``; see :class:`PlayedTask` for the last four fields.
 
-    Attributes:
-        game: index of the game.
-        known_after: number of known entities after each attempt.
-        repeated: number of attempts with an already tried pair.
+    ``known_after`` counts known entities after each attempt, ``repeated`` attempts with an already tried pair.
     """
 
     game: Count
@@ -131,12 +121,9 @@ class TextResult(Record, frozen=True, kw_only=True):
     """A text agent's result (``result.json``): metrics over all games.
 
     Attributes:
-        player: player's name, such as a script or language model.
         games_hash: SHA-256 of the ``games.jsonl`` file beside the result; None for results from other files.
-        success: mean success on tasks with interval; None in the open-ended world.
-        outcomes: share of games by termination reason; empty in the open-ended world.
+        success: mean success on tasks with interval; None in the open-ended world, where ``outcomes`` are empty.
         known: mean number of known entities by attempts; empty for tasks.
-        invalid_actions, lost_attempts, look_ups: sums over all games, see :class:`PlayedTask`.
     """
 
     format: Literal["wordcraft-kg text result 1"] = "wordcraft-kg text result 1"

@@ -48,11 +48,8 @@ def _result(path: Path, opened: OpenedGraph) -> TextResult:
 def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
     """Read the result from a games file that the command ``wordcraft-kg mcp --out`` wrote.
 
-    If a task was played several times, the first game counts.
-
-    Raises:
-        ArtefactError, GraphMismatchError: for a damaged file, or games on a different graph or split.
-        ConfigError: if a task was not played; the other tasks may be easier.
+    If a task was played several times, the first game counts. A task that was not played is a ConfigError, because the
+    other tasks may be easier.
     """
     header, played, _ = read_games(path)
     settings = header.settings

@@ -35,11 +35,7 @@ COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
-    """Return the indices of all tasks in a world, or of ``most`` evenly spaced tasks.
-
-    Raises:
-        ConfigError: for ``most`` below 1.
-    """
+    """Return the indices of all tasks in a world, or of ``most`` (1 or more) evenly spaced tasks."""
     if most is not None:
         whole("tasks", most, 1, MAX_SIZE)
     number = len(world.tasks)
@@ -83,11 +79,7 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Convert the records of N tasks with D distractor seeds to an evaluation; its last pairs are -1 (not recorded).
-
-    Raises:
-        ValueError: unless every task has a record for each distractor seed.
-    """
+    """Convert the records of N tasks with D distractor seeds each to an evaluation, without last pairs (-1)."""
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
     tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
@@ -133,11 +125,7 @@ def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask
 
 
 def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWorld], bytes]:
-    """Return the header, the games and the incomplete last line (empty if complete) in a games file.
-
-    Raises:
-        ArtefactError: if the file is missing, damaged or not a games file.
-    """
+    """Return the header, the games and the incomplete last line (empty if complete) in a games file."""
     lines, _, torn = read_large_file(path).rpartition(b"\n")
     first, _, rest = lines.partition(b"\n")
     header = parse_record(first, GamesHeader, f"{path}, line 1,")
@@ -146,11 +134,7 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
 
 
 def read_result(folder: Path) -> TextResult:
-    """Read a text agent's metrics (``result.json``) from an output folder, and compare with the recorded games.
-
-    Raises:
-        ArtefactError: if a file is missing or damaged, or the metrics computed from the games file differ.
-    """
+    """Read a text agent's metrics from an output folder; ArtefactError unless its games give the same metrics."""
     result, path = read_record(folder / RESULT_FILE, TextResult), folder / GAMES_FILE
     if path.is_file():
         header, played, _ = read_games(path)

@@ -24,13 +24,7 @@ def static_texts(package: str, names: Collection[str]) -> dict[str, str]:
 def file_endpoint(
     package: str, names: Collection[str], missing: Callable[[str], Response]
 ) -> Callable[[Request], Awaitable[Response]]:
-    """Return the endpoint for ``/files/{name}``: the style sheet and the static files of a package.
-
-    Args:
-        package: package with the static files.
-        names: file names.
-        missing: function from a message to the response for other names.
-    """
+    """Return the endpoint for ``/files/{name}``: style sheet and static files; ``missing`` answers others."""
     texts = {"explorer.css": style_sheet(), **static_texts(package, names)}
 
     async def file(request: Request) -> Response:

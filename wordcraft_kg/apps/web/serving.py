@@ -75,12 +75,7 @@ def serve(
 ) -> None:
     """Serve until Ctrl-C or SIGTERM, and finish running requests.
 
-    Args:
-        app: application.
-        listening: socket, see :func:`listen`.
-        started: callback with the address, called when the server is ready.
-        has_lifespan: whether the application handles ASGI lifespan events.
-        in_browser: open the address in the browser.
+    When the server is ready, ``started`` gets the address, and ``in_browser`` opens it.
     """
     import uvicorn
 

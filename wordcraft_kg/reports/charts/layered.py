@@ -45,12 +45,9 @@ class _Place:
 
 
 def layered(things: Sequence[Made], given: Collection[str], description: str) -> Markup:
-    """Draw entities as boxes, with their ingredients below and arrows to their results.
+    """Draw entities in crafting order as boxes, with their ingredients below and arrows to their results.
 
-    Args:
-        things: the entities to draw, in crafting order; further ingredients have no box and no arrow.
-        given: labels for the base entities, in bold.
-        description: text alternative.
+    Further ingredients have no box and no arrow; the labels of base entities (``given``) are bold.
     """
     layers = [thing.layer for thing in things] or [1]
     first = min(layers)

@@ -12,12 +12,9 @@ from wordcraft_kg.reports.charts.scales import Labels, shortened
 
 
 def contribution_bar(contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]) -> Markup:
-    """Draw a sum as a bar: positive terms stacked to the right from the middle, negative terms to the left.
+    """Draw a sum's terms by name as a bar: positive terms stacked to the right from the middle, negative to the left.
 
-    Args:
-        contributions: the sum's terms by name.
-        scale: value drawn as half the width.
-        colours: colour number by name.
+    Half the width is ``scale``; ``colours`` has colour numbers by name.
     """
     half, height = 70.0, 12
     ends = {True: half, False: half}
@@ -75,16 +72,10 @@ def world(
     chosen: int | None = None,
     partners: Mapping[str, Collection[int]] | None = None,
 ) -> Markup:
-    """Draw a map; a script shows the links for the entity under the pointer.
+    """Draw a map of a ``size`` (width and height); a script shows the links for the entity under the pointer.
 
-    Args:
-        dots: entities by descending label priority.
-        regions: names behind the dots.
-        size: map width and height.
-        description: text alternative.
-        links: dot number pairs by kind.
-        chosen: dot number with visible links.
-        partners: dots linked to ``chosen`` by kind, a CSS class.
+    ``dots`` are entities by descending label priority, ``links`` dot number pairs by kind, ``chosen`` a dot number with
+    visible links, and ``partners`` the dots linked to it by kind, a CSS class.
     """
     partners = partners or {}
     near = {number for ends in partners.values() for number in ends} | ({chosen} if chosen is not None else set())

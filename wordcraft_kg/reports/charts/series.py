@@ -42,17 +42,10 @@ def curves(
 ) -> Markup:
     """Draw curves with uncertainty bands and a label at the right end; the x-axis includes 0.
 
-    An isolated point with bounds has a whisker, and a single-point curve is a dot.
-
-    Args:
-        series: points by name, x ascending; an empty curve keeps its colour.
-        x_title: x-axis title.
-        y_title: y-axis title.
-        description: text alternative.
-        percent: y is a share, on an axis from 0 to 100 %; otherwise the axis fits the data.
-        dashed: names for dashed curves. Default: a pattern for each colour.
-        colours: colour number by name. Default: the position in ``series``.
-        labels: end label by name, for thin curves from several seeds. Default: each curve's name.
+    An isolated point with bounds has a whisker, and a single-point curve is a dot. With ``percent``, y is a share on an
+    axis from 0 to 100 %; otherwise the axis fits the data. ``dashed`` names dashed curves (default: a pattern for each
+    colour), ``colours`` has colour numbers by name (default: the position in ``series``), and ``labels`` has end labels
+    by name, for thin curves from several seeds (default: each curve's name). An empty curve keeps its colour.
     """
     texts = labels if labels is not None else {name: name for name in series}
     drawn = {name: points for name, points in series.items() if points}
@@ -87,14 +80,9 @@ def _plot_of_curves(series: Mapping[str, Sequence[CurvePoint]], room: int, descr
 def dots(
     labels: Sequence[str], series: Mapping[str, Sequence[Estimate | None]], x_title: str, y_title: str, description: str
 ) -> Markup:
-    """Draw shares (0 to 1) with whiskers, side by side in each category, and a legend on the right.
+    """Draw shares (0 to 1) with whiskers, side by side in each category (``labels``), and a legend on the right.
 
-    Args:
-        labels: category names, shortened to fit.
-        series: by name, a share with its interval for each category, or None; a series without shares is not drawn.
-        x_title: x-axis title.
-        y_title: y-axis title.
-        description: text alternative.
+    ``series`` has by name a share with its interval for each category, or None; a series without shares is not drawn.
     """
     names = [name for name, values in series.items() if not values or any(values)]
     room = room_for(names, 30)
@@ -127,12 +115,8 @@ def scatter(
 ) -> Markup:
     """Draw points with whiskers in x and y, and each series' name to the right of its last point.
 
-    Args:
-        series: by name, points (label, x, y); y is a share. Labels are shown once, where they fit.
-        x_title: x-axis title.
-        y_title: y-axis title.
-        description: text alternative.
-        level: a dashed horizontal line's name and share.
+    ``series`` has by name points (label, x, y) with y a share; labels are shown once, where they fit. ``level`` is the
+    name and share of a dashed horizontal line.
     """
     drawn = {name: sorted(points, key=lambda point: point[1][0]) for name, points in series.items() if points}
     everything = list(chain.from_iterable(drawn.values()))
@@ -182,15 +166,7 @@ def intervals(
     reference: float | None = None,
     percent: bool = False,
 ) -> Markup:
-    """Draw estimates with whiskers, one per row, on an axis that fits the data.
-
-    Args:
-        rows: names and estimates.
-        x_title: axis title.
-        description: text alternative.
-        reference: dashed line value.
-        percent: whether the values are shares.
-    """
+    """Draw estimates (shares if ``percent``) with whiskers, one per row, and a dashed line at ``reference``."""
     ends = [end for _, row in rows for end in (*row, reference) if end is not None]
     ticks = round_ticks(min(ends, default=0), max(ends, default=1))
     left, height = room_for((name for name, _ in rows), 12), TOP + _ROW * len(rows) + BOTTOM
@@ -230,10 +206,8 @@ def reliability(points: Sequence[tuple[float, float, int]], description: str) ->
 def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str) -> Markup:
     """Draw observed shares against probabilities on logarithmic axes, with a diagonal for perfect calibration.
 
-    Args:
-        series: by name, points: probability, observed share, interval bounds and triple count. A share of 0 is
-            drawn at the axis' lower end.
-        description: text alternative.
+    ``series`` has by name points: probability, observed share, interval bounds and triple count. A share of 0 is drawn
+    at the lower end of the axis.
     """
     points = [point for values in series.values() for point in values]
     positive = [value for x, y, *_ in points for value in (x, y) if value > 0]

@@ -73,11 +73,7 @@ class AlikeEntity(Record):
 class EntityProfile(Record):
     """An entity, with predictions for partners, ingredients and products.
 
-    Attributes:
-        layer: first round that makes the entity; None if unreachable, as for ``crafts``.
-        crafts: steps in the cheapest derivation.
-        nearest: similar entities according to the model.
-        by_words: similar entities by word vectors; None without a vector.
+    ``layer`` and ``crafts`` (of the cheapest derivation) are None if unreachable, ``by_words`` without a word vector.
     """
 
     entity: str

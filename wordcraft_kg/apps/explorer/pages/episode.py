@@ -28,13 +28,7 @@ MOST_ROWS = 160
 class Episode(State):
     """Page settings: a task, the agents that act, and changes by the visitor to goal, table or selection, by labels.
 
-    Attributes:
-        run: the agent's run; by default the first.
-        other: agents for comparison.
-        depth: task depth; 0 for the agent's training depth.
-        task: number of the task in its depth and part.
-        distractor_seed: distractor seed number.
-        distractors: distractors on the table; negative for the training setting.
+    Depth 0 and negative ``distractors`` are as in the agent's training.
     """
 
     run: str = ""
@@ -72,11 +66,7 @@ class AgentAtTable(Record):
 class EpisodeView(Record):
     """A task, the entities on its table, and the actions by one or more agents there.
 
-    Attributes:
-        tasks: task count for the depth and part.
-        terminations: termination reasons in the first agent's evaluation, by distractor seed; empty if it did not
-            play this task.
-        selection: the initially selected entity.
+    ``terminations`` are from the first agent's evaluation, by distractor seed; empty if it did not play this task.
     """
 
     part: TaskPart

@@ -45,7 +45,7 @@ SHADES = 4
 
 
 class Map(State):
-    """Page settings: an entity whose links are shown, and whether dot colours mean groups or crafting layers."""
+    """Page settings: an entity whose links are shown, and whether dot colours mark groups or crafting layers."""
 
     entity: str = ""
     colour: Literal["group", "layer"] = "group"

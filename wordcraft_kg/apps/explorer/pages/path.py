@@ -54,10 +54,8 @@ class PathView(Record):
     """The path from the base to an entity.
 
     Attributes:
-        examples: other goals.
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
         cost: crafts without reuse, in words, since the number may have thousands of digits.
-        parts: craft counts by recipe part.
         drawn: the last steps.
         blocked: some of the ``recipes`` for an impossible goal.
         sources: some missing entities without a recipe; empty if recipes form a cycle.

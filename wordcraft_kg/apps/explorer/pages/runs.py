@@ -52,11 +52,7 @@ class PartSuccess(Record):
 class RunRow(Record):
     """An agent's run, with the last weights that mix policy and scorer, for first and second action.
 
-    Attributes:
-        status: None before the start and for unreadable runs.
-        problem: reason for an unreadable folder.
-        kg: the scorer's training data.
-        steps: environment steps so far, of ``planned``.
+    The status is None before the start and for unreadable runs; ``steps`` so far are of ``planned``.
     """
 
     name: str
@@ -96,8 +92,7 @@ class RunView(Record):
     Attributes:
         checkpoint: the last weights; empty if there are none yet.
         waits_for: sentence about files that training has yet to write; empty for complete runs.
-        seconds: duration so far; None before the first metrics.
-        steps_per_second: the last speed, or the mean over the whole training.
+        seconds: duration so far; ``steps_per_second`` is the last speed, or the mean over the whole training.
         outcomes: shares of termination reasons, by part; empty before the evaluation.
     """
 

@@ -55,12 +55,9 @@ class ListedTask(Record):
 
 
 class TaskTable(Record):
-    """Tasks for a depth and part.
+    """Tasks for a depth and part, all or a random sample, and counts of tasks by an agent's results.
 
-    Attributes:
-        is_complete: False for a random sample.
-        mixed: tasks outside all parts.
-        counts: tasks that the agent always, sometimes or never solves; empty without results.
+    ``mixed`` tasks are outside all parts; ``counts`` are empty without results.
     """
 
     part: TaskPart

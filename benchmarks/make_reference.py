@@ -7,8 +7,8 @@
 Scripted players are always measured: on test tasks with depth 1 and 1, 2 and 8 distractors, with depth 2 and 1 and 8
 distractors, and in open-ended mode. Agents come from run folders (``--agents``: a folder with seeds per agent, played
 with 1, 2 and 8 distractors) or from study results (``--studies``: each variant with the number of distractors in
-training); ``--scorers`` are models that play without an agent. Without these options the file's rows of agents and
-scorers stay unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's figures differ from the
+training); ``--scorers`` are models that play without an agent. The file's rows of other agents and scorers stay
+unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's figures differ from the
 file.
 
 Train the agents for ``everyday`` as follows, in about 25 minutes on a single core:
@@ -23,6 +23,12 @@ Train the agents for ``everyday`` as follows, in about 25 minutes on a single co
 --eval-every 0 --out runs/recipes
     python benchmarks/make_reference.py everyday --agents "no scorer=runs/no-kg" "ComplEx, u v=runs/complex" \
 "recipe scorer, u v w=runs/recipes" --scorers "recipe scorer alone=models/everyday-recipes"
+
+The tables of SmolLM2-135M-Instruct alone, without recipes (docs/outside-knowledge.md):
+
+    wordcraft-kg elicit everyday --model MODEL --out knowledge/lm
+    wordcraft-kg train-recipes everyday --kg none --with knowledge/lm --out models/everyday-language-model
+    python benchmarks/make_reference.py everyday --scorers "SmolLM2-135M alone=models/everyday-language-model"
 """
 
 import argparse
@@ -84,7 +90,8 @@ def main() -> None:
     agents = [*trained(opened, chosen.agents), *studied(opened, chosen.studies)]
     scorers = [*alone(opened, chosen.scorers)]
     for kind, measured in (("agent", agents), ("scorer", scorers)):
-        measured += [row for row in kept if row.kind == kind and not measured]
+        names = {row.player for row in measured}
+        measured[:0] = [row for row in kept if row.kind == kind and row.player not in names]
     pack = ReferencePack(
         format=FORMAT,
         title=opened.graph.name,

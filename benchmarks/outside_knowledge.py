@@ -23,16 +23,25 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
+from wordcraft_kg.agents.agent_folder import open_agent
+from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.players import scorer_players
+from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import SplitConfig, open_graph
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import SplitConfig, open_book, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.graphs.folds import make_folds
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer, scorer_tensors
 from wordcraft_kg.models.recipes.outside import open_outside
+from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.recipes.zero_shot import join_books
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.kernel import cosines
@@ -93,11 +102,8 @@ def played(opened: OpenedGraph, knowledge: RecipeKnowledge, distractors: int, pa
     return float(success.mean()), float(success[is_few].mean()) if is_few.any() else float("nan")
 
 
-def cell(book: str, kind: str, seed: int, part: str, name: str, words: str, specs: Sequence[str]) -> dict[str, Any]:
-    """Return the figures of a row on one split."""
-    specs = [spec.format(split=kind, seed=seed) for spec in specs]
-    ratios = {"train_ratio": 0.7, "valid_ratio": 0.2} if part == "valid" else {}
-    opened = open_graph(book, SplitConfig(kind, seed=seed, **ratios))  # type: ignore[arg-type]
+def scorer_figures(opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str]) -> dict[str, float]:
+    """Return a scorer's MRR and success alone."""
     knowledge, rankers = fitted(opened, name, words, specs)
     graph = opened.graph
     scorer = RecipeScorer(scorer_tensors(knowledge, rankers, opened.split.recipes("train")), graph.entities, graph.hash)
@@ -105,7 +111,50 @@ def cell(book: str, kind: str, seed: int, part: str, name: str, words: str, spec
     figures = {"mrr": mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples))}
     for amount in (8, 1):
         figures[f"{amount}"], figures[f"few {amount}"] = played(opened, knowledge, amount, part)
-    return {"book": Path(book).stem, "split": kind, "seed": seed, "part": part, "row": name, **figures}
+    return figures
+
+
+def agent_figures(
+    opened: OpenedGraph, part: str, words: str, specs: Sequence[str], steps: int, home: Path
+) -> dict[str, float]:
+    """Return the success of an agent, trained where missing, and of its scorer alone on the same tables."""
+    graph, model, run = (str(home / name) for name in ("graph", "model", "run"))
+    if not Path(graph).exists():
+        write_graph_folder(Path(graph), open_book(opened.source), opened.split)
+    if not (home / "model/metrics.json").exists():
+        train_recipes(RecipesConfig(graph, RecipeScorerConfig(features=words, with_=tuple(specs))), model)
+    if not (home / "run/evaluation.json").exists():
+        use, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=steps, eval_every=0)
+        train_agent(AgentConfig(graph, model, policy=use, trainer=trainer), run)
+    agent, alone = open_agent(run), open_model(model, graph)
+    players = {
+        "agent": PolicyPlayer(agent.policy),
+        "scorer": scorer_players(opened.graph, alone.scorer, alone.triples)["w, best pair"],
+    }
+    figures = {}
+    for amount in (8, 1):
+        evaluator = Evaluator(World(opened, agent.config.tasks.environment(part, amount)), distractor_seeds=SEEDS)  # type: ignore[arg-type]
+        success = {name: float(evaluator(player).success.mean()) for name, player in players.items()}
+        figures |= {f"{name} {amount}": rate for name, rate in success.items()}
+        figures[f"gain {amount}"] = success["agent"] - success["scorer"]
+    return figures
+
+
+def cell(options: argparse.Namespace, kind: str, seed: int, name: str, words: str, specs: Sequence[str]) -> Any:
+    """Return the figures of a row on one split, from an earlier call if there was one."""
+    home = options.out / f"{Path(options.book).stem}-{kind}-{seed}-{options.part}-{name}"
+    file = Path(f"{home}-agent.json" if options.agents else f"{home}.json")
+    if not file.exists():
+        specs = [spec.format(split=kind, seed=seed) for spec in specs]
+        ratios = {"train_ratio": 0.7, "valid_ratio": 0.2} if options.part == "valid" else {}
+        opened = open_graph(options.book, SplitConfig(kind, seed=seed, **ratios))  # type: ignore[arg-type]
+        if options.agents:
+            figures = agent_figures(opened, options.part, words, specs, options.agents, home)
+        else:
+            figures = scorer_figures(opened, options.part, name, words, specs)
+        row = {"book": opened.graph.name, "split": kind, "seed": seed, "part": options.part, "row": name}
+        write_atomically(file, json.dumps(row | figures))
+    return json.loads(file.read_text())
 
 
 def rows_of(options: argparse.Namespace) -> Iterator[tuple[str, str, list[str]]]:
@@ -128,7 +177,8 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
         same = [row for row in rows if row["row"] == name]
         yield f"{name:24}" + "  ".join(
             f"{figure} {np.mean([row[figure] for row in same]):.3f} {shown([row[figure] for row in same])}"
-            for figure in ("mrr", "8", "1", "few 8", "few 1")
+            for figure in same[0]
+            if isinstance(same[0][figure], float)
         )
 
 
@@ -147,6 +197,7 @@ def main() -> None:
     parser.add_argument("--splits", default="by-recipe,by-goal,by-slot")
     parser.add_argument("--split-seeds", default="0,1,2")
     parser.add_argument("--part", choices=("test", "valid"), default="test")
+    parser.add_argument("--agents", type=int, metavar="STEPS", help="train agents with the scorers, for so many steps")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/runs/outside-knowledge"))
     options = parser.parse_args()
@@ -160,11 +211,7 @@ def main() -> None:
                 if options.only and name not in options.only.split(","):
                     continue
                 for seed in map(int, options.split_seeds.split(",")):
-                    file = options.out / f"{Path(options.book).stem}-{kind}-{seed}-{options.part}-{name}.json"
-                    if not file.exists():
-                        figures = cell(options.book, kind, seed, options.part, name, words, specs)
-                        write_atomically(file, json.dumps(figures))
-                    rows.append(json.loads(file.read_text()))
+                    rows.append(cell(options, kind, seed, name, words, specs))
                 print(*lines_of(rows[-len(options.split_seeds.split(",")) :]), flush=True)
             print(f"^ {options.book}, {kind}: {options.part} tasks, splits {options.split_seeds}\n", flush=True)
             found += rows

@@ -80,7 +80,7 @@ def players_of(home: Path, opened: OpenedGraph, skip: bool) -> tuple[dict[str, P
     players, mrr = {NEAREST_WORDS: nearest_words(opened.graph)}, {}
 
     def add(names: Mapping[str, str], model: Model) -> None:
-        alone = scorer_players(opened.graph, model.scorer, model.observed)
+        alone = scorer_players(opened.graph, model.scorer, model.triples)
         queries = opened.split.held_out("test")
         figure = mean_reciprocal_rank(rank_triples(model.scorer, queries, opened.graph.triples))
         for name, player in names.items():

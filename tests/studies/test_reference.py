@@ -1,6 +1,7 @@
 """The reference pack: its files are sound, are what the package measures, and keep ours and others apart."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.agents.players import play_all, random_distinct
 from wordcraft_kg.base import registry
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.discovery import view_discovery
@@ -28,6 +29,7 @@ from wordcraft_kg.evaluation.reference import (
 )
 from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.studies import result_readers
 from wordcraft_kg.studies.references import scorer_rows
 from wordcraft_kg.studies.result_readers import ResultReader, external_rows
@@ -92,6 +94,18 @@ def test_a_scorer_without_an_agent_has_rows_by_links_and_by_recipes(kitchen_open
     assert by_links.kind == by_recipes.kind == "scorer"
     for column in (1, 8):
         assert 0 < float(by_recipes.shown_by_plan(column)) <= by_recipes.figures[str(column)].value
+    without = replace(model.history, config=RecipesConfig("kitchen", RecipeScorerConfig(kg="none")))
+    (unseen, _) = scorer_rows(kitchen_opened, DEPTH_1, (1,), "alone", replace(model, history=without))
+    assert (by_links.notes, unseen.notes) == ("", "learned no recipe of this graph")
+
+
+def test_a_model_folder_of_the_user_has_the_rows_of_its_scorer_alone(kitchen_opened, recipes_folder, everyday):
+    rows = external_rows(kitchen_opened, DEPTH_1, (2,), [recipes_folder])
+    expected = scorer_rows(kitchen_opened, DEPTH_1, (2,), recipes_folder.name, open_model(recipes_folder))
+    assert [(row.player, row.figures) for row in rows] == [(row.player, row.figures) for row in expected]
+    assert {row.origin for row in rows} == {"external"}
+    with pytest.raises(GraphMismatchError, match="was trained on graph"):
+        external_rows(everyday, DEPTH_1, (2,), [recipes_folder])
 
 
 def test_open_ended_play_has_exactly_the_figures_of_the_pack(everyday):

@@ -50,8 +50,9 @@ def reference(
         attempts: attempts in an episode. Default: depth.
         open_ended: show known entities after n attempts in open-ended mode instead of success on tasks.
         base: comma-separated entities known at the start in open-ended mode. Default: the graph's base.
-        external_results: results to add to the table: agent run folder (or folder with several seeds), output of
-            `people serve`, `evaluate-text` or `mcp --out`, or Inspect AI log. May be repeated.
+        external_results: results to add to the table: agent run folder (or folder with several seeds), model folder
+            (the scorer alone), output of `people serve`, `evaluate-text` or `mcp --out`, or Inspect AI log. May be
+            repeated.
         out: HTML page to write, with the same table.
     """
     check_file(out, force=force)

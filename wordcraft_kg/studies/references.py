@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import msgspec
 
@@ -25,11 +25,11 @@ from wordcraft_kg.evaluation.reference import (
     pack_of,
 )
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.model import Model
+from wordcraft_kg.models.scorers.folder import MODEL
 from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.studies.result_readers import DRAWS, SEEN, external_rows
-
-if TYPE_CHECKING:
-    from wordcraft_kg.models.model import Model
+from wordcraft_kg.studies.result_readers import DRAWS, READERS, SEEN, ResultReader, external_rows, is_model
 
 DISTRACTORS = (1, 2, 8)
 """Distractor counts in the published results, as in the paper."""
@@ -103,15 +103,28 @@ def scripted_rows(opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Seque
 
 
 def scorer_rows(
-    opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], name: str, model: "Model"
+    opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], name: str, model: Model
 ) -> tuple[ReferenceRow, ...]:
     """Evaluate a scorer alone, by u + v and by w if the scorer has recipe scores; return rows named ``name, w`` etc."""
     rows = _task_rows(opened, play, columns, (name, model))
-    return tuple(row for row in rows if row.player in [f"{name}, {player}" for player in _ALONE])
+    notes = {"full": SEEN, "none": "learned no recipe of this graph"}.get(model.kg, "")
+    players = [f"{name}, {player}" for player in _ALONE]
+    return tuple(msgspec.structs.replace(row, notes=notes) for row in rows if row.player in players)
+
+
+def _own_scorers(
+    paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
+) -> Sequence[ReferenceRow]:
+    models = [(path.name, open_model(path, opened.source)) for path in paths]
+    rows = (row for named in models for row in scorer_rows(opened, play, columns, *named))
+    return [msgspec.structs.replace(row, origin="external") for row in rows]
+
+
+READERS["scorers"] = ResultReader(MODEL, is_model, _own_scorers)
 
 
 def _task_rows(
-    opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], model: "tuple[str, Model] | None" = None
+    opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], model: tuple[str, Model] | None = None
 ) -> Iterator[ReferenceRow]:
     config = WordCraftConfig(
         part=play.part, depth=play.depth, max_attempts=play.attempts, num_distractors=max(columns, default=0)

@@ -29,6 +29,7 @@ from wordcraft_kg.evaluation.reference import (
     play_of,
 )
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.scorers.folder import WEIGHTS
 from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
 DRAWS = 5
@@ -191,8 +192,13 @@ def _in_words(play: TaskPlay) -> str:
     return f"{play.part} tasks of depth {play.depth} with {counted(play.attempts, 'attempt')}"
 
 
+def is_model(path: Path) -> bool:
+    """Return whether a path is a model folder."""
+    return (path / WEIGHTS).is_file()
+
+
 def _is_run(path: Path) -> bool:
-    return (run_folders(path)[0] / RUN_FILE).is_file()
+    return (run_folders(path)[0] / RUN_FILE).is_file() and not is_model(path)
 
 
 def _own_agents(

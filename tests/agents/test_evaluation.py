@@ -264,18 +264,6 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     assert Evaluator(world, distractor_seeds=1, limit=limit).tasks.tolist() == list(range(0, 63, step))
 
 
-def test_a_sample_is_evaluated_by_the_ingredients_of_its_own_tasks(opened):
-    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), distractor_seeds=1, limit=20)
-    assert evaluator.tasks[1] > 1
-
-    def half_right(state, rng):  # a part of the goal first, then an empty slot
-        starts = state.world.tasks.starts[state.task]
-        first = (state.table == starts[:, :1]).argmax(1)
-        return np.where(state.selection == state.nothing, first, state.engine.num_slots - 1)
-
-    assert evaluator(half_right).shares() == {name: float(name == "one_right_part") for name in TERMINATION_REASONS}
-
-
 def test_figures_are_means_over_tasks_and_draws(opened):
     world = World(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2))
     result = Evaluator(world, distractor_seeds=4)(scripted)

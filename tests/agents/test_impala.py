@@ -264,45 +264,6 @@ def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):
     assert not torch.equal(one, other)
 
 
-def assert_views(impala):
-    at = impala._flat.data_ptr()
-    gradient = impala._flat.grad.data_ptr()
-    for parameter in impala.policy.parameters():
-        assert parameter.data_ptr() == at
-        assert parameter.grad.data_ptr() == gradient
-        assert parameter.is_contiguous()
-        at, gradient = at + 4 * parameter.numel(), gradient + 4 * parameter.numel()
-    assert at == impala._flat.data_ptr() + 4 * impala._flat.numel()
-
-
-def test_parameters_are_views_of_one_tensor_and_stay_so(trainer):
-    impala, other = trainer(), trainer(policy_seed=1)
-    before = {name: tensor.clone() for name, tensor in trainer().policy.state_dict().items()}
-    assert all(torch.equal(tensor, before[name]) for name, tensor in impala.policy.state_dict().items())
-    assert_views(impala)
-    train(impala, 2)
-    assert_views(impala)
-    impala.policy.load_state_dict(other.policy.state_dict())
-    assert_views(impala)
-    assert torch.equal(impala._flat.detach(), flat(other))
-    impala.restore(other.state())
-    train(impala, 1)
-    assert_views(impala)
-    assert not torch.equal(flat(impala), flat(other))
-
-
-def test_every_parameter_learns_and_constants_stay(opened, trainer, scorer):
-    for features in ("learned", "random"):
-        impala = trainer(scorer=scorer, policy={"features": features}, depth=2, unroll=3)
-        before = copy.deepcopy(impala.policy.state_dict())
-        train(impala, 30)
-        learned = {name for name, _ in impala.policy.named_parameters()}
-        assert "sources.u.scores" in set(before) - learned
-        assert ("vectors.vectors" in learned) == (features == "learned")
-        for name, tensor in impala.policy.state_dict().items():
-            assert torch.equal(tensor, before[name]) == (name not in learned), name
-
-
 def test_the_same_seeds_give_the_same_parameters_and_others_others(trainer):
     one, same = train(trainer(), 20), train(trainer(), 20)
     assert torch.equal(one, same)

@@ -5,7 +5,6 @@ import math
 import hypothesis.extra.numpy as npst
 import hypothesis.strategies as st
 import numpy as np
-import pytest
 import torch
 from hypothesis import given
 
@@ -79,33 +78,3 @@ def test_no_gradient_passes_and_nothing_given_changes():
         assert not tensor.requires_grad
         assert tensor.dtype == torch.float32
     assert all(map(torch.equal, given_tensors, copies))
-
-
-@pytest.mark.interop
-@pytest.mark.parametrize(("clip_rho", "clip_c"), [(1.0, 1.0), (0.7, 1.0), (2.0, 0.5)])
-def test_torchrl_gives_the_same(clip_rho, clip_c):
-    functional = pytest.importorskip("torchrl.objectives.value.functional")
-    log_rhos, discounts, rewards, values, bootstrap = tensors(random_unroll(4))
-    log_mu = torch.randn(rewards.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-
-    def theirs(array):
-        return array.T[:, :, None]  # batch, time, one feature
-
-    advantages, vs = functional.vtrace_advantage_estimate(
-        0.9,
-        log_pi=theirs(log_mu + log_rhos),
-        log_mu=theirs(log_mu),
-        state_value=theirs(values),
-        next_state_value=theirs(torch.cat([values[1:], bootstrap[None]])),
-        reward=theirs(rewards),
-        done=theirs(discounts == 0),
-        rho_thresh=clip_rho,
-        c_thresh=clip_c,
-    )
-    # Theirs has one clip for targets and advantages.
-    got = v_trace(
-        log_rhos, discounts, rewards, values, bootstrap, clip_rho=clip_rho, clip_c=clip_c, clip_pg_rho=clip_rho
-    )
-    assert (discounts == 0).any()
-    torch.testing.assert_close(got.vs, vs[:, :, 0].T)
-    torch.testing.assert_close(got.pg_advantages, advantages[:, :, 0].T)

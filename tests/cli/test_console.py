@@ -16,7 +16,7 @@ from wordcraft_kg.cli.console import aligned
 from wordcraft_kg.cli.failures import RENAMED, with_options
 from wordcraft_kg.runs.record import end_run, start_run
 
-HELPED = ["train-complex", "train-links", "score"]
+HELPED = ["train-complex", "train-links", "train-agent", "score"]
 """Commands whose help has the settings of models."""
 
 

@@ -79,8 +79,17 @@ def figures(trained):
 
 
 @EACH
-def test_the_same_seed_gives_the_same_bytes(validated_kitchen, tmp_path, config):
-    assert same(*(train(validated_kitchen, config, tmp_path / name) for name in ("one", "two")))
+def test_the_same_seed_gives_the_same_bytes_without_a_warning_and_the_settings_are_recorded(
+    validated_kitchen, tmp_path, config
+):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        one, two = (train(validated_kitchen, config, tmp_path / name) for name in ("one", "two"))
+    assert same(one, two)
+    assert [str(warning.message) for warning in caught] == []
+    recorded = LinksConfig.read(one.folder)
+    assert recorded.settings == config.for_size(validated_kitchen.graph.num_entities)
+    assert open_graph(recorded.graph).split.hash == validated_kitchen.split.hash
 
 
 @pytest.mark.parametrize("config", [SHORT, RESUMED["distmult by softmax"]], ids=["complex", "distmult"])
@@ -149,14 +158,6 @@ def test_no_environment_variable_and_no_home_folder_goes_into_the_records(opened
     assert str(tmp_path) not in text
 
 
-@EACH
-def test_the_config_file_read_back_gives_an_equal_configuration(validated_kitchen, tmp_path, config):
-    folder = train(validated_kitchen, config, tmp_path / "model").folder
-    again = LinksConfig.read(folder)
-    assert again.settings == config.for_size(validated_kitchen.graph.num_entities)
-    assert open_graph(again.graph).split.hash == validated_kitchen.split.hash
-
-
 def test_a_model_and_its_graph_can_be_moved_together(tmp_path, kitchen_folder):
     shutil.copytree(kitchen_folder, tmp_path / "here" / "graphs" / "kitchen")
     opened = open_graph(tmp_path / "here" / "graphs" / "kitchen")
@@ -181,18 +182,6 @@ def test_the_metrics_say_what_was_trained(complex_folder, opened_kitchen):
     assert (metrics["kg"], metrics["triples"], metrics["epochs"]) == ("partial", len(triples), 4)
     ranks = rank_triples(load_scorer(complex_folder), triples, triples)
     assert metrics["train_mrr"] == pytest.approx(ranking_metrics(ranks).mrr)
-
-
-def test_the_trace_has_a_row_an_epoch_and_the_loss_falls(opened_kitchen, tmp_path):
-    rows = trace(train(opened_kitchen, replace(SHORT, epochs=12), tmp_path / "model"))
-    assert [row["epoch"] for row in rows] == list(range(1, 13))
-    assert rows[-1]["loss"] < rows[0]["loss"]
-
-
-def test_progress_is_called_after_each_epoch(opened_kitchen, tmp_path):
-    calls = []
-    train(opened_kitchen, SHORT, tmp_path / "model", progress=lambda *call: calls.append(call))
-    assert [(done, total, figures["epoch"]) for done, total, figures in calls] == [(i, 5, i) for i in range(1, 6)]
 
 
 def test_validation_runs_every_so_many_epochs_and_at_the_end(validated_kitchen, tmp_path):
@@ -233,14 +222,6 @@ def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, comple
     thread.start()
     thread.join()
     assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
-
-
-@EACH
-def test_training_warns_about_nothing(validated_kitchen, tmp_path, config):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
-        train(validated_kitchen, config, tmp_path / "model")
-    assert [str(warning.message) for warning in caught] == []
 
 
 # --- interruption and resumption -------------------------------------------------------------------------------------
@@ -326,9 +307,6 @@ def test_a_resumed_run_stops_early_at_the_same_epoch(validated_kitchen, tmp_path
 def test_an_interruption_in_the_epoch_of_the_early_stop_finishes_the_run(validated_kitchen, tmp_path):
     trained = train(validated_kitchen, PATIENT, tmp_path / "model", progress=interrupt_after(3))
     assert (trained.interrupted, trained.metrics.epochs, trained.metrics.best_epoch) == (False, 4, 2)
-
-
-# --- failures --------------------------------------------------------------------------------------------------------
 
 
 # --- settings that cannot be met -------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig
 
-Spoilt = Callable[[str], tuple[Path, Path]]
 SHORT = ComplExConfig(dim=4, epochs=2, n3=0.1, folds=2)
 
 

@@ -6,20 +6,11 @@ import numpy as np
 import pytest
 import torch
 from link_helpers import random_graph
+from small_scorers import embeddings
 
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.popularity import DIMS, log_counts, with_popularity
 from wordcraft_kg.models.scorers.factors import ComplExScorer
-
-
-def embeddings(num_entities: int, dim: int = 4) -> dict[str, torch.Tensor]:
-    generator = torch.Generator().manual_seed(1)
-    rows = {"entity": num_entities, "relation": len(RELATIONS)}
-    return {
-        f"{what}_{part}": torch.randn(rows[what], dim, generator=generator)
-        for what in rows
-        for part in ("real", "imag")
-    }
 
 
 def counted(triples: np.ndarray, relation: int, entity: int, column: int) -> int:
@@ -39,7 +30,7 @@ def test_the_log_counts_are_those_of_a_loop():
 def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
     graph = random_graph(num_entities=12, num_recipes=40)
     assert np.any(counted(graph.triples, 1, 0, 0) != counted(graph.triples, 1, 0, 2))  # componentOf is not symmetric
-    before = embeddings(graph.num_entities)
+    before = embeddings(graph.num_entities, 4, seed=1)
     after = with_popularity(before, graph.triples, weight)
     assert after["entity_real"].shape == (graph.num_entities, 4 + DIMS)
     as_head, as_tail = log_counts(graph.triples, graph.num_entities)
@@ -51,14 +42,5 @@ def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
 
 def test_without_popularity_the_embeddings_stay_as_they_are():
     graph = random_graph()
-    before = embeddings(graph.num_entities)
+    before = embeddings(graph.num_entities, 4, seed=1)
     assert with_popularity(before, graph.triples, 0.0) is before
-
-
-def test_entities_of_which_nothing_is_known_gain_nothing():
-    before = embeddings(5)
-    after = with_popularity(before, np.empty((0, 3), dtype=np.int64), 2.0)
-    entities = tuple("abcde")
-    for relation in range(len(RELATIONS)):
-        old, new = (ComplExScorer(e, entities, "").table(relation) for e in (before, after))
-        torch.testing.assert_close(new, old, atol=1e-4, rtol=0)

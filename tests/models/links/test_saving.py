@@ -6,6 +6,7 @@ import pytest
 import torch
 from link_helpers import contents, random_graph
 from refusals import refuses
+from small_scorers import embeddings
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -34,14 +35,7 @@ def mine(opened_kitchen: OpenedGraph) -> Lengths:
 
 
 def complex_scorer(opened: OpenedGraph) -> ComplExScorer:
-    draw = torch.Generator().manual_seed(0)
-    rows = {"entity": opened.graph.num_entities, "relation": 2}
-    parts = {
-        f"{name}_{part}": torch.randn(size, 3, generator=draw)
-        for name, size in rows.items()
-        for part in ("real", "imag")
-    }
-    return ComplExScorer(parts, opened.graph.entities, opened.graph.hash)
+    return ComplExScorer(embeddings(opened.graph.num_entities, 3), opened.graph.entities, opened.graph.hash)
 
 
 @pytest.mark.parametrize("make", [lambda opened: Lengths(opened.graph.entities, opened.graph.hash), complex_scorer])

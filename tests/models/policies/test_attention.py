@@ -1,4 +1,4 @@
-"""Attention over the table: logits, mixtures, weighted sums and entity vectors, against loops over slots."""
+"""Attention over the table: masks, mixtures and entity vectors; `test_policies.py` compares its logits with loops."""
 
 import math
 
@@ -6,7 +6,7 @@ import pytest
 import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
-from small_scorers import normal, states
+from small_scorers import normal
 from torch import Tensor
 
 from wordcraft_kg.models.policies.attention import FOLD_LIMIT, Slots, TableAttention, masked_softmax, mix_logits
@@ -14,16 +14,6 @@ from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, look_
 
 KEY_SIZE = 3
 NUM_ENTITIES = 7
-ABOVE = FOLD_LIMIT + 1
-VECTORS = {
-    "dense": lambda: EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, 5)),
-    "dense, at the limit": lambda: EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, FOLD_LIMIT)),
-    "dense, above the limit": lambda: EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, ABOVE)),
-    "learned": lambda: EntityVectors(NUM_ENTITIES, learned_dim=5),
-    "one-hot": lambda: EntityVectors(NUM_ENTITIES),
-    "one-hot, above the limit": lambda: EntityVectors(ABOVE),
-}
-any_vectors = pytest.mark.parametrize("kind", VECTORS)
 
 
 def attention_of(dim: int) -> TableAttention:
@@ -33,65 +23,21 @@ def attention_of(dim: int) -> TableAttention:
     return attention
 
 
-def rows_of(vectors: EntityVectors) -> list[list[float]]:
-    """The vectors of all entities, and the zeros of nothing after them, written out."""
-    if not vectors.is_one_hot:
-        return [*vectors.vectors.tolist(), [0.0] * vectors.dim]
-    return [[float(i == j) for j in range(vectors.dim)] for i in range(vectors.num_entities + 1)]
-
-
-def dot(one: list[float], other: list[float]) -> float:
-    return sum(x * y for x, y in zip(one, other, strict=True))
-
-
-def slow_alpha(attention: TableAttention, x: list[list[float]], goal: int, selection: int, row: list[int]):
-    """``α_i = Q([x_g; x_s]) · K(x_i) / √d`` with the query and the key of every slot written out."""
-    rows = zip(attention.query.weight.tolist(), attention.query.bias.tolist(), strict=True)
-    query = [dot(weights, x[goal] + x[selection]) + bias for weights, bias in rows]
-    keys = [[dot(weights, x[entity]) for weights in attention.key.weight.tolist()] for entity in row]
-    return [dot(query, key) / math.sqrt(KEY_SIZE) for key in keys]
-
-
 def alpha_of(attention: TableAttention, vectors: EntityVectors, goal: Tensor, selection: Tensor, table: Tensor):
     rows = attention.rows({**vectors.weights(), **attention.weights()}, goal, selection)
     return Slots(vectors.weights().get("vectors"), table).dot(rows)
 
 
-@any_vectors
-def test_alpha_is_the_product_of_query_and_key_over_the_root_of_the_key_size(kind: str):
-    vectors = VECTORS[kind]()
-    attention, state, x = attention_of(vectors.dim), states(vectors.num_entities), rows_of(vectors)
-    expected = [slow_alpha(attention, x, *row) for row in zip(*(part.tolist() for part in state), strict=True)]
-    torch.testing.assert_close(alpha_of(attention, vectors, *state), torch.tensor(expected), atol=1e-4, rtol=1e-4)
-
-
-@pytest.mark.parametrize(("dim", "is_folded"), [(5, True), (FOLD_LIMIT, True), (ABOVE, False)])
+@pytest.mark.parametrize(("dim", "is_folded"), [(5, True), (FOLD_LIMIT, True), (FOLD_LIMIT + 1, False)])
 def test_keys_are_folded_into_the_query_up_to_the_limit(dim: int, is_folded: bool):
     weights = attention_of(dim).weights()
     assert (len(weights) == 2) is is_folded
     assert weights["query"].shape == (2 * dim, dim if is_folded else KEY_SIZE)
 
 
-@any_vectors
-def test_products_with_slots_and_sums_over_them_are_those_of_loops(kind: str):
-    vectors = VECTORS[kind]()
-    *_, table = states(vectors.num_entities)
-    rows, x = normal(len(table), vectors.dim), rows_of(vectors)
-    slots = Slots(vectors.weights().get("vectors"), table)
-    expected = [[dot(row, x[entity]) for entity in ids] for row, ids in zip(rows.tolist(), table.tolist(), strict=True)]
-    torch.testing.assert_close(slots.dot(rows), torch.tensor(expected), atol=1e-4, rtol=1e-4)
-    weights = normal(*table.shape)  # also on empty slots, whose vector is zero
-    sums = [
-        [dot(row, [x[entity][i] for entity in ids]) for i in range(vectors.dim)]
-        for row, ids in zip(weights.tolist(), table.tolist(), strict=True)
-    ]
-    found = slots.sum(weights, vectors.num_entities)
-    torch.testing.assert_close(found, torch.tensor(sums), atol=1e-5, rtol=1e-5)
-
-
 @pytest.mark.parametrize("shape", [(), (4,), (2, 3), (2, 3, 2), (0, 3)])
 def test_vectors_are_looked_up_for_ids_of_any_shape(shape: tuple[int, ...]):
-    vectors = VECTORS["dense"]().weights()["vectors"]
+    vectors = EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, 5)).weights()["vectors"]
     ids = torch.randint(NUM_ENTITIES + 1, shape, generator=torch.Generator().manual_seed(0))
     found = look_up(vectors, ids)
     assert found.shape == (*shape, 5)
@@ -191,7 +137,7 @@ def test_learned_vectors_are_parameters_and_one_hot_ones_are_never_written_out()
 
 
 def test_the_vector_of_nothing_is_still_zero_after_a_step_that_it_was_part_of():
-    vectors, attention = VECTORS["learned"](), attention_of(5)
+    vectors, attention = EntityVectors(NUM_ENTITIES, learned_dim=5), attention_of(5)
     table = torch.tensor([[0, 1, NUM_ENTITIES]])
     before = vectors.weights()["vectors"].detach()
     for _ in range(2):  # the second with moved vectors

@@ -265,17 +265,6 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(fold
     assert (resumed / "policy.safetensors").read_bytes() == (whole / "policy.safetensors").read_bytes()
 
 
-def test_explanations_show_the_scores_that_the_policy_learned_on(opened, scorer):
-    world = world_of(opened)
-    policy = guided(opened, scorer, world)
-    (episode,) = explain_episodes(policy, world, episodes=1)
-    (source,) = make_sources(["v"], scorer, ScoreView("ranks", "observed", opened.split.partial), tasks=world.tasks)
-    goal = torch.tensor([policy.id_of(episode.goal)])
-    table = torch.tensor([[policy.id_of(slot.entity) for slot in episode.steps[0].slots]])
-    expected = source(goal, goal, table, torch.tensor([0]))[0].tolist()
-    assert [slot.sources["v"] for slot in episode.steps[0].slots] == pytest.approx(expected, rel=1e-5)
-
-
 @pytest.mark.parametrize("in_sample", [False, True])
 def test_a_run_on_memory_says_so(folder, tmp_path: Path, caplog, in_sample: bool):
     if not in_sample:

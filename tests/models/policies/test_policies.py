@@ -13,7 +13,7 @@ from small_scorers import states as states_of
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.models.policies.attention import AttentionPolicy
+from wordcraft_kg.models.policies.attention import FOLD_LIMIT, AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
@@ -166,8 +166,10 @@ def close(found: Tensor, expected: list[float]) -> None:
     torch.testing.assert_close(found.double(), torch.tensor(expected).double(), atol=1e-5, rtol=1e-4)
 
 
+@pytest.mark.parametrize("fold_limit", [FOLD_LIMIT, 3])
 @pytest.mark.parametrize("kind", [kind for kind in ATTENTIVE if kind not in KNOWING])
-def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind: str):
+def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind: str, fold_limit: int, monkeypatch):
+    monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", fold_limit)
     policy, state = KINDS[kind](), states()
     logits = policy(*state).logits
     for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
@@ -239,14 +241,6 @@ def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind: s
         scores = slice(0 if policy.config.kg_only else 1, None)
         singles = [policy(*(part[i : i + 1] for part in state)).sources[:, scores] for i in range(9)]
         assert torch.equal(batch["sources"][:, scores], torch.cat(singles))
-
-
-@any_policy
-def test_weights_computed_beforehand_change_nothing(kind: str):
-    policy = KINDS[kind]()
-    weights = policy.weights()
-    for seed in range(2):
-        same(*(policy(*states(seed=seed), *given_ones) for given_ones in ([weights], [])), exactly=True)
 
 
 @any_policy

@@ -229,22 +229,6 @@ def test_training_changes_the_parameters_and_not_the_constants(make: Callable[..
     assert constants == set(policy.state_dict()) - parameters
 
 
-def test_writing_parameters_keeps_a_copy_of_what_they_were(tmp_path: Path):
-    policy = plain("learned")
-    written(tmp_path, policy)
-    before = policy(*states()).value.detach()
-    train_a_step(policy)
-    assert torch.equal(read(tmp_path)(*states()).value, before)
-    assert not torch.equal(policy(*states()).value, before)
-
-
-def test_a_policy_says_which_graph_and_entities_it_is_for(tmp_path: Path):
-    policy = plain("random", scorer=SCORER, use="v")
-    description = json.loads((written(tmp_path, policy) / "policy.json").read_text())
-    assert (description["graph"], description["entities"]) == (GRAPH.hash, list(GRAPH.entities))
-    assert (description["settings"], description["sources"]) == (asdict(policy.config), ["v"])
-
-
 def test_reading_needs_no_vector_file(make: Callable[..., Policy], vector_file: Path, tmp_path: Path):
     policy = make("a file")
     folder = written(tmp_path / "run", policy)

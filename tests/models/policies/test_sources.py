@@ -1,7 +1,6 @@
 """Sources: u and v of slots against one question to the scorer each, and sources of other kinds."""
 
 import json
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -227,24 +226,6 @@ def test_every_source_has_a_label_of_its_own_name_and_symbol():
     assert [label.name for label in labels] == [ALPHA.name, *source_names()]
     assert len({label.symbol for label in labels}) == len(labels)
     assert [label.coefficient for label in labels][:3] == ["λα", "λu", "λv"]
-
-
-def test_a_column_is_called_after_what_is_held_where_the_scores_depend_on_it():
-    u, v = label_of("u"), label_of("v")
-    assert (u.title("egg"), u.title(None), u.needs_selection) == (
-        "combinesWith egg (u)",
-        "combinesWith nothing (u)",
-        True,
-    )
-    assert (v.title("egg"), v.title(None), v.needs_selection) == ("componentOf goal (v)", "componentOf goal (v)", False)
-    assert u.title("{selection}") == "combinesWith {selection} (u)"
-    assert ALPHA.title(None) == "attention (α)"
-
-
-def test_importing_the_names_of_sources_imports_no_torch():
-    code = "import sys, wordcraft_kg.models.policies.config\nprint('torch' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 class Triple(Source):

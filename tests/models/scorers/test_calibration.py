@@ -32,7 +32,6 @@ from wordcraft_kg.models.scorers.calibration import (
     rank_log_odds,
 )
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 
 CENTRES = np.arange(-calibration.END, calibration.END + calibration.WIDTH / 2, calibration.WIDTH)
@@ -78,15 +77,6 @@ def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share: float):
     # Of the triples that are true, the known ones are not among those that the whole model is asked for.
     assert curve.intercept == pytest.approx(-5 + np.log(1 - share), abs=0.02)
     assert curve.reason == ""
-
-
-def test_known_triples_are_as_many_as_the_unseen_ones_times_the_odds_of_the_share():
-    """By Bayes: of T true triples c T are known; the others, (1 - c) T, are what the probabilities must add up to."""
-    share = 0.4
-    true, others = counts(expit(-4 + 1.0 * CENTRES), share)
-    curve = fit_curve(true, others, share, slopes=1)
-    unseen = others.sum(axis=0)  # what the model of all train recipes has not seen
-    assert unseen @ curve.probability(CENTRES) == pytest.approx(true.sum() * (1 - share) / share, rel=0.01)
 
 
 @pytest.mark.parametrize("slope", [-1.0, 0.0])
@@ -223,17 +213,6 @@ def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder:
         before.probability(0, 0, 1)
     with pytest.raises(ConfigError, match="cannot predict results"):
         before.result_probabilities(0, 1)
-
-
-def test_constant_scores_have_the_base_rate(folds: Folds):
-    graph, size = folds.split.graph, folds.split.graph.num_entities
-    scorer = TableScorer(torch.ones(2, size, size), graph.entities, graph.hash)
-    found = Probabilities.fit(scorer, folds, [predictions(scorer, folds, fold) for fold in range(folds.count)])
-    for curves in found.relations:
-        assert "do not separate" in curves.distinct.reason
-    ids = torch.arange(size)
-    chances = found.predict(scorer.table(1), ids[:, None], torch.tensor(1), ids[None])
-    assert float(chances[0, 1]) == pytest.approx(found.relations[1].distinct.rate)
 
 
 def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path: Path):

@@ -72,16 +72,6 @@ def refused(spec, labels=("sea", "iron"), **options):
     return str(error.value)
 
 
-def test_glove_by_name_is_glove(home):
-    labels = ["Black  Hole", "sea", "zqxjkv water"]
-    made, built_in = make_features("glove", labels, allow_missing=True), glove_features(labels)
-    np.testing.assert_array_equal(made.vectors, built_in.vectors)
-    assert made.source == built_in.source == "GloVe 6B, 50-d, mean of words"
-    assert made.missing_words == built_in.missing_words == ("zqxjkv",)
-    assert not made.is_one_hot
-    assert not (home / "cache").exists()
-
-
 def test_max_pooling_takes_the_larger_of_the_words_in_each_dimension():
     made = make_features("glove", ["black hole", "black", "hole", "hole zqxjkv"], pooling="max")
     black, hole = made.vectors[1:3].tolist()
@@ -149,16 +139,6 @@ def test_one_hot_is_the_identity_up_to_its_limit(monkeypatch):
     assert made.known.all()
     assert made.words == made.missing_words == ()
     assert "one-hot features for 4 entities" in refused("one-hot", "abcd")
-
-
-def test_random_features_are_laplace_noise_of_the_official_spread():
-    made = make_features("random", range(2000), seed=3)
-    assert made.vectors.shape == (2000, 300)
-    assert made.vectors.std() == pytest.approx(0.4, rel=0.01)
-    assert made.vectors.mean() == pytest.approx(0, abs=0.01)
-    assert np.abs(made.vectors).mean() == pytest.approx(0.4 / math.sqrt(2), rel=0.01)  # .319 for a normal distribution
-    assert made.known.all()
-    assert not made.is_one_hot
 
 
 def test_a_row_of_random_features_depends_on_its_place_and_the_seed_only():
@@ -288,16 +268,6 @@ def test_a_label_is_looked_up_whole_before_its_words(lines, expected, vectors_fi
     assert made.vectors.tolist() == [[expected, expected]]
 
 
-def test_pooling_and_shuffling_a_file_work_as_with_any_features(vectors_file):
-    labels = ["sea", "acid rain", "rain", "the", "iron"]
-    path = vectors_file(GLOVE_TEXT)
-    made = make_features(f"shuffled:{path}", labels, pooling="max", allow_missing=True, seed=5)
-    plain = make_features(path, labels, pooling="max", allow_missing=True)
-    assert plain.vectors[1].tolist() == [4, 2, 0]
-    assert sorted(made.vectors.tolist()) == sorted(plain.vectors.tolist())
-    assert made.vectors.tolist() != plain.vectors.tolist()
-
-
 SPACED = "the 0.1 0.2\nroute 66 1.5 2.5\nroute 0.5 0.25\nat name@domain.com 3.0 1.0\n. . . 0.5 0.5"
 READ = {
     "words may hold spaces and end in a whole number": (
@@ -371,13 +341,6 @@ def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
 
     monkeypatch.setattr(features_module, "_lines", forbidden)
     assert "cannot be read: [Errno 13] Permission denied" in refused(vectors_file(GLOVE_TEXT))
-
-
-def test_missing_words_of_a_file_are_counted_as_everywhere(vectors_file):
-    path = vectors_file(GLOVE_TEXT)
-    assert f"'{path}': 1 of 2 entities have no vector. Unknown words: iron." in refused(path, ["sea", "iron"])
-    assert make_features(path, ["sea", "iron"], allow_missing=True).vectors.tolist() == [SEA, [0, 0, 0]]
-    assert "3 of 3 entities" in refused(path, ["x", "y", "z"], allow_missing=True)
 
 
 @given(

@@ -7,7 +7,7 @@ import pytest
 from link_helpers import random_graph
 from small_scorers import normal
 
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.train_samples import draw_train_sample
@@ -107,12 +107,3 @@ def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen: OpenedGraph
 def test_without_recipes_nothing_speaks():
     reason = LinkEvidence(scorer_of(GRAPH), KNOWN[:0]).reason(0, COMBINES_WITH, 1)
     assert (reason.evidence, reason.witnesses, reason.learned_from) == (0, (), ())
-
-
-def test_labels_stay_what_they_are():
-    rows = [("<script>", "a/b", "..%2F?#"), ("<script>", "x", "..%2F?#"), ('"', "a/b", "🪨" * 60)]
-    graph = RecipeGraph.from_recipes(rows)
-    split = make_split(graph, SplitConfig("none"))
-    evidence = LinkEvidence(scorer_of(graph), split.recipes("train"))
-    reason = evidence.reason(graph.id_of("a/b"), COMPONENT_OF, graph.id_of("..%2F?#"))
-    assert reason.learned_from == (Recipe.of(*rows[0]),)

@@ -116,15 +116,6 @@ def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(kno
         assert set(known.results[0, known.numbers[0, a, b]].tolist()) - {SIZE} == made_of
 
 
-def test_a_batch_gives_what_single_tables_give(known: RecipeKnowledge):
-    goal, table = tables()
-    model = torch.zeros_like(goal)
-    together = known(goal, table, model)
-    for row in range(len(goal)):
-        single = known(goal[row : row + 1], table[row : row + 1], model[:1])
-        torch.testing.assert_close(together[row], single[0], rtol=1e-4, atol=1e-4)
-
-
 def test_the_order_of_a_pair_and_of_the_slots_does_not_matter(known: RecipeKnowledge):
     goal, table = tables()
     model = torch.zeros_like(goal)

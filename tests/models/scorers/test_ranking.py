@@ -14,23 +14,21 @@ from hypothesis import strategies as st
 from link_helpers import random_graph
 from link_oracles import slow_clusters, slow_ranks
 from pykeen.evaluation import RankBasedEvaluator
-from pykeen.models import DistMult
-from pykeen.training import SLCWATrainingLoop
 from small_scorers import table_scorer
 
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, is_in, recipe_triples, triple_keys
+from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.complex import ComplExN3
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.links.config import ComplExConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers import ranking as link_prediction
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
+from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
     CalibrationBin,
@@ -116,16 +114,6 @@ def test_a_sample_is_of_the_size_asked_for_in_order_and_of_its_seed(opened_kitch
     assert sampled(triples, len(triples)) is triples
 
 
-def test_ranks_by_hand_follow_the_definitions_of_ties_and_filters():
-    # Scores of e0 combinesWith ?: e1 5, e2 5, e3 7, e4 1, e0 5; the query is e1, and e3 is another known answer.
-    table = np.zeros((2, 5, 5))
-    table[COMBINES_WITH, 0] = [5, 5, 5, 7, 1]
-    known = np.array([[0, COMBINES_WITH, 1], [0, COMBINES_WITH, 3]])
-    row = rank_triples(table_scorer(table), known[:1], known).iloc[0]
-    assert (row["side"], row["optimistic"], row["rank"], row["pessimistic"]) == ("tail", 1, 2.0, 3)
-    assert (row["raw_rank"], row["candidates"], row["score"]) == (3.0, 4, 5.0)
-
-
 def test_no_triples_give_no_ranks():
     ranks = rank_triples(constant_scorer(3), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64))
     assert ranking_metrics(ranks) == random_metrics(ranks.assign(candidates=[])) == RankingMetrics(0)
@@ -195,50 +183,6 @@ def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen: OpenedGr
                 assert getattr(ours, name) == pytest.approx(expected, abs=1e-6), name
 
 
-def test_a_model_trained_by_negative_sampling_ranks_as_pykeens_evaluator_ranks_it(opened_kitchen: OpenedGraph):
-    graph, split = opened_kitchen.graph, opened_kitchen.split
-    factory = triples_factory(graph, split.partial)
-    with pykeen_guard(seed=0, threads=1):
-        model = DistMult(triples_factory=factory, embedding_dim=4, random_seed=0)
-        loop = SLCWATrainingLoop(model=model, triples_factory=factory)
-        loop.train(factory, num_epochs=2, batch_size=256, use_tqdm=False)
-    theirs = pykeens_metrics(opened_kitchen, exact(model))
-    tensors = scorer_tensors(LinkModelConfig(model="distmult", dim=4), model, graph.triples)
-    scorer = make_scorer(*tensors, graph.entities, graph.hash)
-    ours = ranking_metrics(rank_triples(scorer, split.held_out("test"), graph.triples))
-    assert ours.mrr == pytest.approx(theirs.get_metric("both.realistic.inverse_harmonic_mean_rank"), abs=1e-6)
-
-
-def test_embeddings_rank_like_their_table(opened_kitchen: OpenedGraph):
-    graph = opened_kitchen.graph
-    kind, tensors = scorer_tensors(ComplExConfig(dim=4), exact_model(opened_kitchen), opened_kitchen.graph.triples)
-    assert kind == "complex"
-    embeddings = ComplExScorer(tensors, graph.entities, graph.hash)
-    queries = opened_kitchen.split.held_out("test")
-    ranks = [rank_triples(scorer, queries, graph.triples) for scorer in (embeddings, TableScorer.of(embeddings))]
-    pd.testing.assert_series_equal(ranks[0]["rank"], ranks[1]["rank"])
-
-
-def test_a_constant_scorer_gets_the_rank_that_chance_would_give(opened_kitchen: OpenedGraph):
-    graph = opened_kitchen.graph
-    ranks = rank_triples(constant_scorer(graph.num_entities), opened_kitchen.split.held_out("test"), graph.triples)
-    metrics = ranking_metrics(ranks)
-    assert metrics.hits_at_1 == 0
-    assert metrics.mean_rank == pytest.approx(float(((ranks["candidates"] + 1) / 2).mean()))
-    assert metrics.amri == pytest.approx(0, abs=1e-12)
-    assert random_metrics(ranks).mean_rank == pytest.approx(metrics.mean_rank)
-    assert metrics.mrr < random_metrics(ranks).mrr
-
-
-def test_a_perfect_scorer_gets_perfect_metrics(opened_kitchen: OpenedGraph):
-    graph = opened_kitchen.graph
-    table = np.zeros((2, graph.num_entities, graph.num_entities))
-    heads, relations, tails = graph.triples.T
-    table[relations, heads, tails] = 1
-    metrics = ranking_metrics(rank_triples(table_scorer(table), opened_kitchen.split.held_out("test"), graph.triples))
-    assert set(as_values(metrics).values()) == {metrics.queries, 1.0}
-
-
 def test_metrics_by_hand():
     ranks = pd.DataFrame({"rank": [1.0, 2.0, 3.5, 11.0], "candidates": [5, 5, 7, 21]})
     metrics = ranking_metrics(ranks)
@@ -266,20 +210,6 @@ def test_random_metrics_equal_the_mean_over_all_permutations():
     assert as_values(random_metrics(pd.DataFrame({"candidates": sizes}))) == pytest.approx(expected)
 
 
-def test_random_metrics_are_what_random_scores_get_on_average(opened_kitchen: OpenedGraph):
-    graph, rng = opened_kitchen.graph, np.random.default_rng(0)
-    queries = opened_kitchen.split.held_out("test")[::3]
-    drawn, ranks = [], pd.DataFrame()
-    for _ in range(40):
-        table = rng.permutation(2 * graph.num_entities**2).reshape(2, graph.num_entities, graph.num_entities)
-        ranks = rank_triples(table_scorer(table), queries, graph.triples)
-        drawn.append(as_values(ranking_metrics(ranks)))
-    for name, expected in as_values(random_metrics(ranks)).items():
-        values = np.array([metrics[name] for metrics in drawn])
-        error = values.std() / np.sqrt(len(values))
-        assert abs(values.mean() - expected) <= 4 * error + 1e-12, name
-
-
 def test_slices_part_the_queries_by_relation_and_side(opened_kitchen: OpenedGraph):
     graph = opened_kitchen.graph
     ranks = rank_triples(constant_scorer(graph.num_entities), graph.triples[::9], graph.triples)
@@ -300,15 +230,6 @@ def test_clusters_are_the_first_pairs_that_give_the_triples(seed, num_entities, 
     chosen[0] = True
     triples = recipe_triples(graph.recipes[chosen])
     assert recipe_clusters(graph, chosen, triples).tolist() == slow_clusters(graph, chosen, triples)
-
-
-def test_mirrored_triples_are_in_one_cluster(opened_kitchen: OpenedGraph):
-    graph = opened_kitchen.graph
-    symmetric = graph.triples[graph.triples[:, 1] == COMBINES_WITH]
-    everything = np.ones(graph.num_recipes, dtype=bool)
-    one, other = (recipe_clusters(graph, everything, triples) for triples in (symmetric, symmetric[:, [2, 1, 0]]))
-    np.testing.assert_array_equal(one, other)
-    assert len(np.unique(one)) == graph.num_pairs
 
 
 CONSTANT = ([0.3] * 20, np.arange(20) // 3, {0.3})
@@ -337,13 +258,6 @@ def test_the_bootstrap_is_determined_by_its_seed():
     same = [bootstrap(values, clusters, resamples=10, seed=4) for _ in range(2)]
     np.testing.assert_array_equal(same[0], same[1])
     assert not np.array_equal(same[0], bootstrap(values, clusters, resamples=10, seed=5))
-
-
-def test_the_bootstraps_spread_is_the_standard_error_of_the_mean():
-    values = np.random.default_rng(0).random(400)
-    means = bootstrap(values, np.arange(400), resamples=2_000)
-    assert means.std() == pytest.approx(values.std() / np.sqrt(400), rel=0.1)
-    assert means.mean() == pytest.approx(values.mean(), abs=0.005)
 
 
 def test_an_interval_leaves_out_half_the_rest_on_each_side():
@@ -394,12 +308,6 @@ def test_calibration_asks_for_the_head_where_the_head_is_open_and_has_no_empty_b
     frame = answers([0.5, 0.5], [True, True]).assign(side="head", head=[1, 0], tail=2)
     assert calibration(frame, bins=1).bins[0].accuracy == 0.5
     assert [row.queries for row in calibration(answers([0.2, 0.4], [True, False])).bins] == [1, 1]
-
-
-def test_a_confidence_is_a_share_among_the_candidates(opened_kitchen: OpenedGraph):
-    graph = opened_kitchen.graph
-    ranks = rank_triples(constant_scorer(graph.num_entities), graph.triples, graph.triples)
-    np.testing.assert_allclose(ranks["confidence"], 1 / ranks["candidates"])
 
 
 def test_ranking_needs_nothing_of_a_scorer_but_the_protocol():

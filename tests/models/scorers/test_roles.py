@@ -10,7 +10,6 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
-from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.roles import ROLES, EntityRoles, centred
 from wordcraft_kg.models.scorers.scorer import Scorer
 
@@ -39,14 +38,6 @@ def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scor
         expected = [[cosine(one, other) for other in rows] for one in rows]
         alike = [found.alike(entity, relation, side) for entity in range(SIZE)]
         np.testing.assert_allclose(alike, expected, atol=1e-5)
-
-
-def test_factors_and_their_table_say_the_same():
-    scorer = complex_scorer(SIZE, 3)
-    of_factors, of_table = EntityRoles.of(scorer), EntityRoles.of(TableScorer.of(scorer))
-    np.testing.assert_allclose(of_factors.lengths, of_table.lengths, rtol=1e-4)
-    for entity in range(SIZE):
-        assert [other for other, _ in of_factors.nearest(entity)] == [other for other, _ in of_table.nearest(entity)]
 
 
 def test_the_nearest_entities_have_the_highest_cosine_of_standardised_scores(opened_kitchen: OpenedGraph):

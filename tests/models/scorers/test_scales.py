@@ -14,9 +14,7 @@ from small_scorers import BareScorer, complex_scorer, scaled_scorer, table_score
 
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
-from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import FACTORED_SCALES, scaled_factors, scaled_table
 
 GRAPH = random_graph(num_entities=9, num_recipes=20)
@@ -90,14 +88,6 @@ def test_each_relation_is_scaled_on_its_own_by_the_formula_of_the_scale(scale: s
     np.testing.assert_allclose(tables_of(scale=scale)[relation], expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("scale", SCALED)
-@any_relation
-def test_scaled_scores_have_mean_0_and_standard_deviation_1_over_different_entities(scale: str, relation: int):
-    others = off_diagonal(tables_of(scale=scale)[relation])
-    assert statistics.fmean(others) == pytest.approx(0, abs=1e-6)
-    assert statistics.pstdev(others) == pytest.approx(1, abs=1e-6)
-
-
 def test_scores_of_an_entity_with_itself_have_no_say_in_the_scale_but_are_scaled():
     table = NOISE.table(COMBINES_WITH).numpy().copy()
     before = standardised(table)
@@ -118,11 +108,6 @@ def test_ranks_follow_the_scores_and_equal_scores_get_equal_ranks(numbers: list[
     for score, rank in zip(numbers, ranks, strict=True):
         for other_score, other_rank in zip(numbers, ranks, strict=True):
             assert (score < other_score) == (rank < other_rank)
-
-
-def test_ranks_do_not_depend_on_how_far_scores_are_apart():
-    stretched = scaled_scorer(table_scorer(NOISE.scores.exp() * 100), scale="ranks")
-    assert torch.equal(stretched.scores, scaled_scorer(NOISE, scale="ranks").scores)
 
 
 def test_log_softmax_goes_over_the_heads_of_a_tail_and_stands_large_scores():
@@ -190,21 +175,6 @@ def test_self_edges_are_kept_whatever_was_observed():
     np.testing.assert_array_equal(tables_of(self_edges="keep", observed=GRAPH.triples), tables_of())
     dropped = tables_of(self_edges="drop", observed=np.array([[1, COMBINES_WITH, 1]]))
     np.testing.assert_array_equal(dropped, tables_of(self_edges="drop"))
-
-
-@pytest.mark.parametrize(
-    "scorer", [SCORER, NOISE, FrequencyScorer(GRAPH, GRAPH.triples)], ids=lambda s: type(s).__name__
-)
-def test_any_scorer_can_be_scaled_and_is_a_scorer_of_the_same_graph_then(scorer: TripleScorer):
-    assert isinstance(scorer, TripleScorer)
-    scaled = scaled_scorer(scorer)
-    assert isinstance(scaled, TripleScorer)
-    assert (scaled.entities, scaled.graph_hash) == (GRAPH.entities, GRAPH.hash)
-    check_scorer(scaled, GRAPH)
-    table = scaled.table("componentOf")
-    assert (table.shape, table.dtype, table.requires_grad) == ((SIZE, SIZE), torch.float32, False)
-    everything = torch.arange(SIZE)
-    assert torch.equal(scaled.score(everything[:, None], "componentOf", everything), table)
 
 
 @any_scale

@@ -15,7 +15,7 @@ import safetensors.torch
 import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
-from link_helpers import contents, flip_bit, interrupt_after, random_graph, train
+from link_helpers import flip_bit, random_graph, train
 from link_oracles import equation_1
 from small_scorers import embeddings
 
@@ -25,7 +25,7 @@ from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.links import builders
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
+from wordcraft_kg.models.links.config import LinkModelConfig
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
@@ -308,13 +308,6 @@ def test_loading_what_is_no_model_is_refused(
         load_scorer(tmp_path / place)
 
 
-def test_loading_an_unfinished_model_says_how_to_go_on(opened_kitchen: OpenedGraph, tmp_path: Path):
-    config = ComplExConfig(dim=4, epochs=4, n3=0.1, folds=0)
-    train(opened_kitchen, config, tmp_path / "model", progress=interrupt_after(1))
-    with pytest.raises(ArtefactError, match=r"interrupted, not done.*Repeat the training command"):
-        load_scorer(tmp_path / "model")
-
-
 Spoilt = Callable[[str], tuple[Path, Path]]
 PARTS = ("model.safetensors", "vocabulary.json")
 
@@ -359,12 +352,6 @@ def test_a_vocabulary_of_another_kind_is_an_artefact_error(spoilt: Spoilt, kind:
     path.write_text(json.dumps({"empty": {}, "a list": [], "of an unknown scorer": unknown}[kind]))
     with pytest.raises(ArtefactError):
         load_scorer(mended(folder, "vocabulary.json"))
-
-
-def test_loading_changes_nothing_in_the_folder(complex_folder: Path):
-    before = contents(complex_folder)
-    load_scorer(complex_folder)
-    assert contents(complex_folder) == before
 
 
 def test_a_table_of_any_strides_scores_like_a_plain_one():

@@ -23,11 +23,6 @@ def _term(label: Label) -> Term:
 
 _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
     "Graphs": {
-        "recipe": (
-            "recipe",
-            "Two ingredients and their result. The order of the ingredients does not matter, and a pair may have "
-            "several results.",
-        ),
         "combines_with": (
             "combinesWith",
             "The relation between the two ingredients of a recipe. It is symmetric: each recipe gives one triple in "
@@ -78,19 +73,8 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
             "An ingredient with nearly the same word vector as the ingredient that it replaces in a train recipe with "
             "the same result. Such a test recipe is closer to a paraphrase than to a prediction.",
         ),
-        "groups": (
-            "groups",
-            "Recipes that a split and its folds keep together: recipes of one pair, of one goal, or with a shared "
-            "ingredient and result.",
-        ),
     },
     "Links": {
-        "trained_on": (
-            "trained on",
-            "The recipes that a model has learned from: all recipes (full), the train recipes (partial), or none.",
-        ),
-        "train_fraction": ("training fraction", "The share of the train recipes that a scorer is trained on."),
-        "label_noise": ("label noise", "The share of these recipes whose result is replaced by a wrong result."),
         "in_sample": (
             "in-sample",
             "Scores that a model gives to its own training recipes. An agent that learns from in-sample scores trusts "
@@ -102,11 +86,6 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
             "folds, and each fold has a model trained on all other folds. Cross-fitted scores are out-of-sample "
             "scores.",
         ),
-        "inductive": (
-            "inductive",
-            "Scores for entities outside the graph, computed from the words of their labels. A transductive model "
-            "knows only the entities of its graph.",
-        ),
         "query": ("query", "A triple without its head or its tail. The model ranks all entities for the open slot."),
         "filtered": ("filtered", "Ranks that ignore other true answers. Raw ranks count them as competitors."),
         "realistic": (
@@ -114,7 +93,6 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
             "Entities with equal scores share their mean rank, so a model with constant scores gets the rank of "
             "chance. Optimistic ties rank the true entity first, pessimistic ties last.",
         ),
-        "percentile_rank": ("percentile rank", "The share of entities with a lower score than the given entity."),
         "mrr": ("MRR", "Mean reciprocal rank: the mean of 1 / rank of the true entity over all queries. 1 is perfect."),
         "hits": ("hits@k", "The share of queries with the true entity among the first k."),
         "amri": (
@@ -167,10 +145,6 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
             "Baseline without training: follow the links of entities with the same neighbours in the training graph.",
         ),
         "random": ("random order", "Baseline: the expected metric of a random ranking, computed exactly."),
-        "evaluated": (
-            "evaluated",
-            "Ranked against all entities on the test triples, and reported with an interval and baselines.",
-        ),
     },
     "Play": {
         "goal": ("goal", "The entity to make in a task."),
@@ -182,63 +156,20 @@ _TERMS: dict[Topic, dict[str, tuple[str, ...]]] = {
         ),
         "depth": ("depth", "The number of recipes in the shortest plan of a task."),
         "plan": ("plan", "Recipes that make the goal from the starting ingredients of the task."),
-        "action": ("action", "The choice of one slot of the table. Two actions make an attempt."),
-        "selection": ("selection", "The entity chosen by the first action of an attempt."),
         "by_plan": (
             "by its own recipe",
             "The last pair belongs to one of the task's plans (at depth 1: the task's recipe). Otherwise another pair "
             "on the table made the goal, for example a train recipe.",
-        ),
-        "termination": (
-            "termination reason",
-            "The end of an episode: the goal was made, or the kind of the last pair if the goal was not made.",
-        ),
-        "open_ended": (
-            "open-ended mode",
-            "Play without a goal. Results stay known, and the score is the number of known entities after a number of "
-            "attempts.",
-        ),
-        "text_agent": (
-            "text agent",
-            "A player that reads and writes text, such as a language model or a program behind a line protocol.",
-        ),
-        "prompt_template": (
-            "prompt template",
-            "The texts that a text agent reads. Their hash is part of every result, because other prompts are another "
-            "experiment.",
-        ),
-        "look_up": (
-            "look-up",
-            "A question about an entity during a game. The answer lists train recipes or predictions of a scorer, and "
-            "costs no attempt.",
-        ),
-        "invalid": (
-            "invalid action",
-            "An answer of a text agent that cannot be parsed. The player reads an explanation and may answer again; "
-            "after several invalid actions in a row the next one costs an attempt.",
         ),
         "reference_pack": (
             "reference pack",
             "Figures shipped with the package: chance, graphs, oracles and agents on the same tasks, and published "
             "figures for people and language models on other tasks.",
         ),
-        "external_results": (
-            "external results",
-            "Results of other players that a table compares with the reference pack: runs, people, text agents, "
-            "Inspect logs.",
-        ),
-        "mcp": (
-            "Model Context Protocol, MCP",
-            "A protocol for programs with a language model that call tools of other programs.",
-        ),
         "greedy": ("greedy", "The agent always takes its best slot instead of sampling."),
         "oracle": ("recipe oracle", "A player that looks up all recipes; the upper bound of success."),
     },
     "Agents": {
-        "external_scores": (
-            "external scores",
-            "The scores of all sources for the slots of a table, computed outside the network of the agent.",
-        ),
         "evidence": (
             "evidence",
             "Known recipes that support a recipe score. Each has a similarity (both ingredients and the result; 1 is "

@@ -1,24 +1,27 @@
 """The map: places, groups, links and colours."""
 
+import itertools
+import re
+
 import numpy as np
 import pytest
 
 from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import map as maps
-from wordcraft_kg.apps.explorer.pages.map import HEIGHT, WIDTH, EntityMap, Map, map_of, view_map
+from wordcraft_kg.apps.explorer.pages.map import HEIGHT, LETTER, LINE, WIDTH, Map, MapView, map_of, view_map
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 
 
 @pytest.fixture(scope="module")
-def kitchen_map(kitchen: RecipeGraph) -> EntityMap:
+def kitchen_map(kitchen: RecipeGraph) -> MapView:
     return map_of(kitchen)
 
 
 def test_each_entity_has_a_place_on_the_map_the_most_used_first(kitchen, kitchen_map):
-    view = kitchen_map.view
+    view = kitchen_map
     assert sorted(spot.entity for spot in view.spots) == list(kitchen.entities)
     uses = [kitchen.use_counts[kitchen.id_of(spot.entity)] for spot in view.spots]
     assert [spot.uses for spot in view.spots] == uses == sorted(uses, reverse=True)
@@ -28,7 +31,7 @@ def test_each_entity_has_a_place_on_the_map_the_most_used_first(kitchen, kitchen
 
 
 def test_entities_that_are_linked_lie_nearer_than_others_and_so_do_those_of_a_group(kitchen, kitchen_map):
-    places, view = kitchen_map.places, kitchen_map.view
+    places, view = np.array([(spot.x, spot.y) for spot in kitchen_map.spots]), kitchen_map
     far = np.linalg.norm(places[:, None] - places[None], axis=2)
     linked = np.zeros_like(far, dtype=bool)
     for one, other in (*view.combines, *view.components):
@@ -40,19 +43,19 @@ def test_entities_that_are_linked_lie_nearer_than_others_and_so_do_those_of_a_gr
 
 
 def test_the_map_holds_the_links_between_different_entities(kitchen, kitchen_map):
-    names = [spot.entity for spot in kitchen_map.view.spots]
+    names = [spot.entity for spot in kitchen_map.spots]
     triples = [(kitchen.entities[a], relation, kitchen.entities[b]) for a, relation, b in kitchen.triples.tolist()]
-    combines = {frozenset((names[a], names[b])) for a, b in kitchen_map.view.combines}
+    combines = {frozenset((names[a], names[b])) for a, b in kitchen_map.combines}
     assert combines == {frozenset((a, b)) for a, relation, b in triples if relation == COMBINES_WITH and a != b}
-    assert len(combines) == len(kitchen_map.view.combines)
-    components = [(names[a], names[b]) for a, b in kitchen_map.view.components]
+    assert len(combines) == len(kitchen_map.combines)
+    components = [(names[a], names[b]) for a, b in kitchen_map.components]
     assert sorted(components) == sorted((a, b) for a, relation, b in triples if relation == COMPONENT_OF and a != b)
 
 
 def test_the_links_of_a_chosen_entity_are_those_of_its_recipes(kitchen, kitchen_map):
-    assert view_map(kitchen_map).chosen is None
+    assert view_map(kitchen, kitchen_map).chosen is None
     for entity in kitchen.entities:
-        view = view_map(kitchen_map, entity)
+        view = view_map(kitchen, kitchen_map, entity)
         uses = [recipe for recipe in kitchen.recipe_labels() if entity in recipe[:2]]
         combines = {b if a == entity else a for a, b, _ in uses}
         makes = {result for _, _, result in uses}
@@ -67,7 +70,7 @@ def test_the_links_of_a_chosen_entity_are_those_of_its_recipes(kitchen, kitchen_
 
 
 def test_groups_have_the_sizes_of_their_spots_and_are_named_after_three_members(kitchen_map):
-    view = kitchen_map.view
+    view = kitchen_map
     for number, group in enumerate(view.groups):
         members = [spot for spot in view.spots if spot.group == number]
         assert group.size == len(members)
@@ -80,11 +83,11 @@ def test_above_the_limit_the_most_used_are_placed_and_a_chosen_one_is_a_guest(ki
     monkeypatch.setattr(maps, "PLACED", 20)
     monkeypatch.setattr(maps, "GUESTS", 4)
     found = map_of(kitchen)
-    spots, has_guests = found.view.spots, 0
-    assert (len(spots), found.view.entities) == (20, kitchen.num_entities)
+    spots, has_guests = found.spots, 0
+    assert (len(spots), found.entities) == (20, kitchen.num_entities)
     assert min(spot.uses for spot in spots) == sorted(kitchen.use_counts.tolist(), reverse=True)[19]
     for entity in kitchen.entities:
-        view = view_map(found, entity)
+        view = view_map(kitchen, found, entity)
         guests = [spot for spot in view.spots[20:] if spot.group == -1]
         assert len(guests) == len(view.spots) - 20 <= 4
         assert entity in {spot.entity for spot in view.spots}
@@ -104,10 +107,10 @@ def test_above_the_limit_the_most_used_are_placed_and_a_chosen_one_is_a_guest(ki
 def test_small_and_disconnected_graphs_have_maps(rows):
     graph = RecipeGraph.from_recipes(rows)
     found = map_of(graph)
-    assert sorted(spot.entity for spot in found.view.spots) == list(graph.entities)
-    assert all(0 <= spot.x <= WIDTH and 0 <= spot.y <= HEIGHT for spot in found.view.spots)
+    assert sorted(spot.entity for spot in found.spots) == list(graph.entities)
+    assert all(0 <= spot.x <= WIDTH and 0 <= spot.y <= HEIGHT for spot in found.spots)
     for entity in graph.entities:
-        checked_values(view_map(found, entity))
+        checked_values(view_map(graph, found, entity))
 
 
 def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
@@ -115,12 +118,34 @@ def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
     monkeypatch.setattr(maps, "DRAWN", 3)
     monkeypatch.setattr(maps, "LISTED", 2)
     found = map_of(kitchen)
-    assert found.view.combines == found.view.components == ()
+    assert found.combines == found.components == ()
     most = kitchen.entities[int(kitchen.use_counts.argmax())]
-    chosen = view_map(found, most).chosen
+    chosen = view_map(kitchen, found, most).chosen
     assert (len(chosen.combines.placed), len(chosen.combines.listed)) == (3, 2)
     assert chosen.combines.total > 3
-    assert tuple(found.view.spots[number].entity for number in chosen.combines.placed)[:2] == chosen.combines.listed
+    assert tuple(found.spots[number].entity for number in chosen.combines.placed)[:2] == chosen.combines.listed
+
+
+def test_labels_that_would_overlap_are_there_only_when_there_is_room(kitchen_map):
+    drawn = PAGES["map"].draw(kitchen_map, Map(), lambda *_: "")["dots"]
+    named = [spot for spot, _, classes in drawn if "far" not in classes]
+    assert 3 < len(named) < len(drawn)
+    for one, other in itertools.combinations(named, 2):
+        left, right = sorted((one, other), key=lambda spot: spot.x)
+        assert abs(one.y - other.y) >= LINE or right.x - left.x > LETTER * len(left.entity)
+
+
+def test_the_links_of_a_chosen_entity_are_lines_to_its_partners_which_are_named_first(explored):
+    view, page = view_of(explored, Map(entity="bread")), look(explored, Map(entity="bread"))
+    lines = {values["class"]: values["d"] for name, values in page.tags if name == "path" and "L" in values["d"]}
+    for kind, links in (("combines", view.chosen.combines), ("makes", view.chosen.makes)):
+        ends = [view.spots[end] for end in links.placed if end != view.chosen.entity]
+        assert re.findall(r"L(\d+) (\d+)", lines[kind]) == [(str(spot.x), str(spot.y)) for spot in ends]
+    dots = [values["class"] for _, values in page.tags if " r" in f" {values.get('class')}" and "href" in values]
+    chosen = view.spots[view.chosen.entity]
+    place = dots.index(next(dot for dot in dots if "chosen" in dot))
+    assert view.spots[place] == chosen
+    assert "far" not in dots[place]
 
 
 def test_the_map_keeps_its_colours_when_another_entity_is_chosen(explored):

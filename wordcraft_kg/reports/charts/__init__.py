@@ -6,11 +6,8 @@ classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.cha
 
 from wordcraft_kg.reports.charts.layered import Made as Made
 from wordcraft_kg.reports.charts.layered import layered as layered
-from wordcraft_kg.reports.charts.pictures import Dot as Dot
-from wordcraft_kg.reports.charts.pictures import Region as Region
 from wordcraft_kg.reports.charts.pictures import colour_of as colour_of
 from wordcraft_kg.reports.charts.pictures import contribution_bar as contribution_bar
-from wordcraft_kg.reports.charts.pictures import world as world
 from wordcraft_kg.reports.charts.plot import COLOURS as COLOURS
 from wordcraft_kg.reports.charts.plot import CurvePoint as CurvePoint
 from wordcraft_kg.reports.charts.series import curves as curves

@@ -1,8 +1,6 @@
 """The map."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -13,14 +11,15 @@ from numpy.typing import NDArray
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, State
 from wordcraft_kg.apps.explorer.pages import entity
+from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.evaluation.communities import communities_of
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.charts.scales import Labels, shortened
 
 PLACED = 1_000
 """Maximum number of placed entities, by uses: layout time and memory grow quadratically."""
@@ -38,6 +37,12 @@ PULL = 6.0
 """Strength of links within a group, relative to links between groups."""
 ROUNDS = 100
 """Rounds of the layout; the picture hardly changes afterwards."""
+SIDE, EDGE, RIGHT = 50, 40, 190
+"""Margins: left, above and below, right."""
+LONGEST = 24
+"""Letters of a shown label; the tooltip has a longer one."""
+LETTER, LINE = 11.0, 22
+"""Letter width and line height, in map units at page width."""
 SIZES = (5, 15, 40, 100)
 """Use counts for larger dots."""
 SHADES = 4
@@ -110,56 +115,35 @@ class MapView(Record):
     chosen: Links | None
 
 
-@dataclass(frozen=True)
-class EntityMap:
-    """Map places for a graph's most used entities, see :func:`map_of`.
-
-    ``ids`` has shape (P,), ``places`` (P, 2) and ``layer`` (E,): all entities' crafting layers.
-    """
-
-    graph: RecipeGraph
-    ids: Ids
-    places: Ids
-    view: MapView
-    layer: Ids
-
-    @cached_property
-    def number_of(self) -> dict[int, int]:
-        """Spot numbers by entity id."""
-        return {entity: number for number, entity in enumerate(self.ids.tolist())}
-
-
 @stage("laying out the map")
-def map_of(graph: RecipeGraph) -> EntityMap:
+def map_of(graph: RecipeGraph) -> MapView:
     """Place and group a graph's most used entities, at most :data:`PLACED`; equal graphs have equal maps."""
     ids = np.argsort(-graph.use_counts, kind="stable")[:PLACED]
     combines, components = (_links_among(graph, ids, relation) for relation in (COMBINES_WITH, COMPONENT_OF))
     combines = combines[combines[:, 0] < combines[:, 1]]
     links = np.unique(np.sort(np.concatenate([combines, components]), axis=1), axis=0)
-    uses, layer = graph.use_counts[ids], layers(graph)
+    uses, layer = graph.use_counts[ids], layers_of(graph)
     communities = communities_of(graph.labels(ids.tolist()), links, 0)
     places = _places(len(ids), links, communities.group_of)
     columns = (ids, *places.T, uses, communities.group_of, layer[ids])
-    spots = tuple(
-        Spot(graph.entities[entity], *numbers)
-        for entity, *numbers in zip(*(column.tolist() for column in columns), strict=True)
-    )
     groups = []
     for number, (names, size) in enumerate(zip(communities.names, communities.sizes, strict=True)):
         x, y = np.median(places[communities.group_of == number], axis=0).round().astype(int).tolist()
         groups.append(Group(names, size, x, y))
     is_small = len(combines) + len(components) <= ALL_LINKS
-    view = MapView(
+    return MapView(
         graph=graph.name,
         entities=graph.num_entities,
-        spots=spots,
+        spots=tuple(
+            Spot(graph.entities[entity], *numbers)
+            for entity, *numbers in zip(*(column.tolist() for column in columns), strict=True)
+        ),
         groups=tuple(groups),
         layers=int(layer.max(initial=0)),
         combines=tuple(map(tuple, combines.tolist())) if is_small else (),
         components=tuple(map(tuple, components.tolist())) if is_small else (),
         chosen=None,
     )
-    return EntityMap(graph, ids, places, view, layer)
 
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
@@ -196,17 +180,18 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     return (even * [WIDTH, HEIGHT]).round().astype(np.int64)
 
 
-def view_map(places: EntityMap, entity: str = "") -> MapView:
-    """Return the shown values for a map with places, optionally with an entity's links."""
+def view_map(graph: RecipeGraph, whole: MapView, entity: str = "") -> MapView:
+    """Return a graph's map (``whole``), optionally with an entity's links, and guests if its partners have no place."""
     if not entity:
-        return places.view
-    graph, chosen = places.graph, places.graph.id_of(entity)
+        return whole
+    chosen = graph.id_of(entity)
     kinds = _partners(graph, chosen)
-    number_of, spots = dict(places.number_of), list(places.view.spots)
+    spot_of = {graph.id_of(spot.entity): spot for spot in whole.spots}
+    number_of, spots = {placed: number for number, placed in enumerate(spot_of)}, list(whole.spots)
     wanted = dict.fromkeys([chosen, *np.concatenate(kinds).tolist()])
     for guest in [one for one in wanted if one not in number_of][:GUESTS]:
         number_of[guest] = len(spots)
-        spots.append(_guest(places, guest))
+        spots.append(_guest(graph, spot_of, guest))
     combines, makes, made_of = (
         Partners(
             len(kind),
@@ -216,7 +201,7 @@ def view_map(places: EntityMap, entity: str = "") -> MapView:
         for kind in kinds
     )
     links = Links(number_of[chosen], combines, makes, made_of)
-    return msgspec.structs.replace(places.view, spots=tuple(spots), chosen=links)
+    return msgspec.structs.replace(whole, spots=tuple(spots), chosen=links)
 
 
 def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
@@ -228,52 +213,58 @@ def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
     return one, two, three
 
 
-def _guest(places: EntityMap, entity: int) -> Spot:
-    graph = places.graph
+def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot:
     neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
-    near = [places.number_of[one] for one in neighbours if one in places.number_of]
-    middle = places.places[near].mean(axis=0) if near else np.array([WIDTH / 2, HEIGHT / 2])
+    near = [(spot_of[one].x, spot_of[one].y) for one in neighbours if one in spot_of]
+    middle = np.mean(near or [(WIDTH // 2, HEIGHT // 2)], axis=0)
     # Offset by the golden angle, so that guests with equal partners do not overlap.
     angle = 2.4 * entity
     aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
     x, y = (middle + aside).clip(0, [WIDTH, HEIGHT]).round().astype(int).tolist()
-    return Spot(graph.entities[entity], x, y, int(graph.use_counts[entity]), -1, int(places.layer[entity]))
+    return Spot(graph.entities[entity], x, y, int(graph.use_counts[entity]), -1, int(layers_of(graph)[entity]))
 
 
 def _view(explored: Explored, state: Map) -> MapView:
-    return view_map(explored.once("map", lambda: map_of(explored.opened.graph)), state.entity)
+    graph = explored.opened.graph
+    return view_map(graph, explored.once("map", lambda: map_of(graph)), state.entity)
 
 
 def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
-    has_groups = state.colour == "group"
-    dots = [
-        charts.Dot(
-            label=spot.entity,
-            # A static site has entity pages, but no map for each entity.
-            href=address(PAGE, Map(entity=spot.entity, colour=state.colour))
-            or address(entity.PAGE, entity.Entity(entity=spot.entity)),
-            x=spot.x,
-            y=spot.y,
-            size=1 + sum(spot.uses >= least for least in SIZES),
-            style=charts.colour_of(spot.group) if has_groups else _shade_of(spot, view.layers),
-            title=f"{spot.entity} · layer {spot.layer}" if spot.layer >= 0 else f"{spot.entity} · cannot be made",
-        )
-        for spot in view.spots
-    ]
-    chosen, partners = view.chosen, {}
+    has_groups, chosen, roles = state.colour == "group", view.chosen, dict[int, str]()
     if chosen is not None:
-        kinds = {"combines": chosen.combines, "makes": chosen.makes, "made-of": chosen.made_of}
-        partners = {name: kind.placed for name, kind in kinds.items()}
-    picture = charts.world(
-        dots,
-        [charts.Region(group.names, group.x, group.y) for group in view.groups if group.size > 1],
-        (WIDTH, HEIGHT),
-        f"Map of {len(dots):,} entities",
-        links={"combines": view.combines, "components": view.components},
-        chosen=None if chosen is None else chosen.entity,
-        partners=partners,
-    )
-    return {"map": picture, "legend": _groups(view) if has_groups else _layers(view)}
+        near = (*chosen.combines.placed, *chosen.makes.placed, *chosen.made_of.placed)
+        roles = {**dict.fromkeys(near, " near"), chosen.entity: " chosen"}
+    # A chosen entity and its partners are named first, then those with the most uses.
+    room = Labels(LINE)
+    order = sorted(range(len(view.spots)), key=lambda number: number not in roles)
+    named = {number for number in order if room.take(*_place_of_label(view.spots[number]))}
+    dots = []
+    for number, spot in enumerate(view.spots):
+        style = charts.colour_of(spot.group) if has_groups else _shade_of(spot, view.layers)
+        size = 1 + sum(spot.uses >= least for least in SIZES)
+        # A static site has entity pages, but no map for each entity.
+        href = address(PAGE, Map(entity=spot.entity, colour=state.colour))
+        href = href or address(entity.PAGE, entity.Entity(entity=spot.entity))
+        dots.append((spot, href, f"{style} r{size}{roles.get(number, '')}{' far' * (number not in named)}"))
+    links = {"combines": view.combines, "components": view.components}
+    return {
+        "box": (-SIDE, -EDGE, WIDTH + SIDE + RIGHT, HEIGHT + 2 * EDGE),
+        "dots": dots,
+        "links": {kind: _others(pairs, len(dots)) for kind, pairs in links.items()},
+        "shortened": lambda label: shortened(label, LONGEST),
+        "legend": _groups(view) if has_groups else _layers(view),
+    }
+
+
+def _place_of_label(spot: Spot) -> tuple[float, float, int]:
+    return spot.x - 8, spot.x + 14 + LETTER * min(len(spot.entity), LONGEST), spot.y
+
+
+def _others(pairs: Sequence[tuple[int, int]], size: int) -> list[list[int]]:
+    others: list[list[int]] = [[] for _ in range(size)]
+    for one, other in pairs:
+        others[one].append(other)
+    return others
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:

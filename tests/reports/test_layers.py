@@ -1,7 +1,6 @@
-"""The two pictures whose parts are links: layers of crafts, and the map."""
+"""Layers of crafts, and the colours of groups."""
 
 import itertools
-import json
 import re
 import xml.etree.ElementTree as ElementTree
 
@@ -9,8 +8,7 @@ from tests.apps.explorer.shown import view_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages.path import Path
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
-from wordcraft_kg.reports.charts import Dot, Made, Region, colour_of, layered, world
-from wordcraft_kg.reports.charts.pictures import LINE
+from wordcraft_kg.reports.charts import Made, colour_of, layered
 
 HOSTILE = '<script>alert("x")</script>&'
 
@@ -105,50 +103,6 @@ def test_a_thing_without_an_address_is_no_link():
     root = parsed(layered([Made("b", "", 1, ("a", "a"))], ["a"], "way"))
     assert not list(root.iter("a"))
     assert [text.text for text in root.iter("text")][1] == "b"
-
-
-PLACES = {"first": (100, 100), "second": (105, 103), "third": (600, 700), HOSTILE: (300, 300)}
-DOTS = [Dot(name, f"/map?entity={name}", *at, 2, "series-0", f"{name} · layer 1") for name, at in PLACES.items()]
-
-
-def map_with(**more: object) -> tuple[ElementTree.Element, dict[str, list[list[int]]]]:
-    links = {"combines": [(0, 1)], "components": [(2, 0), (1, 2)]}
-    markup = world(DOTS, [Region("first", 100, 100)], (1000, 800), "<map>", links=links, **more)  # type: ignore[arg-type]
-    picture, script = markup.split("<script ")
-    return parsed(picture), json.loads(script.split(">", 1)[1].removesuffix("</script>"))
-
-
-def test_each_dot_is_a_link_with_a_tooltip_and_markup_stays_text():
-    root, links = map_with()
-    dots = list(root.iter("a"))
-    assert [dot.get("href") for dot in dots] == [f"/map?entity={dot.label}" for dot in DOTS]
-    assert [dot.find("title").text for dot in dots] == [dot.title for dot in DOTS]
-    assert [dot.find("text").text for dot in dots][:3] == ["first", "second", "third"]
-    assert root.get("aria-label") == "<map>"
-    assert links == {"combines": [[1], [], [], []], "components": [[], [2], [0], []]}
-    assert not list(root.iter("path"))
-
-
-def test_labels_that_would_overlap_are_there_only_when_there_is_room():
-    root, _ = map_with()
-    assert ["far" in dot.get("class") for dot in root.iter("a")] == [False, True, False, False]
-    dots = [Dot(f"entity {i}", "/", (i * 37) % 500, (i * 53) % 400, 1, "series-0", "") for i in range(150)]
-    root = parsed(world(dots, [], (500, 400), "map", links={}).split("<script")[0])
-    shown = [dot for dot, link in zip(dots, root.iter("a"), strict=True) if "far" not in link.get("class")]
-    assert len(shown) > 3
-    for one, other in itertools.combinations(shown, 2):
-        assert abs(one.y - other.y) >= LINE or abs(one.x - other.x) > 11 * len("entity 1")
-
-
-def test_the_links_of_a_chosen_dot_are_lines_of_their_kinds_to_its_partners():
-    root, _ = map_with(chosen=1, partners={"combines": [0, 1], "makes": [2], "made-of": []})
-    lines = {path.get("class"): path.get("d") for path in root.iter("path")}
-    assert lines == {"combines": "M105 103L100 100", "makes": "M105 103L600 700"}
-    states = [set(dot.get("class").split()) & {"near", "chosen"} for dot in root.iter("a")]
-    assert states == [{"near"}, {"chosen"}, {"near"}, set()]
-    # The chosen one and its partners are named first.
-    assert "far" not in next(root.iter("a")).get("class")
-    assert "has-chosen" in root.get("class")
 
 
 def test_groups_beyond_the_colours_and_none_are_grey():

@@ -20,11 +20,10 @@ import msgspec
 from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
-from wordcraft_kg.studies.collect import collect_study
 from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.scatter import ScorerScatter
-from wordcraft_kg.studies.store import studies_of
+from wordcraft_kg.studies.store import collect_study, studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
 from wordcraft_kg.studies.tables import origin_in_words
 from wordcraft_kg.studies.variants import PointFigures, VariantFigures

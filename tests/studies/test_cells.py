@@ -11,10 +11,10 @@ from small_study import RUN_FIGURES, TRAINED, pretend, run_small, small_plan
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.studies.cells import cell_file, read_cell
-from wordcraft_kg.studies.collect import collect_study
 from wordcraft_kg.studies.engine import estimated_hours
 from wordcraft_kg.studies.report import make_study_report
 from wordcraft_kg.studies.results import write_figures
+from wordcraft_kg.studies.store import collect_study
 from wordcraft_kg.studies.tables import lines_of
 from wordcraft_kg.studies.tasks import Outcome, Task
 from wordcraft_kg.studies.view import view_study

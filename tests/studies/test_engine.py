@@ -18,13 +18,12 @@ from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import end_run, start_run
-from wordcraft_kg.studies.collect import collect_study
 from wordcraft_kg.studies.engine import FullDiskError, run_plan
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import Plan, agent_config, make_plan
 from wordcraft_kg.studies.results import Figures, RunFigures, read_figures, write_figures
-from wordcraft_kg.studies.store import failure_of, own_results
+from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
 from wordcraft_kg.studies.tasks import Outcome, Task
 

@@ -15,12 +15,12 @@ from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.records import as_values, read_record
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.studies.collect import collect_study
 from wordcraft_kg.studies.engine import run_plan
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.results import RunResult, StudyResults, results_text
+from wordcraft_kg.studies.store import collect_study
 from wordcraft_kg.studies.study import Study, parse_study
 
 FILE = Path(__file__).parent / "data" / "kitchen.json"

@@ -163,9 +163,8 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
 
 def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults":
     from wordcraft_kg.base.records import read_record
-    from wordcraft_kg.studies.collect import collect_study
     from wordcraft_kg.studies.results import StudyResults
-    from wordcraft_kg.studies.store import studies_of
+    from wordcraft_kg.studies.store import collect_study, studies_of
 
     suffix = Path(study).suffix if study is not None else ""
     if suffix == ".toml":

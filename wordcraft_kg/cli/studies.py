@@ -107,9 +107,9 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
 
 def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
     from wordcraft_kg.base.artefacts import write_atomically
-    from wordcraft_kg.studies.collect import collect_study
     from wordcraft_kg.studies.report import write_study_report
     from wordcraft_kg.studies.results import results_text
+    from wordcraft_kg.studies.store import collect_study
     from wordcraft_kg.studies.tables import lines_of
     from wordcraft_kg.studies.view import view_study
 

@@ -15,12 +15,11 @@ from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.studies.cells import exchange_cells, keep_cell, read_cell
-from wordcraft_kg.studies.collect import collect_study
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
 from wordcraft_kg.studies.results import StudyResults, read_figures
-from wordcraft_kg.studies.store import forget_failure, note_failure, own_results, write_plan
+from wordcraft_kg.studies.store import collect_study, forget_failure, note_failure, own_results, write_plan
 from wordcraft_kg.studies.study import Study, check_study
 from wordcraft_kg.studies.tasks import Outcome, Task, Workers
 

@@ -37,7 +37,7 @@ def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agent
         for row in shown.table.rows[::7]:
             for seed in range(row.distractor_seeds):
                 state = Episode(run="guided", part=part, task=row.number, distractor_seed=seed)
-                episode = view_of(agents, state).episode
+                episode = view_of(agents, state)
                 assert (episode.goal, episode.start, episode.plans) == (row.goal, row.start, row.plans)
                 assert (episode.terminations[seed] == "goal") == (episode.first.episode.outcome == "goal")
             assert episode.terminations.count("goal") == row.won
@@ -78,11 +78,11 @@ def test_an_episode_is_what_the_agent_explains(agents: Explored, run: str):
     world = World(agents.opened, agent.config.tasks.environment("train"))
     explainer = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
     state = Episode(run=run, part="train", task=11, distractor_seed=2)
-    first = view_of(agents, state).episode.first
+    first = view_of(agents, state).first
     assert first == explainer.task(11, 2)
     labels = agents.opened.graph.labels(explainer.drawn(4)[:3])
     edited = Episode(run=run, part="train", task=4, goal="bread", table=labels)
-    assert view_of(agents, edited).episode.first == explainer.table("bread", labels, like=4)
+    assert view_of(agents, edited).first == explainer.table("bread", labels, like=4)
     page = look(agents, state).page
     for slot in (slot for step in first.episode.steps for slot in step.slots):
         assert f"<td>{slot.logit:.2f}</td><td>{100 * slot.probability:.1f} %</td>" in page
@@ -90,15 +90,15 @@ def test_an_episode_is_what_the_agent_explains(agents: Explored, run: str):
 
 def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
     shown = view_of(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp", "")))
-    guided, plain, mlp = shown.episode.agents
-    assert guided.explained.table == plain.explained.table == shown.episode.table
+    guided, plain, mlp = shown.agents
+    assert guided.explained.table == plain.explained.table == shown.table
     assert plain.explained.model == "no_scorer"
     assert (mlp.explained, "this mlp was made for" in mlp.problem) == (None, True)
     assert guided.folds == 3
     assert "not available: " in look(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp"))).text
     small = view_of(agents, Episode(task=5, distractors=2, other=("mlp",)))
-    assert small.episode.agents[1].explained.table == small.episode.table
-    assert small.episode.terminations == ()  # it was evaluated with eight
+    assert small.agents[1].explained.table == small.table
+    assert small.terminations == ()  # it was evaluated with eight
     with pytest.raises(ConfigError, match="this mlp was made for"):
         view_of(agents, Episode(run="mlp", distractors=8))
 
@@ -106,8 +106,8 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
 def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
     episode = PAGES["episode"]
     state = Episode(part="train", task=9, distractor_seed=1, other=("plain",))
-    shown, sent = view_of(agents, state).episode, look(agents, state).form("selection")
-    edited = view_of(agents, episode.read("", sent)).episode
+    shown, sent = view_of(agents, state), look(agents, state).form("selection")
+    edited = view_of(agents, episode.read("", sent))
     assert (edited.is_edited, edited.table) == (True, shown.table)
     for again, agent in zip(edited.agents, shown.agents, strict=True):
         assert again.explained.episode.steps == agent.explained.episode.steps
@@ -118,7 +118,7 @@ def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
     changed = [("table", line) for line in ("", *lines[1:-2], f"  {added} ", "")]
     rest = [(name, value) for name, value in sent if name not in ("table", "selection")]
     state = episode.read("", [*rest, *changed, ("selection", shown.table[1])])
-    edited = view_of(agents, state).episode
+    edited = view_of(agents, state)
     assert (edited.table, edited.selection) == ((*shown.table[1:], added), shown.table[1])
     assert len(edited.first.episode.steps) == 1
     text = look(agents, state).text
@@ -131,7 +131,7 @@ def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents: Explored
     assert len(look(agents, state).page.encode()) < LARGEST
     state = Episode(goal=state.goal, table=state.table, other=("plain",))
     view = view_of(agents, state)
-    assert len(view.episode.first.episode.steps[0].slots) == MOST_ON_TABLE
+    assert len(view.first.episode.steps[0].slots) == MOST_ON_TABLE
     shown = f"The {view.most_slots} slots with the highest logits; the table has {MOST_ON_TABLE}."
     assert shown in look(agents, state).text
 
@@ -147,13 +147,13 @@ def test_in_sample_scores_are_marked(agents: Explored, recipes_folder: Path):
             by_goal.setdefault(goal, {}).setdefault(fold, [a, b])
     goal, ways = next((goal, list(ways.values())) for goal, ways in by_goal.items() if len(ways) > 1)
     both = Episode(goal=graph.entities[goal], table=graph.labels(dict.fromkeys([*ways[0], *ways[1]])))
-    shown = view_of(agents, both).episode.first
+    shown = view_of(agents, both).first
     learned = {" + ".join(sorted(graph.labels(way))) for way in ways[:2]}
     assert learned <= {f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.in_sample}
     text = look(agents, both).text
     assert all(shown in text for shown in ("in-sample This model was trained on", *learned))
     one = Episode(goal=both.goal, table=graph.labels(dict.fromkeys(ways[0])))
-    assert view_of(agents, one).episode.first.in_sample == ()
+    assert view_of(agents, one).first.in_sample == ()
     text = look(agents, one).text
     assert ("in-sample This model" in text, "model trained without fold" in text) == (False, True)
 
@@ -180,12 +180,12 @@ def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents: Ex
     pages = [look(explored, Tasks()), look(explored, Runs())]
     for row in rows:
         state = Episode(task=row.number)
-        page, table = look(explored, state), view_of(explored, state).episode.table
+        page, table = look(explored, state), view_of(explored, state).table
         sent = page.form("selection")
         again = episode.read("", sent)
-        assert view_of(explored, again).episode.table == table
+        assert view_of(explored, again).table == table
         selection = [(name, table[0] if name == "selection" else value) for name, value in sent]
-        assert view_of(explored, episode.read("", selection)).episode.selection == table[0]
+        assert view_of(explored, episode.read("", selection)).selection == table[0]
         assert state_of(episode.address(again)) == ("episode", again)
         goal = view_of(explored, state_of(PAGES["tasks"].address(Tasks(goal=row.goal)))[1])
         assert [one.goal for one in goal.table.rows] == [row.goal]
@@ -203,7 +203,7 @@ def test_pages_fit_any_split(tmp_path: Path, kind: str, part: str):
     shown = view_of(explored, Tasks())
     assert (shown.table.part, shown.usual) == (part, part)
     assert shown.table.counts
-    assert view_of(explored, Episode()).episode.part == part
+    assert view_of(explored, Episode()).part == part
     rows = view_of(explored, Runs()).runs
     assert set(rows[0].success) == ({"train"} if kind == "none" else {"train", "test"})
     for name in ("tasks", "episode", "runs", "run"):
@@ -298,7 +298,7 @@ def test_a_run_that_ends_while_it_is_looked_at_is_shown_as_done(agents: Explored
     assert seen == [256, 1_024]
     assert (view.row.status, view.checkpoint, view.waits_for) == ("done", "final", "")
     assert view_of(explored, Tasks()).table.counts
-    assert view_of(explored, Episode()).episode.first.episode.steps
+    assert view_of(explored, Episode()).first.episode.steps
     assert not PAGES["run"].is_live(explored, Run())
 
 
@@ -314,7 +314,7 @@ def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(
         update(self)
         if self.update_number == 15:
             explored = Explored.open(kitchen_folder, [], [tmp_path / "run"])
-            seen.append(view_of(explored, Episode()).episode.agents[0])
+            seen.append(view_of(explored, Episode()).agents[0])
             seen.append(view_of(explored, Run()))
 
     monkeypatch.setattr(Impala, "update", look)

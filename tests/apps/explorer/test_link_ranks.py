@@ -6,7 +6,7 @@ from itertools import product
 import pytest
 
 from wordcraft_kg.apps.explorer.pages import predictions
-from wordcraft_kg.apps.explorer.pages.compare import ComparedQuery, view_compared_ranks
+from wordcraft_kg.apps.explorer.pages.compare import view_compared_ranks
 from wordcraft_kg.apps.explorer.pages.predictions import (
     RankedQuery,
     RankedTriples,
@@ -48,17 +48,17 @@ def everything(ranked: RankedTriples) -> list:
     return list(ranked_queries(ranked.graph, ranked.ranks))
 
 
-def link_of(query: RankedQuery | ComparedQuery) -> tuple[str, ...]:
+def link_of(query: RankedQuery) -> tuple[str, ...]:
     ends = (query.head, query.tail)
     return (query.relation, *(sorted(ends) if query.relation == "combinesWith" else ends))
 
 
-def key_of(query: RankedQuery | ComparedQuery) -> tuple[str, str, str, str]:
+def key_of(query: RankedQuery) -> tuple[str, str, str, str]:
     return query.head, query.relation, query.tail, query.side
 
 
-def gain(query: ComparedQuery) -> float:
-    return 1 / query.rank_one - 1 / query.rank_other
+def gain(queries: tuple[RankedQuery, RankedQuery]) -> float:
+    return 1 / queries[0].rank - 1 / queries[1].rank
 
 
 def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours: LinkPredictor, ranked: RankedTriples):
@@ -180,17 +180,15 @@ def test_two_models_are_compared_query_by_query(ranked: RankedTriples, by_kernel
     compared = [query for page in shown for query in page.queries]
     assert len(one) == len(other)
     assert len(compared) == len({link_of(query) for query in one.values()})
-    for query in compared:
-        first, second = one[key_of(query)], other[key_of(query)]
-        assert (query.rank_one, query.top_one) == (first.rank, first.top)
-        assert (query.rank_other, query.top_other) == (second.rank, second.top)
+    for queries in compared:
+        assert queries == (one[key_of(queries[0])], other[key_of(queries[0])])
     shown_gains = [abs(gain(query)) for query in compared]
     assert shown_gains == pytest.approx(sorted(shown_gains, reverse=True))
     gains = [1 / one[key].rank - 1 / other[key].rank for key in one]
     assert shown_gains[0] == max(map(abs, gains)) > 0.5
-    assert found.metrics_one.mrr - found.metrics_other.mrr == pytest.approx(sum(gains) / len(gains))
-    assert found.better_one == sum(gain > 0 for gain in gains) > 0
-    assert found.better_other == sum(gain < 0 for gain in gains) > 0
+    assert found.metrics[0].mrr - found.metrics[1].mrr == pytest.approx(sum(gains) / len(gains))
+    assert found.better[0] == sum(gain > 0 for gain in gains) > 0
+    assert found.better[1] == sum(gain < 0 for gain in gains) > 0
 
 
 def test_the_headline_of_a_comparison_is_that_of_compare_links(
@@ -198,7 +196,7 @@ def test_the_headline_of_a_comparison_is_that_of_compare_links(
 ):
     view = compare([Contender(one.name, [one.model]) for one in (neighbours, kernel)], resamples=10)
     found = view_compared_ranks(ranked, by_kernel, UNSEEN)
-    assert [found.metrics_one.mrr, found.metrics_other.mrr] == pytest.approx([model.mrr for model in view.models])
+    assert [found.metrics[0].mrr, found.metrics[1].mrr] == pytest.approx([model.mrr for model in view.models])
 
 
 @pytest.mark.parametrize(("better", "sign"), [("one", 1), ("other", -1)])
@@ -206,16 +204,16 @@ def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked, by_kernel, 
     found = view_compared_ranks(ranked, by_kernel, UNSEEN, better)  # type: ignore[arg-type]
     assert found.queries
     assert all(sign * gain(query) > 0 for query in found.queries)
-    assert len(found.queries) <= found.paging.total <= (found.better_one if sign > 0 else found.better_other)
-    assert found.metrics_one.queries == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics_one.queries
+    assert len(found.queries) <= found.paging.total <= (found.better[0] if sign > 0 else found.better[1])
+    assert found.metrics[0].queries == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics[0].queries
 
 
 def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(
     ranked: RankedTriples, all_seeing: LinkPredictor
 ):
     found = view_compared_ranks(ranked, rank_graph(all_seeing), RankFilter(part="test", known="all"))
-    assert found.learned == found.metrics_one.queries
-    assert any(query.learned_by_other and not query.learned_by_one for query in found.queries)
+    assert found.learned == found.metrics[0].queries
+    assert any(other.learned and not one.learned for one, other in found.queries)
     assert view_compared_ranks(ranked, rank_graph(all_seeing), UNSEEN).queries == ()
 
 

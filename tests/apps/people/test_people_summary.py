@@ -12,8 +12,7 @@ from tests.apps.people.stored import answered, other_world
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.apps.people.comparison import agent_successes, greedy_slots
-from wordcraft_kg.apps.people.protocol import HumanProtocol
-from wordcraft_kg.apps.people.sessions import Session
+from wordcraft_kg.apps.people.protocol import HumanProtocol, Session
 from wordcraft_kg.apps.people.summary import HumanSummary, view_people
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values

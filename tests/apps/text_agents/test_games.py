@@ -13,10 +13,16 @@ from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
 from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge
-from wordcraft_kg.apps.text_agents.playing import append_game, open_games
 from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask, PlayedWorld
 from wordcraft_kg.apps.text_agents.result_reader import read_games_result
-from wordcraft_kg.apps.text_agents.results import chosen_tasks, evaluation_of, record_of, result_of
+from wordcraft_kg.apps.text_agents.results import (
+    append_game,
+    chosen_tasks,
+    evaluation_of,
+    open_games,
+    record_of,
+    result_of,
+)
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig

@@ -1,17 +1,25 @@
-"""Content for all pages, and values that are computed once."""
+"""Content for all pages, values that are computed once, and the worlds in which agents act."""
 
 import os
 import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 from wordcraft_kg.agents.agent_folder import AGENTS
+from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
-from wordcraft_kg.base.errors import ConfigError, UnknownEntityError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.planner import Planner
+from wordcraft_kg.graphs.splits import TEST
+from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import run_folders, run_name
@@ -99,3 +107,58 @@ def _named(folders: Iterable[Path]) -> dict[str, Path]:
             name, above = f"{above.name}-{name}", above.parent
         named[name] = folder
     return named
+
+
+AskedPart = Literal["", "all", "train", "valid", "test"]
+"""A part of the tasks; by default test tasks, or train tasks without held-out recipes."""
+AskedDepth = Literal[0, 1, 2, 3, 4, 5]
+"""A depth of tasks; 0 is the agent's training depth."""
+
+
+def followed(explored: Explored, name: str = "") -> tuple[str, FollowedRun]:
+    """Return the name of an agent's run and a reader of its growing files; see :meth:`Explored.run`."""
+    name, folder = explored.run(name)
+    return name, explored.once(("followed run", name), lambda: FollowedRun(folder, explored.opened))
+
+
+def is_done(run: FollowedRun) -> bool:
+    """Return whether a training is complete and evaluated."""
+    try:
+        return run.records().run.status == "done"
+    except ArtefactError:
+        return False
+
+
+def tasks_of(run: FollowedRun | None) -> TaskConfig:
+    """Return a run's task settings; defaults without a readable run."""
+    with suppress(ArtefactError):
+        if run is not None:
+            return run.records().config.tasks
+    return TaskConfig()
+
+
+def settings_of(
+    explored: Explored, tasks: TaskConfig, part: AskedPart = "", depth: AskedDepth = 0, distractors: int | None = None
+) -> WordCraftConfig:
+    """Return the environment settings of an agent's training tasks, with another part, depth or distractors."""
+    if depth and depth != tasks.depth:
+        enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
+        tasks = replace(tasks, depth=depth, max_attempts=tasks.max_attempts if enough else None)
+    return tasks.environment(part or usual_part(explored), distractors)
+
+
+def plain_world(explored: Explored, config: WordCraftConfig) -> World:
+    """Return the tasks for environment settings, without distractors; no task is a TaskError."""
+    kept = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
+    plain = WordCraftConfig(num_distractors=0, **{name: getattr(config, name) for name in kept})
+    return explored.once(("world", plain), lambda: World(explored.opened, plain))
+
+
+def world_of(explored: Explored, config: WordCraftConfig) -> World:
+    """Return the tasks and rules for environment settings, made once."""
+    return explored.once(("world", config), lambda: World(plain_world(explored, config), config))
+
+
+def usual_part(explored: Explored) -> TaskPart:
+    """Return the task part shown by default: test, or train if the graph has no test recipes."""
+    return "test" if (explored.opened.split.parts == TEST).any() else "train"

@@ -181,13 +181,14 @@ class LinkPredictor:
         """Score all entities as head or tail (``side``) of a triple with the other entity and relation given."""
         size = self.graph.num_entities
         # Two dimensions, as in rankings: factors and embeddings use one matrix product.
-        everything, given = torch.arange(size)[None], torch.tensor([[entity]])
-        ids = (everything, relation, given) if side == "head" else (given, relation, everything)
+        everything, one = torch.arange(size)[None], torch.tensor([[entity]])
+        ids = (everything, relation, one) if side == "head" else (one, relation, everything)
         with torch.no_grad():
             scores = self.model.scorer.score(*ids)[0].cpu().numpy().astype(np.float64)
         part = np.full(size, NEW)
-        entities, parts = _true_answers(self.split, entity, relation, side)
-        np.minimum.at(part, entities, parts)
+        triples, (given, answer) = self.graph.triples, (2, 0) if side == "head" else (0, 2)
+        true = triples[(triples[:, 1] == relation) & (triples[:, given] == entity)]
+        part[true[:, answer]] = self.split.part_of(true)
         learned = np.zeros(size, dtype=bool)
         learned[self.evidence.ends(entity, relation, side)] = True
         return Slot(entity, relation, side, scores, part, learned)
@@ -239,18 +240,6 @@ class LinkPredictor:
                 probability=None if learned else chance,
                 reason=self.evidence.reason(head, relation, tail, witnesses) if witnesses else None,
             )
-
-
-def _true_answers(split: Split, entity: int, relation: int, side: Side) -> tuple[Ids, Ids]:
-    graph = split.graph
-    rows = graph.recipes_of(entity) if relation != COMBINES_WITH and side == "head" else graph.uses_of(entity)
-    a, b, result = graph.recipes[rows].T
-    parts = split.parts[rows].astype(np.int64)
-    if relation == COMBINES_WITH:
-        return np.where(a == entity, b, a), parts
-    if side == "tail":
-        return result, parts
-    return np.concatenate([a, b]), np.concatenate([parts, parts])
 
 
 def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> Ids:

@@ -8,8 +8,7 @@ import torch
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import ROWS
 from wordcraft_kg.agents.states import States, bind_tasks, has_train_recipes
-from wordcraft_kg.apps.people.protocol import HumanProtocol, PosedTask
-from wordcraft_kg.apps.people.sessions import Session, TableKey
+from wordcraft_kg.apps.people.protocol import HumanProtocol, PosedTask, Session, TableKey
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.base.tensors import as_tensor
 from wordcraft_kg.envs.world import World

@@ -22,8 +22,16 @@ from wordcraft_kg.apps.people.answers_database import (
     read_answers,
 )
 from wordcraft_kg.apps.people.config import MOST_TASKS, StudyConfig
-from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Header, HumanProtocol, PosedTask, schedule
-from wordcraft_kg.apps.people.sessions import Session, check_equal, check_number
+from wordcraft_kg.apps.people.protocol import (
+    HUMAN_PARTS,
+    Header,
+    HumanProtocol,
+    PosedTask,
+    Session,
+    check_equal,
+    check_number,
+    schedule,
+)
 from wordcraft_kg.base.artefacts import dump_json, read_small_file, what_is, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.base.records import Count, Hash, Record, as_values, parse_record

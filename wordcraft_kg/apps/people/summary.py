@@ -7,8 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Answer
-from wordcraft_kg.apps.people.sessions import Session, TableKey, check_alike
+from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Answer, Session, TableKey, check_alike
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval

@@ -7,9 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
-from wordcraft_kg.apps.text_agents.playing import append_game, open_games
 from wordcraft_kg.apps.text_agents.records import GamesHeader
-from wordcraft_kg.apps.text_agents.results import record_of
+from wordcraft_kg.apps.text_agents.results import append_game, open_games, record_of
 from wordcraft_kg.base.artefacts import check_file
 from wordcraft_kg.base.errors import ActionError, EpisodeError
 from wordcraft_kg.base.labels import read_label
@@ -129,7 +128,7 @@ class HostedGames:
 def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame], None]]:
     """Lock a games file (``--out``), and yield a function that appends a finished game to this file.
 
-    For errors see :func:`~wordcraft_kg.apps.text_agents.playing.open_games`.
+    For errors see :func:`~wordcraft_kg.apps.text_agents.results.open_games`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():

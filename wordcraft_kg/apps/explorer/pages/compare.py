@@ -10,6 +10,7 @@ from wordcraft_kg.apps.explorer.page import Page, Paging, paging
 from wordcraft_kg.apps.explorer.pages.predictions import (
     ROWS_A_PAGE,
     Queries,
+    RankedQuery,
     RankedTriples,
     RankFilter,
     RankSample,
@@ -21,10 +22,7 @@ from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.evaluation import link_comparison
-from wordcraft_kg.graphs.splits import Part
-from wordcraft_kg.graphs.triples import Relation
 from wordcraft_kg.models.scorers.ranking import RankingMetrics, ranking_metrics
-from wordcraft_kg.models.scorers.roles import Side
 
 Better = Literal["either", "one", "other"]
 
@@ -40,40 +38,22 @@ class Compare(Queries):
     better: Better = "either"
 
 
-class ComparedQuery(Record):
-    """A query with ranks and best candidates by two models."""
-
-    head: str
-    relation: Relation
-    tail: str
-    side: Side
-    known: Part
-    learned_by_one: bool
-    learned_by_other: bool
-    rank_one: float
-    rank_other: float
-    top_one: str
-    top_other: str
-
-
 class ComparedRanks(Record):
-    """Two models' ranks, by descending difference in reciprocal rank.
+    """Two models' ranks for the same queries, by descending difference in reciprocal rank.
 
-    Metrics and counts cover all filtered queries; ``learned`` counts triples that either model was trained on.
+    Metrics and counts cover all filtered queries: ``better`` those that each model ranks better, ``learned`` triples
+    that either model was trained on.
     """
 
-    one: str
-    other: str
+    models: tuple[str, str]
     chosen: RankFilter
-    better: Better
-    metrics_one: RankingMetrics
-    metrics_other: RankingMetrics
+    listed: Better
+    metrics: tuple[RankingMetrics, RankingMetrics]
+    better: tuple[Count, Count]
     learned: Count
-    better_one: Count
-    better_other: Count
     sample: RankSample
     paging: Paging
-    queries: tuple[ComparedQuery, ...]
+    queries: tuple[tuple[RankedQuery, RankedQuery], ...]
 
 
 class ModelsCompared(Record):
@@ -107,23 +87,15 @@ def view_compared_ranks(
     rows = ordered.index[shown.rows]
     pairs = zip(ranked_queries(one.graph, left.loc[rows]), ranked_queries(one.graph, right.loc[rows]), strict=True)
     return ComparedRanks(
-        one=one.name,
-        other=other.name,
+        models=(one.name, other.name),
         chosen=chosen,
-        better=better,
-        metrics_one=ranking_metrics(left),
-        metrics_other=ranking_metrics(right),
+        listed=better,
+        metrics=(ranking_metrics(left), ranking_metrics(right)),
+        better=(int((gain > 0).sum()), int((gain < 0).sum())),
         learned=int((left["learned"] | right["learned"]).sum()),
-        better_one=int((gain > 0).sum()),
-        better_other=int((gain < 0).sum()),
         sample=one.sample,
         paging=shown,
-        queries=tuple(
-            ComparedQuery(
-                a.head, a.relation, a.tail, a.side, a.known, a.learned, b.learned, a.rank, b.rank, a.top, b.top
-            )
-            for a, b in pairs
-        ),
+        queries=tuple(pairs),
     )
 
 

@@ -6,11 +6,19 @@ from operator import attrgetter
 from wordcraft_kg.agents.explanation import ExplainedTable
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
-from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.explored import (
+    AskedDepth,
+    AskedPart,
+    Explored,
+    followed,
+    is_done,
+    settings_of,
+    tasks_of,
+    world_of,
+)
 from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
 from wordcraft_kg.apps.explorer.pages.tasks import list_tasks
-from wordcraft_kg.apps.explorer.played import AskedDepth, AskedPart, followed, is_done, settings_of, tasks_of, world_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, WordCraftKGError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.settings import whole
@@ -67,8 +75,13 @@ class EpisodeView(Record):
     """A task, the entities on its table, and the actions by one or more agents there.
 
     ``terminations`` are from the first agent's evaluation, by distractor seed; empty if it did not play this task.
+    The page offers ``runs`` and ``distractor_seeds``, and lists at most ``most_slots`` for each action.
     """
 
+    runs: tuple[str, ...]
+    distractor_seeds: Count
+    trained_with: Count
+    most_slots: Count
     part: TaskPart
     depth: int
     distractors: Count
@@ -92,20 +105,7 @@ class EpisodeView(Record):
         return actions
 
 
-class ShownEpisode(Record):
-    """An episode with the page's options.
-
-    ``trained_with`` counts distractors in training; ``most_slots`` limits the listed slots per action.
-    """
-
-    runs: tuple[str, ...]
-    distractor_seeds: Count
-    trained_with: Count
-    most_slots: Count
-    episode: EpisodeView
-
-
-def _view(explored: Explored, state: Episode) -> ShownEpisode:
+def _view(explored: Explored, state: Episode) -> EpisodeView:
     first, run = followed(explored, state.run)
     tasks = tasks_of(run)
     distractors = None if state.distractors < 0 else state.distractors
@@ -120,14 +120,20 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
                 agents.append(_agent(name, other, _explained(other, world, state)))
             except (ArtefactError, ConfigError) as error:
                 agents.append(AgentAtTable(name, "", 0, None, str(error)))
-    episode = EpisodeView(
+    steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
+    terminations = _terminations(run, world, state.task)
+    return EpisodeView(
+        runs=tuple(explored.runs),
+        distractor_seeds=max(LISTED_SEEDS, len(terminations)),
+        trained_with=tasks.distractors,
+        most_slots=max(MOST_ROWS // steps, 4),
         part=world.config.part,
         depth=world.config.depth,
         distractors=world.config.num_distractors,
         task=state.task,
         tasks=len(world.tasks),
         distractor_seed=state.distractor_seed,
-        terminations=_terminations(run, world, state.task),
+        terminations=terminations,
         start=task.start,
         plans=task.plans,
         is_edited=state.is_edited,
@@ -136,9 +142,6 @@ def _view(explored: Explored, state: Episode) -> ShownEpisode:
         selection=explained.episode.steps[0].selection,
         agents=tuple(agents),
     )
-    steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
-    distractor_seeds, most_slots = max(LISTED_SEEDS, len(episode.terminations)), max(MOST_ROWS // steps, 4)
-    return ShownEpisode(tuple(explored.runs), distractor_seeds, tasks.distractors, most_slots, episode)
 
 
 def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable:

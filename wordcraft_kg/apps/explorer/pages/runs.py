@@ -11,9 +11,8 @@ from wordcraft_kg.agents.agent_folder import AgentRun
 from wordcraft_kg.agents.curves import EVALUATED
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
-from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.explored import Explored, followed, is_done
 from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.played import followed, is_done
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation.training_curves import (

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import PlayedTask
-from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
-from wordcraft_kg.apps.explorer.played import (
+from wordcraft_kg.apps.explorer.explored import (
     AskedDepth,
     AskedPart,
+    Explored,
     followed,
     is_done,
     plain_world,
@@ -21,6 +20,7 @@ from wordcraft_kg.apps.explorer.played import (
     tasks_of,
     usual_part,
 )
+from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
 from wordcraft_kg.base.errors import ArtefactError, UnknownEntityError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids

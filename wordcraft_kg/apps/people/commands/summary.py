@@ -10,7 +10,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output, aligned
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.sessions import Session, TableKey
+    from wordcraft_kg.apps.people.protocol import Session, TableKey
     from wordcraft_kg.apps.people.summary import AnswerRate, ExportedAnswers, HumanSummary
 
 GROUP = "Tasks and play"

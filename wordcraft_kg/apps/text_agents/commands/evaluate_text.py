@@ -53,7 +53,7 @@ def evaluate_text(
     """
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-    from wordcraft_kg.apps.text_agents.playing import play_all
+    from wordcraft_kg.apps.text_agents.results import play_all
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
     if name is not None and (not name.strip() or not name.isprintable() or len(name) > _LONGEST_NAME):

@@ -28,7 +28,6 @@ from wordcraft_kg.models.policies.sources.pairs import ComponentOf
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 _LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 _CONFUSIONS = 10
-"""Most confusions in an agent's list."""
 NEVER = "never"
 """Name of the crafting layer for goals that cannot be made."""
 _LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))

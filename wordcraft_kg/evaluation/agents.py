@@ -51,7 +51,6 @@ _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", 
 _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 DISTRACTORS = (1, 8)
-"""Distractor counts in each report, in addition to the training counts."""
 _SCRIPTED = ("random", NEAREST_WORDS, "recipe oracle")
 """Players that need no training, at the same tables as the agents."""
 
@@ -171,7 +170,6 @@ class AgentsSummary(Record):
 Groups = dict[str, list[OpenedAgent]]
 """Training runs by agent name; the runs of an agent differ only in the seed."""
 _Results = dict[int, list[Evaluation]]
-"""Evaluated runs by distractor count."""
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:

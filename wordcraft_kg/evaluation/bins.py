@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from wordcraft_kg.graphs.arrays import Ids
 
 OPEN_END = 10**9
-"""Upper bound for a bin that is open at the top."""
 Bounds = Sequence[tuple[int, int]]
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from wordcraft_kg.graphs.arrays import Ids
 
 NAMED = 3
-"""Entities in the name of a group."""
 
 
 @dataclass(frozen=True)

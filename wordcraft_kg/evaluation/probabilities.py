@@ -14,7 +14,6 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 
 _BINS = 8
-"""Most points in a curve."""
 _LEAST = 5.0
 """Least expected number of true triples per point, if possible."""
 

@@ -22,9 +22,7 @@ from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 _Key = tuple[int, int, int]
 _SUPPORT = 3
-"""Supporting recipes per recipe."""
 _LEAST_SHARE = 0.01
-"""Smallest share that shown evidence may have."""
 
 
 class ScoredRecipe(Record):

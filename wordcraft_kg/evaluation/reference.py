@@ -16,16 +16,13 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
 PACK = Path(__file__).parent / "references"
-"""Folder with the files of the reference pack."""
 FORMAT = "wordcraft-kg references 1"
 Kind = Literal["chance", "words", "knowledge graph", "scorer", "oracle", "agent", "people", "language model", "other"]
-"""Kind of a player."""
 Measure = Literal["success", "entities known", "new combinations"]
 """Share of solved tasks; entities known after n attempts; pairs with a new result in n attempts."""
 Origin = Literal["ours", "literature", "external"]
 """Measured by this package, taken from a publication, or given by the user."""
 Estimate = tuple[float, float | None, float | None]
-"""A value with its interval bounds."""
 TRAINED_WITH = "trained with"
 """Agent setting: distractor count in training."""
 _DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}

@@ -297,7 +297,6 @@ def _where(file: Path | None, line: int | None) -> str:
 
 
 _LISTED = 5
-"""Most entities in a note."""
 
 
 def note_of_words(model: ScoringModel) -> list[str]:

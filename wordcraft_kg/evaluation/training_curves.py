@@ -14,7 +14,6 @@ _CURVE_POINTS = 100
 """Approximate limit for points in a curve."""
 Figure = Literal["test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"]
 FIGURES: tuple[Figure, ...] = get_args(Figure)
-"""Logged training statistics, with a curve for each seed."""
 
 
 class CurvePoint(Record, array_like=True):

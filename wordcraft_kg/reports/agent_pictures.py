@@ -20,7 +20,6 @@ FIGURES: dict[Figure, str] = {
     "entropy": "entropy of the policy, nats",
     "grad_norm": "gradient norm",
 }
-"""Chart titles by logged training statistic."""
 
 
 def source_colours() -> dict[str, int]:
@@ -107,4 +106,3 @@ ACTIONS: dict[str, Any] = {
     "slot_rows": slot_rows,
     "main_support": main_support,
 }
-"""Values for the template ``actions.html.j2``."""

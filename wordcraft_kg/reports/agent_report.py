@@ -21,13 +21,11 @@ from wordcraft_kg.reports.agent_pictures import (
 from wordcraft_kg.reports.pages import Report
 
 _MIN_SEEDS = 5
-"""The page warns about seed noise below this seed count."""
 _SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
     "layer": ("By crafting layer", "crafting rounds to the goal"),
     "link_rank": ("By the rank of the recipe’s links", "rank of the worse part by the ingredient score (v)"),
 }
-"""Heading and x-axis for each picture."""
 
 
 def make_agent_report(

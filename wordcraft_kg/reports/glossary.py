@@ -205,7 +205,6 @@ GLOSSARY = {
     **{label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())},
     **{key: Term(topic, *term) for topic, terms in _TERMS.items() for key, term in terms.items()},
 }
-"""Terms by the key that templates use."""
 
 
 def find_term(key: str) -> Term:

@@ -31,7 +31,6 @@ PLAYERS = {
     NEAREST_WORDS: "the two entities nearest to the goal by GloVe, no graph",
     "recipe oracle": "recipe oracle",
 }
-"""Descriptions by player name, for players that choose by a link predictor's scores."""
 
 
 def make_link_report(

@@ -19,7 +19,6 @@ from wordcraft_kg.studies.tasks import Outcome, Task
 
 _Perform = Callable[[Task, Path], Outcome]
 ATTEMPTS = 2
-"""Attempts at a task whose process dies."""
 _PATIENCE = 60.0
 """Seconds for writing a checkpoint after Ctrl-C."""
 

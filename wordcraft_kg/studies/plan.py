@@ -40,11 +40,9 @@ A part of every address: raise the number when results change, so that earlier r
 some trainings and compares their results to the bit.
 """
 BOOK = "everyday"
-"""A study's default book."""
 _CURVE_POINTS = 20
 """Points in a learning curve; each takes about as long as 10,000 steps."""
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
-"""Settings of trained scorers by command."""
 _IN_STUDIES: dict[type, dict[str, Any]] = {RecipeScorerConfig: {"features": "glove"}}
 """Defaults that differ from the command's: the addresses of earlier results stand for them."""
 _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}

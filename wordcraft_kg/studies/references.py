@@ -39,7 +39,6 @@ _CHANCE = ("random", "random, distinct", "random-no-repeat")
 _ORACLES = ("recipe oracle", "greedy", "empowerment")
 _OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
 _KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Kinds in table order."""
 _ALONE = ("u+v, self edges dropped", "w, best pair")
 """A scorer's players in the table, see :func:`~wordcraft_kg.agents.players.scorer_players`."""
 

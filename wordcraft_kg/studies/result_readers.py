@@ -210,4 +210,3 @@ def _own_agents(
 
 AGENTS = ResultReader("a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents)
 READERS: Registry[ResultReader] = Registry("wordcraft_kg.result_readers", {"agents": AGENTS})
-"""Readers by name."""

@@ -150,7 +150,6 @@ def failure_of(root: Path, address: str) -> str | None:
 
 
 _KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_second")
-"""Figures that a run and its result share."""
 
 
 def collect_study(root: Path, name: str) -> StudyResults:

@@ -30,12 +30,10 @@ Drawing = Literal["curves", "bars", "scatter"]
 """The picture to draw: success by training step; each variant's final success; final success by the scorer's MRR."""
 
 Metric = Literal["success", "by-plan", "train", "mrr", "steps"]
-"""The result to print for each variant in the text output."""
 Expected = Literal["more", "less", "comparable", "varies"]
 Measure = Literal["success", "early", "steps", "same_twice"]
 
 BUILT_IN = files("wordcraft_kg.studies") / "builtin"
-"""Folder of the built-in studies."""
 OF_GRAPH = {
     "book": "book",
     "split": "kind",
@@ -45,7 +43,6 @@ OF_GRAPH = {
 }
 """Graph settings by option: ``book``, and :class:`SplitConfig` fields."""
 OF_AGENT = {field.name: kind for kind in (TaskConfig, PolicyConfig, ImpalaConfig) for field in fields(kind)}
-"""Agent settings by their class."""
 SCORER = "scorer"
 """The setting that names a scorer in the study; ``scorer.epochs`` is a setting for that scorer."""
 _PLAIN_SCORERS = ("facts", "neighbours", "kernel")
@@ -57,7 +54,6 @@ SCORER_SETTINGS: dict[str, frozenset[str]] = {
         for command, kind in {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}.items()
     },
 }
-"""Settings for each kind of scorer."""
 NO_SETTINGS = ("seed", "checkpoint_every")
 """Options that are set by the study or change no figure."""
 

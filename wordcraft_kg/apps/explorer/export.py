@@ -24,7 +24,6 @@ from wordcraft_kg.runs.record import RUN_FILE
 
 SITE_FILE = "site.json"
 LONGEST_NAME = 60
-"""Letters of a file's name from a label."""
 
 
 class ExportedSite(Record):

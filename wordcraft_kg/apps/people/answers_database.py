@@ -43,7 +43,6 @@ FROM sessions AS s LEFT JOIN (SELECT session, COUNT(*) AS answered FROM answers 
 ON a.session = s.number WHERE s.code NOT LIKE 'withdrawn %' GROUP BY s.form, s.distractors
 """
 BUSY = 10
-"""Seconds to wait for a reader."""
 _LOG = logging.getLogger(__name__)
 
 

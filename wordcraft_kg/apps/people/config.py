@@ -8,7 +8,6 @@ from wordcraft_kg.base.settings import whole
 TASKS_PER_PART = 40
 """The number in the paper."""
 MOST_TASKS = 1_000
-"""Maximum tasks per part."""
 MOST_FORMS = 1_000
 MOST_CONDITIONS = 10
 LONGEST_CONSENT = 20_000
@@ -25,7 +24,6 @@ identifies you. The answers may be published for research.
 
 You will receive a code. With this code you can continue later or withdraw from the study. If you withdraw, all your \
 answers are removed. Do not share the code: anyone who has it can continue your session."""
-"""Default consent text."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,6 @@ except ModuleNotFoundError:
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _PLAYED = "wordcraft_kg_played"
-"""Key of a game's record in a sample's store."""
 _RULES = ("knowledge", "scorer", "look_ups", "max_invalid")
 
 

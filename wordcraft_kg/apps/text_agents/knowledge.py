@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 _MOST_FACTS = 40
 """Most recipes in a reply; some entities have hundreds."""
 _MOST_LINKS = 10
-"""Most entities per relation in a reply."""
 
 
 class Knowledge(ABC):

@@ -32,7 +32,6 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
 
 _LONGEST = 200
-"""Most characters in a label or in the id of a game."""
 PATH = "/mcp"
 _TOOLS = {
     "begin": "Start a game. Returns the game id, the rules and the current state. Tasks are numbered 0 to {last}; "

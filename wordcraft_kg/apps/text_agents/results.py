@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
 
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
-"""Fields in the record of a game that are summed over games."""
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
@@ -154,7 +153,6 @@ def read_result(folder: Path) -> TextResult:
 
 _HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
 _Speaker = Callable[[Conversation], Callable[[str], str]]
-"""A player: maps a conversation to the function that answers its prompts."""
 
 
 def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResult:

@@ -21,7 +21,6 @@ LOOK_UPS = 10
 TIMEOUT = 60.0
 """Seconds."""
 ATTEMPTS = 100
-"""Attempts per open-ended game."""
 
 
 def _labels(kind: Any, tokens: Sequence[Any]) -> list[str]:

@@ -34,7 +34,6 @@ LONGEST_WAIT = 60.0
 """Seconds until the body of a request must be complete."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 ErrorPage = Callable[[int, str], str]
-"""Renders an error page from a status and a message."""
 
 
 class Guard:

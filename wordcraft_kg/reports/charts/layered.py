@@ -9,13 +9,10 @@ from markupsafe import Markup
 from wordcraft_kg.reports.charts.scales import shortened, spread
 
 LETTER, SMALL_LETTER = 5.9, 5.2
-"""Mean letter widths in a box and under a box."""
 _LONGEST = 16
 """Most letters for a label in a box; a shortened label's tooltip is complete."""
 _LONGEST_PART = 11
-"""Most letters for a label under a box."""
 _BOX, _GAP, _BETWEEN = 22, 46, 20
-"""Box height, distance between boxes in a layer, and distance between layers."""
 _NARROWEST = 50
 MARGIN = 8
 _SWEEPS = 24

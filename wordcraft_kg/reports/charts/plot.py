@@ -15,7 +15,6 @@ from wordcraft_kg.reports.charts.scales import Estimate, estimate, shortened, sp
 
 OKABE_ITO = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 LIGHT = (*OKABE_ITO, "#1b1f24", "#7f3c00")
-"""Colours on a white page."""
 DARK = ("#4d9aff", *OKABE_ITO[1:], "#e6edf3", "#f0e442")
 """Colours on a dark page, where the blue of Okabe and Ito would be too dark for lines."""
 COLOURS = len(LIGHT)
@@ -29,14 +28,12 @@ _LONGEST_NAME = 32
 ABOVE = 28
 """Margin above the axes, for a title or a legend."""
 _HOVER_POINTS = 60
-"""Most points with a tooltip per curve."""
 _CORNERS = (
     (),
     ((-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)),
     ((0, -4.2), (4, 3), (-4, 3)),
     ((0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)),
 )
-"""Marker shapes: circle, square, triangle and diamond."""
 
 CurvePoint = tuple[float, float, float | None, float | None]
 """x, y, and interval bounds for y, or None for both bounds."""

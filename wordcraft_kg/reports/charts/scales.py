@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 
 Estimate = tuple[float, float | None, float | None]
-"""A value with its interval bounds, or None for both bounds."""
 
 
 def round_ticks(low: float, high: float, most: int = 5) -> list[float]:

@@ -24,9 +24,7 @@ from wordcraft_kg.reports.charts.scales import Estimate, Labels, amounts, estima
 
 _DASHES = 4
 _ROW = 26
-"""Row height in :func:`intervals`."""
 _FIFTHS = [i / 5 for i in range(6)]
-"""Axis ticks for shares from 0 to 1."""
 
 
 def curves(

@@ -11,7 +11,6 @@ from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 
 _INK = {"ink": "#1b1f24", "soft": "#59636e", "line": "#d1d9e0", "other": "#8c959f", "page": "#ffffff"}
-"""Style sheet colours on a white page."""
 _FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 _PANEL, MARGIN, HEAD, _CAPTION = 460, 16, 40, 22
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')

@@ -45,4 +45,3 @@ def pages_by_name(points: Iterable[EntryPoint]) -> dict[str, Page[Any]]:
 
 
 PAGES = pages_by_name(entry_points(group=GROUP))
-"""In the order of the menu."""

@@ -18,9 +18,7 @@ from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
 from wordcraft_kg.models.scorers.roles import Side
 
 NEAREST = 8
-"""Listed similar entities."""
 PREDICTED = 10
-"""Listed entities of an open slot."""
 LISTED = 12
 """Recipes of either kind on an entity's page."""
 RECIPES_A_PAGE = 100

@@ -11,7 +11,6 @@ from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.planner import layers
 
 EXAMPLES = 12
-"""Entities in each list of examples."""
 
 
 class Home(State):

@@ -26,7 +26,6 @@ PLACED = 1_000
 GUESTS = 60
 """Maximum number of guests: a chosen entity and neighbours without a place."""
 LISTED = 60
-"""Maximum number of listed links of a kind."""
 DRAWN = 200
 """Maximum number of drawn links of a kind: more are indistinguishable."""
 ALL_LINKS = 15_000
@@ -38,13 +37,11 @@ PULL = 6.0
 ROUNDS = 100
 """Rounds of the layout; the picture hardly changes afterwards."""
 SIDE, EDGE, RIGHT = 50, 40, 190
-"""Margins: left, above and below, right."""
 LONGEST = 24
 """Letters of a shown label; the tooltip has a longer one."""
 LETTER, LINE = 11.0, 22
 """Letter width and line height, in map units at page width."""
 SIZES = (5, 15, 40, 100)
-"""Use counts for larger dots."""
 SHADES = 4
 """Layer colours, in addition to the base colour."""
 

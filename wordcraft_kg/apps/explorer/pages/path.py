@@ -24,7 +24,6 @@ DRAWN = 60
 """Maximum number of drawn steps: the last ones."""
 EXAMPLES = 4
 LISTED = 20
-"""Maximum number of listed recipes and missing entities."""
 
 
 class Path(State):

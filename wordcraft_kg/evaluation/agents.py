@@ -7,42 +7,17 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
+from wordcraft_kg.agents import players
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.outcomes import TerminationReason
-from wordcraft_kg.agents.players import (
-    NEAREST_WORDS,
-    Player,
-    nearest_words,
-    random_entity,
-    recipe_oracle,
-    scorer_alone,
-)
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agent_figures import (
-    AgentSuccess,
-    Confusion,
-    Slice,
-    SliceSuccess,
-    confusions_of,
-    outcomes_of,
-    slices_of,
-    success_of,
-)
+from wordcraft_kg.evaluation import agent_figures, training_curves
 from wordcraft_kg.evaluation.reference import ReferenceRow, pack_of, play_of
-from wordcraft_kg.evaluation.training_curves import (
-    CurvePoint,
-    Figure,
-    LambdaCurve,
-    SeedCurve,
-    lambda_curves,
-    success_curves,
-    training_figures,
-)
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -51,7 +26,7 @@ _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", 
 _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 DISTRACTORS = (1, 8)
-_SCRIPTED = ("random", NEAREST_WORDS, "recipe oracle")
+_SCRIPTED = ("random", players.NEAREST_WORDS, "recipe oracle")
 """Players that need no training, at the same tables as the agents."""
 
 
@@ -94,13 +69,13 @@ class AgentEntry(Record):
     steps: tuple[int, ...]
     seconds: tuple[float | None, ...]
     steps_per_second: tuple[float | None, ...]
-    success: dict[str, AgentSuccess]
+    success: dict[str, agent_figures.AgentSuccess]
     outcomes: dict[str, dict[TerminationReason, Share]]
-    confusions: tuple[Confusion, ...]
-    slices: dict[Slice, tuple[SliceSuccess, ...]]
-    curves: dict[str, tuple[CurvePoint, ...]]
-    lambdas: tuple[LambdaCurve, ...]
-    training: dict[Figure, tuple[SeedCurve, ...]]
+    confusions: tuple[agent_figures.Confusion, ...]
+    slices: dict[agent_figures.Slice, tuple[agent_figures.SliceSuccess, ...]]
+    curves: dict[str, tuple[training_curves.CurvePoint, ...]]
+    lambdas: tuple[training_curves.LambdaCurve, ...]
+    training: dict[training_curves.Figure, tuple[training_curves.SeedCurve, ...]]
     provenance: dict[str, dict[str, str]]
 
 
@@ -154,7 +129,7 @@ class AgentSummary(Record):
 
     runs: tuple[str, ...]
     seeds: tuple[int, ...]
-    success: dict[str, AgentSuccess]
+    success: dict[str, agent_figures.AgentSuccess]
 
 
 class AgentsSummary(Record):
@@ -258,16 +233,19 @@ def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
 
 def _baselines(groups: Groups, evaluators: dict[int, Evaluator]) -> Iterator[BaselineSuccess]:
     first = next(iter(groups.values()))[0]
-    players: dict[str, Player] = {"random": random_entity, NEAREST_WORDS: nearest_words(first.opened.graph)}
+    scripted: dict[str, players.Player] = {
+        "random": players.random_entity,
+        players.NEAREST_WORDS: players.nearest_words(first.opened.graph),
+    }
     seen = set()
     for name, (agent, *_) in groups.items():
         policy = agent.config.policy
         key = (agent.run.inputs.get("scorer"), policy.use, policy.scale, policy.self_edges)
         if agent.policy.sources and key not in seen:
             seen.add(key)
-            alone = scorer_alone(agent.policy.sources)
-            players |= {f"scorer of {name} alone, {sources}": player for sources, player in alone.items()}
-    for name, player in {**players, "recipe oracle": recipe_oracle}.items():
+            alone = players.scorer_alone(agent.policy.sources)
+            scripted |= {f"scorer of {name} alone, {sources}": player for sources, player in alone.items()}
+    for name, player in {**scripted, "recipe oracle": players.recipe_oracle}.items():
         played = {str(amount): play(player) for amount, play in evaluators.items()}
         success, by_plan = (
             {amount: float(getattr(result, share).mean()) for amount, result in played.items()}
@@ -339,13 +317,15 @@ def _entry(name: str, members: list[OpenedAgent], world: World, results: _Result
         steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
         seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),
         steps_per_second=tuple(agent.evaluation.steps_per_second if agent.evaluation else None for agent in members),
-        success={str(amount): success_of(runs, reference.get(amount)) for amount, runs in results.items()},
-        outcomes={str(amount): outcomes_of(runs) for amount, runs in results.items()},
-        confusions=confusions_of(world, headline),
-        slices=slices_of(members[0], world.tasks, headline),
-        curves=success_curves(members),
-        lambdas=tuple(lambda_curves(members)),
-        training=training_figures(members),
+        success={
+            str(amount): agent_figures.success_of(runs, reference.get(amount)) for amount, runs in results.items()
+        },
+        outcomes={str(amount): agent_figures.outcomes_of(runs) for amount, runs in results.items()},
+        confusions=agent_figures.confusions_of(world, headline),
+        slices=agent_figures.slices_of(members[0], world.tasks, headline),
+        curves=training_curves.success_curves(members),
+        lambdas=tuple(training_curves.lambda_curves(members)),
+        training=training_curves.training_figures(members),
         provenance={agent.name: agent.provenance for agent in members},
     )
 

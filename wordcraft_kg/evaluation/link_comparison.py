@@ -14,20 +14,13 @@ from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.model import Model
+from wordcraft_kg.models.scorers import ranking
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
-from wordcraft_kg.models.scorers.ranking import (
-    MIN_TRIPLES,
-    RankingMetrics,
-    rank_triples,
-    ranking_metrics,
-    recipe_clusters,
-    sampled,
-)
 
 Bounds = tuple[float, float]
 
 
-class ComparedModel(RankingMetrics, kw_only=True):
+class ComparedModel(ranking.RankingMetrics, kw_only=True):
     """A model's metrics on the shared queries, averaged over seeds.
 
     Attributes:
@@ -94,13 +87,13 @@ def compare(contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed
         _check_alike(contenders[0].runs[0], contender)
     graph, split = contenders[0].runs[0].opened.graph, contenders[0].runs[0].opened.split
     everything = split.held_out("test")
-    queries = sampled(everything, MAX_QUERIES // 2, seed)
-    if len(queries) < MIN_TRIPLES:
+    queries = ranking.sampled(everything, MAX_QUERIES // 2, seed)
+    if len(queries) < ranking.MIN_TRIPLES:
         raise SplitError(
-            f"only {len(queries)} unseen test triples to compare on; {MIN_TRIPLES} are needed. Build the graph with a "
-            "split and a smaller `train_ratio`, such as 0.7."
+            f"only {len(queries)} unseen test triples to compare on; {ranking.MIN_TRIPLES} are needed. Build the graph "
+            "with a split and a smaller `train_ratio`, such as 0.7."
         )
-    clusters = np.tile(recipe_clusters(graph, split.is_in("test"), queries), 2)
+    clusters = np.tile(ranking.recipe_clusters(graph, split.is_in("test"), queries), 2)
     pairs = len(contenders) * (len(contenders) - 1) // 2
     confidence = 1 - 0.05 / pairs
 
@@ -164,8 +157,8 @@ def _check_alike(reference: Model, contender: Contender) -> None:
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
     known = contender.runs[0].opened.graph.triples
-    ranks = [rank_triples(run.scorer, queries, known) for run in contender.runs]
-    metrics = [ranking_metrics(frame) for frame in ranks]
+    ranks = [ranking.rank_triples(run.scorer, queries, known) for run in contender.runs]
+    metrics = [ranking.ranking_metrics(frame) for frame in ranks]
     averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
     means: dict[str, Any] = {
         name: float(np.mean([getattr(seed_metrics, name) for seed_metrics in metrics])) for name in averaged

@@ -7,15 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.players import (
-    NEAREST_WORDS,
-    PlayerSuccess,
-    nearest_words,
-    play_all,
-    random_entity,
-    recipe_oracle,
-    scorer_players,
-)
+from wordcraft_kg.agents import players
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval
@@ -183,16 +175,16 @@ def self_edges_of(links: RankedLinks) -> SelfEdges:
     )
 
 
-def play_by_scores(links: RankedLinks, seed: int) -> tuple[PlayerSuccess, ...]:
+def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess, ...]:
     """Evaluate players that choose by the scores alone, on test tasks of one recipe, with 1 and 8 distractors."""
     try:
-        players = {
-            **scorer_players(links.graph, links.scorer, links.trained_on),
-            "random": random_entity,
-            NEAREST_WORDS: nearest_words(links.graph),
-            "recipe oracle": recipe_oracle,
+        playing = {
+            **players.scorer_players(links.graph, links.scorer, links.trained_on),
+            "random": players.random_entity,
+            players.NEAREST_WORDS: players.nearest_words(links.graph),
+            "recipe oracle": players.recipe_oracle,
         }
-        return play_all(World(links.opened, WordCraftConfig(part="test")), players, (1, 8), seed=seed)
+        return players.play_all(World(links.opened, WordCraftConfig(part="test")), playing, (1, 8), seed=seed)
     except WordCraftKGError:
         # Without test tasks, with too few entities for distractors, or with a scorer that fails the checks.
         return ()

@@ -10,20 +10,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.players import PlayerSuccess
 from wordcraft_kg.base.records import Count, Hash, Record, Share
-from wordcraft_kg.evaluation.link_sections import (
-    NO_NEAR_SYNONYM,
-    Comparison,
-    DrillDown,
-    RankedTriple,
-    ScoredPair,
-    SelfEdges,
-    comparisons_of,
-    drill_down_of,
-    listed_triples,
-    perhaps_missing_of,
-    play_by_scores,
-    self_edges_of,
-)
+from wordcraft_kg.evaluation import link_sections
 from wordcraft_kg.evaluation.probabilities import Reliability, view_probabilities
 from wordcraft_kg.evaluation.ranked_links import RankedLinks
 from wordcraft_kg.graphs.audit import Leakage, SplitSummary, leakage, split_summary
@@ -131,14 +118,14 @@ class LinkView(Record):
     probabilities: tuple[Reliability, ...]
     with_leaked: RankingMetrics
     baselines: dict[str, _Slices]
-    comparisons: Annotated[tuple[Comparison, ...], msgspec.Meta(min_length=1)]
+    comparisons: Annotated[tuple[link_sections.Comparison, ...], msgspec.Meta(min_length=1)]
     near_synonym_cosine: float
-    drill_down: DrillDown
+    drill_down: link_sections.DrillDown
     calibration: Calibration
-    best: tuple[RankedTriple, ...]
-    worst: tuple[RankedTriple, ...]
-    perhaps_missing: tuple[ScoredPair, ...]
-    self_edges: SelfEdges | None
+    best: tuple[link_sections.RankedTriple, ...]
+    worst: tuple[link_sections.RankedTriple, ...]
+    perhaps_missing: tuple[link_sections.ScoredPair, ...]
+    self_edges: link_sections.SelfEdges | None
     kg_play: tuple[PlayerSuccess, ...]
     trace: tuple[TraceRow, ...]
     provenance: dict[str, str]
@@ -163,7 +150,7 @@ class LinkSummary(Record):
     mrr_without_near_synonyms: Share | None
     has_seen_the_test_recipes: bool
     baselines: dict[str, dict[str, Share | None]]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[link_sections.Comparison, ...]
     checks_passed: bool
     report: str
 
@@ -202,15 +189,15 @@ def view_links(
         probabilities=_probabilities(links),
         with_leaked=_with_leaked(links),
         baselines={**baselines, "random": _by_slice(ranks, lambda part, _: random_metrics(part))},
-        comparisons=comparisons_of(links, seed),
+        comparisons=link_sections.comparisons_of(links, seed),
         near_synonym_cosine=NEAR_SYNONYM,
-        drill_down=drill_down_of(links, seed),
+        drill_down=link_sections.drill_down_of(links, seed),
         calibration=calibration(ranks),
-        best=listed_triples(links, ascending=True),
-        worst=listed_triples(links, ascending=False),
-        perhaps_missing=perhaps_missing_of(links) if links.has_table else (),
-        self_edges=self_edges_of(links) if links.has_table else None,
-        kg_play=play_by_scores(links, seed) if links.has_table else (),
+        best=link_sections.listed_triples(links, ascending=True),
+        worst=link_sections.listed_triples(links, ascending=False),
+        perhaps_missing=link_sections.perhaps_missing_of(links) if links.has_table else (),
+        self_edges=link_sections.self_edges_of(links) if links.has_table else None,
+        kg_play=link_sections.play_by_scores(links, seed) if links.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),
     )
@@ -224,7 +211,7 @@ def summarise_links(view: LinkView, report: str) -> LinkSummary:
         figure: {name: getattr(row, figure) for name, row in metrics.items()}
         for figure in ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mrr_ci")
     }
-    others = [row.mrr for row in view.drill_down.near_synonyms if row.slice == NO_NEAR_SYNONYM]
+    others = [row.mrr for row in view.drill_down.near_synonyms if row.slice == link_sections.NO_NEAR_SYNONYM]
     return LinkSummary(
         **by_slice,
         queries=view.queries,

@@ -10,14 +10,7 @@ from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.evaluation.agent_figures import NEVER, Slice
 from wordcraft_kg.evaluation.agents import AgentsView, Groups, view_agents
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.reports import charts
-from wordcraft_kg.reports.agent_pictures import (
-    ACTIONS,
-    picture_of_lambdas,
-    picture_of_success,
-    pictures_of_figures,
-    source_colours,
-)
+from wordcraft_kg.reports import agent_pictures, charts
 from wordcraft_kg.reports.pages import Report
 
 _MIN_SEEDS = 5
@@ -43,14 +36,16 @@ def make_agent_report(
         "agent_report.html.j2",
         {
             "success": _success(view),
-            "curves": picture_of_success({agent.name: agent.curves for agent in view.agents}),
-            "training": pictures_of_figures({agent.name: agent.training for agent in view.agents}),
+            "curves": agent_pictures.picture_of_success({agent.name: agent.curves for agent in view.agents}),
+            "training": agent_pictures.pictures_of_figures({agent.name: agent.training for agent in view.agents}),
             "lambdas": {
-                agent.name: picture_of_lambdas(agent.name, agent.lambdas) for agent in view.agents if agent.lambdas
+                agent.name: agent_pictures.picture_of_lambdas(agent.name, agent.lambdas)
+                for agent in view.agents
+                if agent.lambdas
             },
             "slices": _pictures_of_slices(view),
         },
-        shown={"min_seeds": _MIN_SEEDS, "colours": source_colours(), "actions": ACTIONS},
+        shown={"min_seeds": _MIN_SEEDS, "colours": agent_pictures.source_colours(), "actions": agent_pictures.ACTIONS},
     )
 
 

@@ -15,15 +15,7 @@ from wordcraft_kg.apps.explorer.explored import Explored, followed, is_done
 from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.evaluation.training_curves import (
-    CurvePoint,
-    Figure,
-    LambdaCurve,
-    SeedCurve,
-    lambda_curves,
-    success_curves,
-    training_figures,
-)
+from wordcraft_kg.evaluation import training_curves
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import ALPHA, source_names
@@ -104,9 +96,9 @@ class RunView(Record):
     steps_per_second: float | None = None
     outcomes: dict[TaskPart, dict[TerminationReason, Share]] = msgspec.field(default_factory=dict)
     settings: dict[str, str] = msgspec.field(default_factory=dict)
-    curves: dict[str, tuple[CurvePoint, ...]] = msgspec.field(default_factory=dict)
-    lambdas: tuple[LambdaCurve, ...] = ()
-    training: dict[Figure, tuple[SeedCurve, ...]] = msgspec.field(default_factory=dict)
+    curves: dict[str, tuple[training_curves.CurvePoint, ...]] = msgspec.field(default_factory=dict)
+    lambdas: tuple[training_curves.LambdaCurve, ...] = ()
+    training: dict[training_curves.Figure, tuple[training_curves.SeedCurve, ...]] = msgspec.field(default_factory=dict)
     provenance: dict[str, str] = msgspec.field(default_factory=dict)
 
 
@@ -139,9 +131,9 @@ def _view_run(explored: Explored, state: Run) -> RunView:
         steps_per_second=summary.steps_per_second if summary else speed,
         outcomes=summary.outcomes if summary else {},
         settings={setting: _shown(setting, value) for setting, value in records.config.differing().items()},
-        curves=success_curves([records]),
-        lambdas=tuple(lambda_curves([records])),
-        training=training_figures([records]),
+        curves=training_curves.success_curves([records]),
+        lambdas=tuple(training_curves.lambda_curves([records])),
+        training=training_curves.training_figures([records]),
         provenance=records.provenance,
     )
 

@@ -70,17 +70,13 @@ class Confusion(Record):
     episodes: Count
 
 
-def _means(results: Sequence[Evaluation]) -> list[float]:
-    return [float(result.success.mean()) for result in results]
-
-
 def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
     return np.concatenate([result.success for result in results], axis=1)
 
 
 def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | None) -> AgentSuccess:
     """Return the success rate over an agent's evaluated runs, compared with a reference agent's runs if given."""
-    means = _means(results)
+    means = [float(result.success.mean()) for result in results]
     success = AgentSuccess(
         mean=float(np.mean(means)),
         seed_ci=student_interval(means),

@@ -283,17 +283,17 @@ def with_new_words(
                 lines.setdefault(label, query.line)
     if not lines:
         return model
+
+    def where(label: str) -> str:
+        return "" if file is None else f"{file}, line {lines[label]}: "
+
     try:
-        scorer = with_words(folder, model.scorer, tuple(lines), where=lambda label: _where(file, lines[label]))
+        scorer = with_words(folder, model.scorer, tuple(lines), where=where)
     except UnknownEntityError as error:
         if file is None:
             raise
         raise QueryFileError(str(error)) from None
     return replace(model, scorer=scorer, by_words=tuple(lines))
-
-
-def _where(file: Path | None, line: int | None) -> str:
-    return "" if file is None else f"{file}, line {line}: "
 
 
 _LISTED = 5

@@ -69,13 +69,7 @@ def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
     """Yield a caption and a chart for each grid point; a "scatter" study has a single chart for all scorer settings."""
     if view.drawing == "scatter" and view.scatters:
         for title in dict.fromkeys(title_of(scatter.values) for scatter in view.scatters):
-            yield (
-                title,
-                _scatter(
-                    view,
-                    [scatter for scatter in view.scatters if title_of(scatter.values) == title],
-                ),
-            )
+            yield title, _scatter(view, [one for one in view.scatters if title_of(one.values) == title])
         return
     for point in view.points:
         is_curve = view.drawing == "curves" and any(len(entry.curve) > 1 for entry in point.variants)

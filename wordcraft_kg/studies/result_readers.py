@@ -79,15 +79,15 @@ def external_rows(
             expected = ", ".join(reader.expected for reader in readers)
             raise ConfigError(f"--external-results: '{path}' {what_is(path)}; expected {expected}.")
         of[known].append(path)
-    return tuple(row for reader, own in of.items() if own for row in _rows(reader, own, opened, play, columns))
-
-
-def _rows(
-    reader: ResultReader, paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]
-) -> Sequence[ReferenceRow]:
-    if isinstance(play, TaskPlay):
-        return reader.task_rows(paths, opened, play, columns)
-    return reader.open_rows(paths, opened, play) if reader.open_rows else ()
+    rows: list[ReferenceRow] = []
+    for reader, own in of.items():
+        if not own:
+            continue
+        if isinstance(play, TaskPlay):
+            rows += reader.task_rows(own, opened, play, columns)
+        elif reader.open_rows:
+            rows += reader.open_rows(own, opened, play)
+    return tuple(rows)
 
 
 def begins_with(path: Path, form: str) -> bool:
@@ -208,5 +208,9 @@ def _own_agents(
     return agent_rows(group_agents(agents), opened, play, columns, "external")
 
 
-AGENTS = ResultReader("a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents)
+AGENTS = ResultReader(
+    "a run folder of 'train-agent' or a folder of its seeds",
+    _is_run,
+    _own_agents,
+)
 READERS: Registry[ResultReader] = Registry("wordcraft_kg.result_readers", {"agents": AGENTS})

@@ -94,18 +94,10 @@ def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigu
     return settings.get("in_sample") is True
 
 
-def _scatter_point(point: PointFigures, entry: VariantFigures) -> ScatterPoint:
-    assert entry.mrr is not None
-    assert entry.mrr_range is not None
-    return ScatterPoint(
-        label=_label(point, entry.variant),
-        variant=entry.variant,
-        mrr=entry.mrr,
-        mrr_range=entry.mrr_range,
-        success=entry.mean,
-        interval=entry.interval,
-        reached=entry.reached,
-    )
+def _scatter_point(point: PointFigures, at: VariantFigures) -> ScatterPoint:
+    assert at.mrr is not None
+    assert at.mrr_range is not None
+    return ScatterPoint(_label(point, at.variant), at.variant, at.mrr, at.mrr_range, at.mean, at.interval, at.reached)
 
 
 def _correlation(x: Sequence[float], y: Sequence[float], kind: Literal["pearson", "spearman"]) -> Correlation | None:

@@ -66,10 +66,6 @@ def _mrr(at: VariantFigures) -> str:
     return f"{at.mrr:.3f}" + (f" ({low:.3f}–{high:.3f})" if f"{low:.3f}" != f"{high:.3f}" else "")
 
 
-def _difference(at: VariantFigures) -> str:
-    return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f") if at.comparison else ""
-
-
 def _reached(at: VariantFigures) -> str:
     if not at.curve:
         return ""
@@ -86,7 +82,10 @@ _COLUMNS: tuple[_Column, ...] = (
     ("seeds", lambda at: str(len(at.seeds))),
     ("success [seeds, tasks]", lambda at: with_bounds(at.mean, at.interval)),
     ("success [seeds]", lambda at: bounds(at.seed_interval)),
-    ("difference [seeds, tasks]", _difference),
+    (
+        "difference [seeds, tasks]",
+        lambda at: with_bounds(at.comparison.difference, at.comparison.interval, "+.3f") if at.comparison else "",
+    ),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
     ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),

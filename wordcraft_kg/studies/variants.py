@@ -142,13 +142,7 @@ def _comparison(results: StudyResults, members: list[RunResult], base: list[RunR
     differences = _table([run for run, _ in pairs]) - _table([run for _, run in pairs])
     difference, interval = float(differences.mean()), crossed_bootstrap(differences)
     p_value = interval_p_value(difference, interval) if len(pairs) >= FEWEST_PAIRS else None
-    return Comparison(
-        difference=difference,
-        interval=interval,
-        pairs=len(pairs),
-        p_value=p_value,
-        p_corrected=p_value,
-    )
+    return Comparison(difference, interval, len(pairs), p_value, p_corrected=p_value)
 
 
 def _played(results: StudyResults, run: RunResult) -> tuple[str, str, int, int]:

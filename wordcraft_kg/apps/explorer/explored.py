@@ -121,12 +121,11 @@ def followed(explored: Explored, name: str = "") -> tuple[str, FollowedRun]:
     return name, explored.once(("followed run", name), lambda: FollowedRun(folder, explored.opened))
 
 
-def is_done(run: FollowedRun) -> bool:
-    """Return whether a training is complete and evaluated."""
-    try:
-        return run.records().run.status == "done"
-    except ArtefactError:
-        return False
+def is_any_live(explored: Explored, *names: str) -> bool:
+    """Return whether any of these runs has yet to be complete and evaluated."""
+    with suppress(ArtefactError):
+        return any(followed(explored, name)[1].records().run.status != "done" for name in names)
+    return True
 
 
 def tasks_of(run: FollowedRun | None) -> TaskConfig:

@@ -11,10 +11,6 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.studies.result_readers import ResultReader, check_hash, check_tasks
 
 
-def _knows(path: Path) -> bool:
-    return (path / STUDY_FILE).is_file()
-
-
 def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> ReferenceRow:
     sessions = read_study(path).sessions()
     view = view_people({path: sessions})
@@ -52,8 +48,8 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
     )
 
 
-def _rows(paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> Sequence[ReferenceRow]:
-    return [_row(path, opened, play, columns) for path in paths]
-
-
-READER = ResultReader("a folder of 'people serve'", _knows, _rows)
+READER = ResultReader(
+    "a folder of 'people serve'",
+    lambda path: (path / STUDY_FILE).is_file(),
+    lambda paths, opened, play, columns: [_row(path, opened, play, columns) for path in paths],
+)

@@ -125,11 +125,12 @@ def _row(
     path: Path, result: TextResult, play: TaskPlay | OpenPlay, figures: dict[str, Figure], **more: Any
 ) -> ReferenceRow:
     settings, success = result.settings, result.success
+    is_remembered = settings.knowledge != "none" and settings.part in ("train", "all") and not _is_log(path)
     notes = (
         f"an even sample of {counted(success.tasks, 'task')}" if success and settings.tasks is not None else "",
         f"{counted(result.lost_attempts, 'attempt')} lost by invalid actions" if result.lost_attempts else "",
         f"its scorer {SEEN}" if settings.kg == "full" else "",
-        "look-ups in other games name the recipes of the task" if _is_remembered(path, settings) else "",
+        "look-ups in other games name the recipes of the task" if is_remembered else "",
         f"{GAMES_FILE} is missing" if (path / RESULT_FILE).is_file() and not (path / GAMES_FILE).is_file() else "",
     )
     look_ups = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}
@@ -144,10 +145,6 @@ def _row(
         notes=", ".join(note for note in notes if note),
         **{"measure": "success", **more},
     )
-
-
-def _is_remembered(path: Path, settings: PlayedSettings) -> bool:
-    return settings.knowledge != "none" and settings.part in ("train", "all") and not _is_log(path)
 
 
 READER = ResultReader(

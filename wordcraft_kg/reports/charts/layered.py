@@ -79,7 +79,8 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
 def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
     widths = [_NARROWEST] * columns
     for thing in things:
-        letters = max(LETTER * len(shortened(thing.label, _LONGEST)), SMALL_LETTER * len(_text_of(thing)))
+        of = " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
+        letters = max(LETTER * len(shortened(thing.label, _LONGEST)), SMALL_LETTER * len(of))
         widths[thing.layer - first] = max(widths[thing.layer - first], round(letters) + 8)
     return widths
 
@@ -135,10 +136,6 @@ def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
         if place is not route[-1]:
             path.append(f"H{left + widths[place.column]}")
     return "".join(path) + "l-6-3m6 3l-6 3"
-
-
-def _text_of(thing: Made) -> str:
-    return " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
 
 
 def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> list[str]:

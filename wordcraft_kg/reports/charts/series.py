@@ -53,7 +53,9 @@ def curves(
     for name, points in drawn.items():
         plot.bands(points, places[name])
     for name, points in drawn.items():
-        dash = _pattern(places[name]) if dashed is None else "dashed" if name in dashed else "dash-0"
+        dash = f"dash-{(places[name] + places[name] // COLOURS) % _DASHES}"
+        if dashed is not None:
+            dash = "dashed" if name in dashed else "dash-0"
         plot.polyline(points, f"line {style_of(places[name])} {dash}{' thin' * (labels is not None)}", name)
     for name, points in drawn.items():
         plot.hover_points(name, points, places[name], percent)
@@ -232,7 +234,3 @@ def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, flo
 
 def _shares(ticks: Sequence[float]) -> list[str]:
     return [f"{value:.3g}" if ticks[1] < 0.01 else f"{value:.0%}" for value in ticks]
-
-
-def _pattern(place: int) -> str:
-    return f"dash-{(place + place // COLOURS) % _DASHES}"

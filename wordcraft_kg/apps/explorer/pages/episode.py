@@ -11,7 +11,7 @@ from wordcraft_kg.apps.explorer.explored import (
     AskedPart,
     Explored,
     followed,
-    is_done,
+    is_any_live,
     settings_of,
     tasks_of,
     world_of,
@@ -173,7 +173,7 @@ def _terminations(run: FollowedRun, world: World, task: int) -> tuple[Terminatio
 
 
 def _is_live(explored: Explored, state: Episode) -> bool:
-    return not all(is_done(followed(explored, name)[1]) for name in (state.run, *filter(None, state.other)))
+    return is_any_live(explored, state.run, *filter(None, state.other))
 
 
 def _exported(explored: Explored) -> Iterator[Episode]:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -11,7 +10,7 @@ from wordcraft_kg.agents.agent_folder import AgentRun
 from wordcraft_kg.agents.curves import EVALUATED
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
-from wordcraft_kg.apps.explorer.explored import Explored, followed, is_done
+from wordcraft_kg.apps.explorer.explored import Explored, followed, is_any_live
 from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share
@@ -130,16 +129,15 @@ def _view_run(explored: Explored, state: Run) -> RunView:
         seconds=summary.seconds if summary else last.seconds if last else None,
         steps_per_second=summary.steps_per_second if summary else speed,
         outcomes=summary.outcomes if summary else {},
-        settings={setting: _shown(setting, value) for setting, value in records.config.differing().items()},
+        settings={
+            name: Path(value).name if name in ("graph", "scorer") else str(value)
+            for name, value in records.config.differing().items()
+        },
         curves=training_curves.success_curves([records]),
         lambdas=tuple(training_curves.lambda_curves([records])),
         training=training_curves.training_figures([records]),
         provenance=records.provenance,
     )
-
-
-def _shown(setting: str, value: Any) -> str:
-    return Path(value).name if setting in ("graph", "scorer") else str(value)
 
 
 def _row(name: str, run: FollowedRun) -> RunRow:
@@ -201,7 +199,7 @@ def _waits_for(records: AgentRun) -> str:
 
 
 def _any_is_live(explored: Explored, _: Runs) -> bool:
-    return not all(is_done(followed(explored, name)[1]) for name in explored.runs)
+    return is_any_live(explored, *explored.runs)
 
 
 def _draw(view: RunView, *_: object) -> dict[str, object]:
@@ -216,7 +214,7 @@ def _draw(view: RunView, *_: object) -> dict[str, object]:
 
 
 def _is_live(explored: Explored, state: Run) -> bool:
-    return not is_done(followed(explored, state.run)[1])
+    return is_any_live(explored, state.run)
 
 
 def _exported(explored: Explored) -> Iterator[Run]:

@@ -14,7 +14,7 @@ from wordcraft_kg.apps.explorer.explored import (
     AskedPart,
     Explored,
     followed,
-    is_done,
+    is_any_live,
     plain_world,
     settings_of,
     tasks_of,
@@ -180,7 +180,7 @@ def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
 
 
 def _is_live(explored: Explored, state: Tasks) -> bool:
-    return bool(explored.runs) and not is_done(followed(explored, state.run)[1])
+    return bool(explored.runs) and is_any_live(explored, state.run)
 
 
 def _exported(explored: Explored) -> Iterator[Tasks]:

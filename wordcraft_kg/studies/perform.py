@@ -62,12 +62,7 @@ def check_whole(task: Task, root: Path) -> bool:
 
 
 def platform_of(device: str) -> str:
-    """Return what decides rounding besides package versions: system, machine, and instruction set or GPU.
-
-    Example:
-        >>> platform_of("cpu")
-        'Linux x86_64 AVX512'
-    """
+    """Return what decides rounding besides versions: system, machine, and instruction set or GPU (for a device)."""
     import torch
 
     cuda = device.startswith("cuda")

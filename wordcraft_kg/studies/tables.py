@@ -37,12 +37,7 @@ def tables_of(view: StudyView) -> list[Table]:
 
 
 def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> str:
-    """Format a value with its interval bounds.
-
-    Example:
-        >>> with_bounds(0.5, (0.4, 0.61))
-        '0.500 [0.400, 0.610]'
-    """
+    """Format a value with its interval bounds, such as ``0.500 [0.400, 0.610]``."""
     return " ".join(part for part in (signed(value, form), bounds(interval, form)) if part)
 
 

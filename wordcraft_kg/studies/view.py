@@ -47,10 +47,7 @@ Runs = dict[str, list[RunResult]]
 
 
 def view_study(results: StudyResults) -> StudyView:
-    """Summarise a study's results.
-
-    It is a ConfigError without runs, or if a variant's runs at a grid point have different graphs, splits or tasks.
-    """
+    """Summarise a study's results; runs of a variant with other graphs or tasks, or none, are a ConfigError."""
     study = results.study
     reference = study.reference or next(iter(study.variants))
     cells = _cells(results)
@@ -77,12 +74,7 @@ def view_study(results: StudyResults) -> StudyView:
 
 
 def title_of(values: Values) -> str:
-    """Describe grid settings in words.
-
-    Example:
-        >>> title_of({"distractors": 8, "split": "by-goal", "scorer.train_fraction": 0.5})
-        '8 distractors, split by-goal, scorer.train_fraction 0.5'
-    """
+    """Describe grid settings in words, such as ``8 distractors, split by-goal, scorer.train_fraction 0.5``."""
     return ", ".join(_worded(name, value) for name, value in values.items())
 
 

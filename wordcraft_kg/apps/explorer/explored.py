@@ -48,9 +48,7 @@ class Explored:
     def open(cls, graph: str | Path, models: Iterable[str | Path] = (), runs: Iterable[str | Path] = ()) -> "Explored":
         """Open a graph, model folders, and run folders (or folders with several seeds).
 
-        Raises:
-            ArtefactError: if a folder is damaged or has another kind, or a model is unfinished.
-            GraphMismatchError: if a model or a run belongs to another graph or split.
+        A damaged or unfinished folder is an ArtefactError, another graph or split a GraphMismatchError.
         """
         opened = open_graph(graph)
         named = _named(map(Path, models)).items()
@@ -63,9 +61,7 @@ class Explored:
     def predictor(self, name: str = "") -> LinkPredictor:
         """Return a model, by default the first, with all entity similarities computed.
 
-        Raises:
-            ConfigError: without a model, or with too many entities to compare them all.
-            UnknownEntityError: if no model has this name.
+        No model, or too many entities to compare, is a ConfigError, an unknown name an UnknownEntityError.
         """
         predictor = self._by_name("model", self.models, name)
         self.once(("evidence", predictor.name), lambda: predictor.evidence)

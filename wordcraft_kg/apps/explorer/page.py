@@ -72,11 +72,7 @@ class Page(Generic[S]):
         return f"{path}?{urlencode(query)}" if query else path
 
     def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
-        """Return page settings from a decoded second path segment and a query, where empty values mean the default.
-
-        Raises:
-            ConfigError: for an unknown name, a value with another type, or two values.
-        """
+        """Return settings from a decoded second path segment and a query, by default for empty values; else ConfigError."""
         fields = {field.name: field for field in _fields(self.state)}
         given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
         for name, value in query:
@@ -127,12 +123,7 @@ class Paging(Record):
 
 
 def paging(total: int, page: int, size: int) -> Paging:
-    """Return a page with ``size`` rows; a missing page is a ConfigError.
-
-    Example:
-        >>> paging(45, 2, 20)
-        Paging(first=21, last=40, total=45, page=2, pages=3)
-    """
+    """Return a page with ``size`` rows; a missing page is a ConfigError."""
     pages = max(-(-total // size), 1)
     if not 1 <= page <= pages:
         raise ConfigError(f"`page` {page}: there {'is 1 page' if pages == 1 else f'are {pages:,} pages'}.")

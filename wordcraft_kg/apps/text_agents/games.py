@@ -147,14 +147,7 @@ class TaskGame(Game):
 
 
 class TaskGames:
-    """A factory for independent games: all tasks in a world, with the tables of agent evaluation.
-
-    Example:
-        >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
-        >>> game = games.begin(task=0)
-        >>> len(game.labels), game.goal == games.world.tasks[0].goal
-        (4, True)
-    """
+    """A factory for independent games: all tasks in a world, with the tables of agent evaluation."""
 
     def __init__(self, world: World):
         """Prepare environment and tables, which all games share."""

@@ -31,15 +31,7 @@ _PATIENCE = 5.0  # seconds between the end of the input and the exit
 
 
 class LinePlayer:
-    """A running program that plays games by the line protocol.
-
-    Its name is that of the script or program, without command-line options, which may contain a secret.
-
-    Example:
-        >>> with LinePlayer("python examples/line_player.py") as player:
-        ...     player.name
-        'line_player.py'
-    """
+    """A running program that plays by the line protocol; its name omits options, which may contain a secret."""
 
     def __init__(self, command: str, *, timeout: float = TIMEOUT):
         """Start the program ``command``, without a shell; ``timeout`` is the time limit for an answer, in seconds.

@@ -67,11 +67,7 @@ class ModelsCompared(Record):
 def view_compared_ranks(
     one: RankedTriples, other: RankedTriples, chosen: RankFilter, better: Better = "either", page: int = 1
 ) -> ComparedRanks:
-    """Compare two models' ranks on filtered queries, with the largest differences first; see :class:`Compare`.
-
-    Raises:
-        GraphMismatchError: if the models rank different triples.
-    """
+    """Compare two models' ranks of the same triples, the largest differences first; else a GraphMismatchError."""
     keys = ["head", "relation", "tail", "side"]
     if one.split.hash != other.split.hash or not one.ranks[keys].equals(other.ranks[keys]):
         raise GraphMismatchError(

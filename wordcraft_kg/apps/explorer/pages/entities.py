@@ -62,12 +62,7 @@ def list_entities(graph: RecipeGraph, wanted: str = "", order: EntityOrder = "la
 
 
 def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
-    """Return labels that match a text: equal, at the beginning, at a word start, elsewhere; ties by use count.
-
-    Example:
-        >>> search_entities(RecipeGraph.from_book(open_book("kitchen")), "BRE", limit=2)
-        ('bread', 'bread crumbs')
-    """
+    """Return labels that match a text: equal, at the beginning, at a word start, elsewhere; ties by use count."""
     text = _folded(wanted)
     if not text:
         return ()

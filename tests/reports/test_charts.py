@@ -11,9 +11,10 @@ from markupsafe import Markup
 
 from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.reports import charts
+from wordcraft_kg.reports.agent_pictures import contribution_bar
 from wordcraft_kg.reports.charts.plot import BOTTOM, HEIGHT, WIDTH
 from wordcraft_kg.reports.charts.scales import round_ticks, spread
-from wordcraft_kg.reports.charts.standalone import as_pdf, as_png, resolved
+from wordcraft_kg.reports.charts.standalone import rendered, resolved
 from wordcraft_kg.reports.pages import chart_style
 
 LABEL = "<b>&\"'</b>"
@@ -427,10 +428,10 @@ def test_a_tenth_is_as_far_from_a_hundredth_as_from_one():
 
 def test_positive_contributions_go_right_of_the_middle_and_negative_ones_left():
     numbers = {"alpha": 0, "u": 1, "v": 2}
-    bar = charts.contribution_bar({"alpha": 1.0, "u": -2.0, "v": 3.0}, 4.0, numbers)
+    bar = contribution_bar({"alpha": 1.0, "u": -2.0, "v": 3.0}, 4.0, numbers)
     places = {rect.find("title").text: numbers_of(rect, "x", "width") for rect in parse(bar).iter("rect")}
     assert places == {"alpha: 1.00": [70, 17.5], "u: -2.00": [35, 35], "v: 3.00": [87.5, 52.5]}
-    (alone,) = parse(charts.contribution_bar({"v": 1.0}, 1.0, numbers)).iter("rect")
+    (alone,) = parse(contribution_bar({"v": 1.0}, 1.0, numbers)).iter("rect")
     assert alone.get("class") == "series-2", "the colour does not depend on the others"
 
 
@@ -499,12 +500,12 @@ def test_figures_are_rendered_as_pictures_in_the_colours_of_the_style_and_as_pag
     image = pytest.importorskip("PIL.Image")
     chart = charts.curves({"a": [(0, 0.2, 0.1, 0.3), (1, 0.6, 0.5, 0.7)]}, "", "", "", percent=True)
     svg = charts.figure("A title", [("", chart)], chart_style())
-    assert as_pdf(svg).startswith(b"%PDF")
-    pixels = image.open(io.BytesIO(as_png(svg))).convert("RGB")
+    assert rendered(svg, "pdf").startswith(b"%PDF")
+    pixels = image.open(io.BytesIO(rendered(svg, "png"))).convert("RGB")
     assert {(0x00, 0x72, 0xB2), (255, 255, 255)} <= {colour for _, colour in pixels.getcolors(2**24)}
 
 
 def test_without_the_extra_the_error_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'typst>="):
-        as_png("<svg/>")
+        rendered("<svg/>", "png")

@@ -1,6 +1,7 @@
 """Charts for agents: curves for success, training statistics and mixing weights, and bars for score sources."""
 
 from collections.abc import Mapping, Sequence
+from html import escape
 from typing import Any
 
 from markupsafe import Markup
@@ -83,6 +84,27 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
     return pictures
 
 
+def contribution_bar(contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]) -> Markup:
+    """Draw a sum's terms by name as a bar: positive terms stacked to the right from the middle, negative to the left.
+
+    Half the width is ``scale``; ``colours`` has colour numbers by name.
+    """
+    half, height = 70.0, 12
+    ends = {True: half, False: half}
+    parts = [f'<svg class="bar" viewBox="0 0 {2 * half:g} {height}" aria-hidden="true">']
+    for name, value in contributions.items():
+        width = min(abs(value) / scale, 1) * half if scale else 0.0
+        is_positive = value >= 0
+        left = ends[is_positive] if is_positive else ends[is_positive] - width
+        ends[is_positive] = left + width if is_positive else left
+        parts.append(
+            f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}" class="series-{colours[name]}">'
+            f"<title>{escape(name)}: {value:.2f}</title></rect>"
+        )
+    parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/></svg>')
+    return Markup("".join(parts))
+
+
 def column_labels(step: ExplainedStep) -> list[Label]:
     """Return the labels for the score sources in an explained action, in the order of the score columns."""
     return [label_of(name) for name in step.slots[0].sources]
@@ -96,7 +118,7 @@ def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
         for to_the_right in (True, False)
     )
     by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
-    return [(slot, charts.contribution_bar(slot.contributions, scale, source_colours())) for slot in by_logit]
+    return [(slot, contribution_bar(slot.contributions, scale, source_colours())) for slot in by_logit]
 
 
 ACTIONS: dict[str, Any] = {

@@ -6,7 +6,6 @@ from typing import Any
 
 from markupsafe import Markup
 
-from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.evaluation.agent_figures import NEVER, Slice
 from wordcraft_kg.evaluation.agents import AgentsView, Groups, view_agents
 from wordcraft_kg.graphs.tasks import TaskPart
@@ -47,11 +46,6 @@ def make_agent_report(
         },
         shown={"min_seeds": _MIN_SEEDS, "colours": agent_pictures.source_colours(), "actions": agent_pictures.ACTIONS},
     )
-
-
-def report_schema() -> dict[str, Any]:
-    """Return the JSON Schema for the agent report's numbers, ``report.json``."""
-    return schema_of(AgentsView, "urn:wordcraft-kg:agent-report:1", "wordcraft-kg agent report")
 
 
 def _success(view: AgentsView) -> Markup:

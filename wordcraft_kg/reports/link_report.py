@@ -1,12 +1,10 @@
 """The link-prediction report: evaluation results for a link predictor, with charts."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from markupsafe import Markup
 
 from wordcraft_kg.agents.players import NEAREST_WORDS
-from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
 from wordcraft_kg.evaluation.links import LinkView, view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
@@ -59,11 +57,6 @@ def make_link_report(
         shown={"relations": RELATIONS, "players": PLAYERS},
         tables={"ranks.csv": links.labelled_ranks},
     )
-
-
-def report_schema() -> dict[str, Any]:
-    """Return the JSON Schema for the link-prediction report's numbers, ``report.json``."""
-    return schema_of(LinkView, "urn:wordcraft-kg:link-report:1", "wordcraft-kg link-prediction report")
 
 
 def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:

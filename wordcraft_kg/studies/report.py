@@ -10,7 +10,7 @@ from markupsafe import Markup
 from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.scales import Estimate
-from wordcraft_kg.reports.charts.standalone import as_pdf, as_png
+from wordcraft_kg.reports.charts.standalone import rendered
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.scatter import Correlation, ScorerScatter
@@ -60,7 +60,7 @@ def study_figure(view: StudyView) -> str:
 
 def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
     try:
-        return {f"{name}.svg": svg, f"{name}.png": as_png(svg), f"{name}.pdf": as_pdf(svg)}
+        return {f"{name}.svg": svg, f"{name}.png": rendered(svg, "png"), f"{name}.pdf": rendered(svg, "pdf")}
     except MissingExtraError:
         return {f"{name}.svg": svg}
 

@@ -197,8 +197,8 @@ def test_a_model_compared_with_itself_does_not_differ(explored: Explored):
     view = view_of(explored, Compare(one="kitchen-recipes", other="kitchen-recipes"))
     assert view.headline is not None
     assert view.headline.models[1].difference == 0
-    assert (view.ranks.better_one, view.ranks.better_other) == (0, 0)
-    assert view_of(explored, Compare(other="kitchen-complex")).ranks.one == "kitchen-recipes"
+    assert view.ranks.better == (0, 0)
+    assert view_of(explored, Compare(other="kitchen-complex")).ranks.models[0] == "kitchen-recipes"
 
 
 def test_too_few_unseen_triples_leave_no_headline(of_recipes: OfRecipes):

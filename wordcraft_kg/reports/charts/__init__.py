@@ -6,10 +6,9 @@ classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.cha
 
 from wordcraft_kg.reports.charts.layered import Made as Made
 from wordcraft_kg.reports.charts.layered import layered as layered
-from wordcraft_kg.reports.charts.pictures import colour_of as colour_of
-from wordcraft_kg.reports.charts.pictures import contribution_bar as contribution_bar
 from wordcraft_kg.reports.charts.plot import COLOURS as COLOURS
 from wordcraft_kg.reports.charts.plot import CurvePoint as CurvePoint
+from wordcraft_kg.reports.charts.plot import colour_of as colour_of
 from wordcraft_kg.reports.charts.series import curves as curves
 from wordcraft_kg.reports.charts.series import dots as dots
 from wordcraft_kg.reports.charts.series import intervals as intervals

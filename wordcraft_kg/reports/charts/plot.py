@@ -44,6 +44,11 @@ def style_of(number: int) -> str:
     return f"series-{number % COLOURS}"
 
 
+def colour_of(number: int) -> str:
+    """Return the CSS colour class for a group number; negative numbers and numbers beyond the palette are grey."""
+    return f"series-{number}" if 0 <= number < COLOURS else "series-other"
+
+
 def short(name: str) -> str:
     """Return a name, shortened to fit a chart margin."""
     return shortened(name, _LONGEST_NAME)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from html import escape
 from importlib import import_module
+from typing import Literal
 
 from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.base.extras import pip_install
@@ -66,17 +67,8 @@ def _mixed(match: re.Match[str]) -> str:
     return "#" + "".join(f"{round(share * one + (1 - share) * other):02x}" for one, other in pairs)
 
 
-def as_png(svg: str) -> bytes:
-    """Render an SVG file as PNG; MissingExtraError without the extra ``figures``."""
-    return _rendered(svg, "png")
-
-
-def as_pdf(svg: str) -> bytes:
-    """Render an SVG file as a vector PDF with the same size; MissingExtraError without the extra ``figures``."""
-    return _rendered(svg, "pdf")
-
-
-def _rendered(svg: str, kind: str) -> bytes:
+def rendered(svg: str, kind: Literal["png", "pdf"]) -> bytes:
+    """Render an SVG file as PNG or vector PDF; MissingExtraError without the extra ``figures``."""
     try:
         typst = import_module("typst")
     except ImportError:

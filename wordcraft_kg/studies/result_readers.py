@@ -208,9 +208,5 @@ def _own_agents(
     return agent_rows(group_agents(agents), opened, play, columns, "external")
 
 
-AGENTS = ResultReader(
-    "a run folder of 'train-agent' or a folder of its seeds",
-    _is_run,
-    _own_agents,
-)
+AGENTS = ResultReader("a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents)
 READERS: Registry[ResultReader] = Registry("wordcraft_kg.result_readers", {"agents": AGENTS})

@@ -72,7 +72,7 @@ class Page(Generic[S]):
         return f"{path}?{urlencode(query)}" if query else path
 
     def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
-        """Return settings from a decoded second path segment and a query (ConfigError); empty values mean the default."""
+        """Return settings from a decoded second path segment and a query (ConfigError); empty means the default."""
         fields = {field.name: field for field in _fields(self.state)}
         given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
         for name, value in query:

@@ -124,24 +124,6 @@ class AgentsView(Record):
     references: tuple[ReferenceRow, ...] = ()
 
 
-class AgentSummary(Record):
-    """An agent's run names, training seeds, and success rates by distractor count."""
-
-    runs: tuple[str, ...]
-    seeds: tuple[int, ...]
-    success: dict[str, agent_figures.AgentSuccess]
-
-
-class AgentsSummary(Record):
-    """The main results in an agent report, and the path to the report."""
-
-    report: str
-    part: TaskPart
-    depth: int
-    agents: dict[str, AgentSummary]
-    baselines: tuple[BaselineSuccess, ...]
-
-
 Groups = dict[str, list[OpenedAgent]]
 """Training runs by agent name; the runs of an agent differ only in the seed."""
 _Results = dict[int, list[Evaluation]]
@@ -225,10 +207,10 @@ def view_agents(
     )
 
 
-def summarise_agents(view: AgentsView, report: str) -> AgentsSummary:
-    """Return the main results in an agent report; ``report`` is the path to the report."""
-    agents = {agent.name: AgentSummary(agent.runs, agent.seeds, agent.success) for agent in view.agents}
-    return AgentsSummary(report, view.part, view.depth, agents, view.baselines)
+def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
+    """Return the main results in an agent report: success by agent, and the path to the report."""
+    agents = {one.name: {"runs": one.runs, "seeds": one.seeds, "success": one.success} for one in view.agents}
+    return {"report": report, "part": view.part, "depth": view.depth, "agents": agents, "baselines": view.baselines}
 
 
 def _baselines(groups: Groups, evaluators: dict[int, Evaluator]) -> Iterator[BaselineSuccess]:

@@ -131,30 +131,6 @@ class LinkView(Record):
     provenance: dict[str, str]
 
 
-class LinkSummary(Record):
-    """The main results in a link-prediction report.
-
-    Metrics have the keys ``all`` and each relation; None marks a metric without queries.
-    """
-
-    mrr: dict[str, Share | None]
-    hits_at_1: dict[str, Share | None] = msgspec.field(name="hits@1")
-    hits_at_3: dict[str, Share | None] = msgspec.field(name="hits@3")
-    hits_at_10: dict[str, Share | None] = msgspec.field(name="hits@10")
-    mrr_ci: dict[str, tuple[Share, Share] | None]
-    queries: Count
-    triples: Count
-    sampled_from: Count | None
-    leaked_left_out: Count
-    mrr_with_leaked: Share | None
-    mrr_without_near_synonyms: Share | None
-    has_seen_the_test_recipes: bool
-    baselines: dict[str, dict[str, Share | None]]
-    comparisons: tuple[link_sections.Comparison, ...]
-    checks_passed: bool
-    report: str
-
-
 def view_links(
     links: RankedLinks,
     *,
@@ -203,29 +179,28 @@ def view_links(
     )
 
 
-def summarise_links(view: LinkView, report: str) -> LinkSummary:
-    """Return the main results in a link-prediction report; ``report`` is the path to the report."""
+def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
+    """Return the main results in a link-prediction report, and the path to the report.
+
+    Metrics have the keys ``all`` and each relation; None marks a metric without queries.
+    """
     slices = ("all", *RELATIONS)
-    metrics = {name: view.metrics[name] for name in slices}
-    by_slice: dict[str, Any] = {
-        figure: {name: getattr(row, figure) for name, row in metrics.items()}
-        for figure in ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mrr_ci")
-    }
+    names = {"mrr": "mrr", "hits@1": "hits_at_1", "hits@3": "hits_at_3", "hits@10": "hits_at_10", "mrr_ci": "mrr_ci"}
     others = [row.mrr for row in view.drill_down.near_synonyms if row.slice == link_sections.NO_NEAR_SYNONYM]
-    return LinkSummary(
-        **by_slice,
-        queries=view.queries,
-        triples=view.triples,
-        sampled_from=view.sampled_from,
-        leaked_left_out=view.leaked_left_out,
-        mrr_with_leaked=view.with_leaked.mrr,
-        mrr_without_near_synonyms=others[0] if others else None,
-        has_seen_the_test_recipes=view.model.has_seen_the_test_recipes,
-        baselines={name: {part: table[part].mrr for part in slices} for name, table in view.baselines.items()},
-        comparisons=view.comparisons,
-        checks_passed=all(check.passed for check in view.checks),
-        report=report,
-    )
+    return {
+        **{name: {part: getattr(view.metrics[part], field) for part in slices} for name, field in names.items()},
+        "queries": view.queries,
+        "triples": view.triples,
+        "sampled_from": view.sampled_from,
+        "leaked_left_out": view.leaked_left_out,
+        "mrr_with_leaked": view.with_leaked.mrr,
+        "mrr_without_near_synonyms": others[0] if others else None,
+        "has_seen_the_test_recipes": view.model.has_seen_the_test_recipes,
+        "baselines": {name: {part: table[part].mrr for part in slices} for name, table in view.baselines.items()},
+        "comparisons": view.comparisons,
+        "checks_passed": all(check.passed for check in view.checks),
+        "report": report,
+    }
 
 
 def _checks(links: RankedLinks) -> Iterator[Check]:

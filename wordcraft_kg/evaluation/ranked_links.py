@@ -87,11 +87,6 @@ class RankedLinks:
             scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
         return {name: rank_triples(scorer, self.queries, self.graph.triples) for name, scorer in scorers.items()}
 
-    @property
-    def labelled_ranks(self) -> pd.DataFrame:
-        """The table ``ranks`` with labels in place of entity and relation ids."""
-        return labelled(self.graph, self.ranks)
-
 
 def rank_links(
     scorer: TripleScorer,

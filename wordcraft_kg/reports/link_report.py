@@ -7,7 +7,7 @@ from markupsafe import Markup
 from wordcraft_kg.agents.players import NEAREST_WORDS
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
 from wordcraft_kg.evaluation.links import LinkView, view_links
-from wordcraft_kg.evaluation.ranked_links import rank_links
+from wordcraft_kg.evaluation.ranked_links import labelled, rank_links
 from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -55,7 +55,7 @@ def make_link_report(
         "link_report.html.j2",
         {**_pictures_of_ranks(view), **_pictures_of_probabilities(view), **_pictures_of_training(view)},
         shown={"relations": RELATIONS, "players": PLAYERS},
-        tables={"ranks.csv": links.labelled_ranks},
+        tables={"ranks.csv": labelled(links.graph, links.ranks)},
     )
 
 

@@ -135,7 +135,7 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(
         assert makes == {recipe: part for recipe, part in part_of.items() if recipe[2] == label}
         assert uses == {recipe: part for recipe, part in part_of.items() if label in recipe[:2]}
         assert found.used_in.parts == Counter(uses.values())
-        assert found.used_in.total == len(uses)
+        assert found.used_in.paging.total == len(uses)
         parts |= set(uses.values())
     assert parts == set(PARTS)
 
@@ -153,7 +153,7 @@ def test_what_cannot_be_made_has_neither_layer_nor_crafts(of_recipes: Callable[.
     rows = [("a", "b", "c"), ("x", "y", "x"), ("x", "c", "y")]
     found = view_by(of_recipes(rows, kind="none"), Entity("y"))
     assert (found.layer, found.crafts, found.base) == (None, None, False)
-    assert found.made_by.total == 1
+    assert found.made_by.paging.total == 1
 
 
 def test_a_model_answers_for_partners_ingredients_and_products(neighbours: LinkPredictor):
@@ -204,7 +204,7 @@ def test_many_recipes_come_page_by_page(of_recipes: Callable[..., LinkPredictor]
     assert view_of(explored, Recipes("hub", "makes")).recipes == ()
     of_test = view_of(explored, Recipes("hub", part="test"))
     assert {row.part for row in of_test.recipes} == {"test"}
-    assert of_test.total == pages[0].parts["test"] < 250
+    assert of_test.paging.total == pages[0].parts["test"] < 250
 
 
 def test_the_partner_of_an_entity_may_be_itself():

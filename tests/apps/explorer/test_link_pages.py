@@ -183,7 +183,7 @@ def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder: Path
     explored = Explored.open(kitchen_folder)
     view = view_of(explored, Entity("bread"))
     assert (view.model, view.slots, view.nearest) == ("", (), ())
-    assert view.made_by.total
+    assert view.made_by.paging.total
     assert view.by_words
     assert "Nearest by word vectors" in look(explored, Entity("bread")).text
     assert "In the book" in look(explored, Pair("flour", "water")).text

@@ -45,7 +45,7 @@ def pages(ranked: RankedTriples, chosen: RankFilter, **options: str) -> list:
 
 @pytest.fixture(scope="module")
 def everything(ranked: RankedTriples) -> list:
-    return list(ranked_queries(ranked.graph, ranked.ranks))
+    return list(ranked_queries(ranked.split.graph, ranked.ranks))
 
 
 def link_of(query: RankedQuery) -> tuple[str, ...]:
@@ -173,7 +173,7 @@ def test_a_model_of_the_full_graph_has_learned_every_row(all_seeing: LinkPredict
 def test_two_models_are_compared_query_by_query(ranked: RankedTriples, by_kernel: RankedTriples):
     found = view_compared_ranks(ranked, by_kernel, UNSEEN)
     one, other = (
-        {key_of(query): query for query in ranked_queries(model.graph, model.ranks[model.mask(UNSEEN)])}
+        {key_of(query): query for query in ranked_queries(model.split.graph, model.ranks[model.mask(UNSEEN)])}
         for model in (ranked, by_kernel)
     )
     shown = (view_compared_ranks(ranked, by_kernel, UNSEEN, page=page + 1) for page in range(found.paging.pages))

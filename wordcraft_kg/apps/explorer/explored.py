@@ -27,6 +27,12 @@ from wordcraft_kg.runs.record import run_folders, run_name
 T = TypeVar("T")
 
 
+AskedPart = Literal["", "all", "train", "valid", "test"]
+"""A part of the tasks; by default test tasks, or train tasks without held-out recipes."""
+AskedDepth = Literal[0, 1, 2, 3, 4, 5]
+"""A depth of tasks; 0 is the agent's training depth."""
+
+
 class Explored:
     """Content for all pages: an opened graph, and by name its link prediction models and agents' run folders."""
 
@@ -94,6 +100,48 @@ class Explored:
                 self._values[key] = make()
             return cast(T, self._values[key])
 
+    def followed(self, name: str = "") -> tuple[str, FollowedRun]:
+        """Return the name of an agent's run and a reader of its growing files; see :meth:`Explored.run`."""
+        name, folder = self.run(name)
+        return name, self.once(("followed run", name), lambda: FollowedRun(folder, self.opened))
+
+    def is_any_live(self, *names: str) -> bool:
+        """Return whether any of these runs has yet to be complete and evaluated."""
+        with suppress(ArtefactError):
+            return any(self.followed(name)[1].records().run.status != "done" for name in names)
+        return True
+
+    @staticmethod
+    def tasks_of(run: FollowedRun | None) -> TaskConfig:
+        """Return a run's task settings; defaults without a readable run."""
+        with suppress(ArtefactError):
+            if run is not None:
+                return run.records().config.tasks
+        return TaskConfig()
+
+    def settings_of(
+        self, tasks: TaskConfig, part: AskedPart = "", depth: AskedDepth = 0, distractors: int | None = None
+    ) -> WordCraftConfig:
+        """Return the environment settings of an agent's training tasks, with another part, depth or distractors."""
+        if depth and depth != tasks.depth:
+            enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
+            tasks = replace(tasks, depth=depth, max_attempts=tasks.max_attempts if enough else None)
+        return tasks.environment(part or self.usual_part(), distractors)
+
+    def plain_world(self, config: WordCraftConfig) -> World:
+        """Return the tasks for environment settings, without distractors; no task is a TaskError."""
+        kept = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
+        plain = WordCraftConfig(num_distractors=0, **{name: getattr(config, name) for name in kept})
+        return self.once(("world", plain), lambda: World(self.opened, plain))
+
+    def world_of(self, config: WordCraftConfig) -> World:
+        """Return the tasks and rules for environment settings, made once."""
+        return self.once(("world", config), lambda: World(self.plain_world(config), config))
+
+    def usual_part(self) -> TaskPart:
+        """Return the task part shown by default: test, or train if the graph has no test recipes."""
+        return "test" if (self.opened.split.parts == TEST).any() else "train"
+
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:
     named: dict[str, Path] = {}
@@ -103,57 +151,3 @@ def _named(folders: Iterable[Path]) -> dict[str, Path]:
             name, above = f"{above.name}-{name}", above.parent
         named[name] = folder
     return named
-
-
-AskedPart = Literal["", "all", "train", "valid", "test"]
-"""A part of the tasks; by default test tasks, or train tasks without held-out recipes."""
-AskedDepth = Literal[0, 1, 2, 3, 4, 5]
-"""A depth of tasks; 0 is the agent's training depth."""
-
-
-def followed(explored: Explored, name: str = "") -> tuple[str, FollowedRun]:
-    """Return the name of an agent's run and a reader of its growing files; see :meth:`Explored.run`."""
-    name, folder = explored.run(name)
-    return name, explored.once(("followed run", name), lambda: FollowedRun(folder, explored.opened))
-
-
-def is_any_live(explored: Explored, *names: str) -> bool:
-    """Return whether any of these runs has yet to be complete and evaluated."""
-    with suppress(ArtefactError):
-        return any(followed(explored, name)[1].records().run.status != "done" for name in names)
-    return True
-
-
-def tasks_of(run: FollowedRun | None) -> TaskConfig:
-    """Return a run's task settings; defaults without a readable run."""
-    with suppress(ArtefactError):
-        if run is not None:
-            return run.records().config.tasks
-    return TaskConfig()
-
-
-def settings_of(
-    explored: Explored, tasks: TaskConfig, part: AskedPart = "", depth: AskedDepth = 0, distractors: int | None = None
-) -> WordCraftConfig:
-    """Return the environment settings of an agent's training tasks, with another part, depth or distractors."""
-    if depth and depth != tasks.depth:
-        enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
-        tasks = replace(tasks, depth=depth, max_attempts=tasks.max_attempts if enough else None)
-    return tasks.environment(part or usual_part(explored), distractors)
-
-
-def plain_world(explored: Explored, config: WordCraftConfig) -> World:
-    """Return the tasks for environment settings, without distractors; no task is a TaskError."""
-    kept = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
-    plain = WordCraftConfig(num_distractors=0, **{name: getattr(config, name) for name in kept})
-    return explored.once(("world", plain), lambda: World(explored.opened, plain))
-
-
-def world_of(explored: Explored, config: WordCraftConfig) -> World:
-    """Return the tasks and rules for environment settings, made once."""
-    return explored.once(("world", config), lambda: World(plain_world(explored, config), config))
-
-
-def usual_part(explored: Explored) -> TaskPart:
-    """Return the task part shown by default: test, or train if the graph has no test recipes."""
-    return "test" if (explored.opened.split.parts == TEST).any() else "train"

@@ -81,7 +81,7 @@ def view_compared_ranks(
     ordered = first_of_each_link(left.iloc[by_gain[listed[by_gain]]])
     shown = paging(len(ordered), page, ROWS_A_PAGE)
     rows = ordered.index[shown.rows]
-    pairs = zip(ranked_queries(one.graph, left.loc[rows]), ranked_queries(one.graph, right.loc[rows]), strict=True)
+    first, second = (ranked_queries(one.split.graph, ranks.loc[rows]) for ranks in (left, right))
     return ComparedRanks(
         models=(one.name, other.name),
         chosen=chosen,
@@ -91,7 +91,7 @@ def view_compared_ranks(
         learned=int((left["learned"] | right["learned"]).sum()),
         sample=one.sample,
         paging=shown,
-        queries=tuple(pairs),
+        queries=tuple(zip(first, second, strict=True)),
     )
 
 

@@ -55,11 +55,6 @@ class EntityRecipes(Record):
     paging: Paging
     recipes: tuple[PlacedRecipe, ...]
 
-    @property
-    def total(self) -> int:
-        """Number of recipes on all pages."""
-        return self.paging.total
-
 
 class AlikeEntity(Record):
     """A similar entity with the cosine."""

@@ -6,16 +6,7 @@ from operator import attrgetter
 from wordcraft_kg.agents.explanation import ExplainedTable
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
-from wordcraft_kg.apps.explorer.explored import (
-    AskedDepth,
-    AskedPart,
-    Explored,
-    followed,
-    is_any_live,
-    settings_of,
-    tasks_of,
-    world_of,
-)
+from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
 from wordcraft_kg.apps.explorer.pages.tasks import list_tasks
@@ -106,11 +97,11 @@ class EpisodeView(Record):
 
 
 def _view(explored: Explored, state: Episode) -> EpisodeView:
-    first, run = followed(explored, state.run)
-    tasks = tasks_of(run)
+    first, run = explored.followed(state.run)
+    tasks = explored.tasks_of(run)
     distractors = None if state.distractors < 0 else state.distractors
-    world = world_of(explored, settings_of(explored, tasks, state.part, state.depth, distractors))
-    others = dict(followed(explored, other) for other in state.other if other)
+    world = explored.world_of(explored.settings_of(tasks, state.part, state.depth, distractors))
+    others = dict(explored.followed(other) for other in state.other if other)
     whole("task", state.task, 0, len(world.tasks) - 1)
     task, explained = world.tasks[state.task], _explained(run, world, state)
     agents = [_agent(first, run, explained)]
@@ -173,13 +164,13 @@ def _terminations(run: FollowedRun, world: World, task: int) -> tuple[Terminatio
 
 
 def _is_live(explored: Explored, state: Episode) -> bool:
-    return is_any_live(explored, state.run, *filter(None, state.other))
+    return explored.is_any_live(state.run, *filter(None, state.other))
 
 
 def _exported(explored: Explored) -> Iterator[Episode]:
     for tasks in TASKS.states(explored):
         try:
-            followed(explored, tasks.run)[1].agent()  # an error without weights
+            explored.followed(tasks.run)[1].agent()  # an error without weights
             rows = list_tasks(explored, tasks).table.rows
         except WordCraftKGError:
             continue

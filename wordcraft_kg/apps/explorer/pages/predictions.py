@@ -119,11 +119,6 @@ class RankedTriples:
     ranks: pd.DataFrame
     sample: RankSample
 
-    @property
-    def graph(self) -> RecipeGraph:
-        """The graph with the triples."""
-        return self.split.graph
-
     def mask(self, chosen: RankFilter) -> NDArray[np.bool_]:
         """Return which table rows fit a filter, shape (Q,), bool; an unknown entity is an UnknownEntityError."""
         ranks, mask = self.ranks, np.ones(len(self.ranks), dtype=bool)
@@ -136,7 +131,7 @@ class RankedTriples:
         if chosen.known != "all":
             mask &= ranks["learned"] == (chosen.known == "learned")
         if chosen.entity:
-            mask &= (ranks[["head", "tail"]] == self.graph.id_of(chosen.entity)).any(axis=1)
+            mask &= (ranks[["head", "tail"]] == self.split.graph.id_of(chosen.entity)).any(axis=1)
         return np.asarray(mask)
 
 
@@ -172,7 +167,7 @@ def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder 
         learned=int(ranks["learned"].sum()),
         sample=ranked.sample,
         paging=shown,
-        queries=tuple(ranked_queries(ranked.graph, rows)),
+        queries=tuple(ranked_queries(ranked.split.graph, rows)),
     )
 
 

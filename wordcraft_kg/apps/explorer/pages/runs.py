@@ -10,7 +10,7 @@ from wordcraft_kg.agents.agent_folder import AgentRun
 from wordcraft_kg.agents.curves import EVALUATED
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
-from wordcraft_kg.apps.explorer.explored import Explored, followed, is_any_live
+from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share
@@ -102,7 +102,7 @@ class RunView(Record):
 
 
 def _view_runs(explored: Explored, _: Runs) -> RunList:
-    rows = [_row(*followed(explored, name)) for name in explored.runs]
+    rows = [_row(*explored.followed(name)) for name in explored.runs]
     return RunList(
         runs=tuple(rows),
         parts=tuple(part for part in EVALUATED if any(part in row.success for row in rows)),
@@ -111,7 +111,7 @@ def _view_runs(explored: Explored, _: Runs) -> RunList:
 
 
 def _view_run(explored: Explored, state: Run) -> RunView:
-    name, run = followed(explored, state.run)
+    name, run = explored.followed(state.run)
     row = _row(name, run)
     if row.status is None:
         waits = "The run has not started: the folder has no record." if row.is_live else ""
@@ -199,7 +199,7 @@ def _waits_for(records: AgentRun) -> str:
 
 
 def _any_is_live(explored: Explored, _: Runs) -> bool:
-    return is_any_live(explored, *explored.runs)
+    return explored.is_any_live(*explored.runs)
 
 
 def _draw(view: RunView, *_: object) -> dict[str, object]:
@@ -214,7 +214,7 @@ def _draw(view: RunView, *_: object) -> dict[str, object]:
 
 
 def _is_live(explored: Explored, state: Run) -> bool:
-    return is_any_live(explored, state.run)
+    return explored.is_any_live(state.run)
 
 
 def _exported(explored: Explored) -> Iterator[Run]:

@@ -9,17 +9,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import PlayedTask
-from wordcraft_kg.apps.explorer.explored import (
-    AskedDepth,
-    AskedPart,
-    Explored,
-    followed,
-    is_any_live,
-    plain_world,
-    settings_of,
-    tasks_of,
-    usual_part,
-)
+from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
 from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
 from wordcraft_kg.base.errors import ArtefactError, UnknownEntityError
 from wordcraft_kg.base.records import Count, Record
@@ -154,14 +144,14 @@ def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
 
 def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
     """Return the page's values: tasks that fit its settings, with an agent's results."""
-    name, run = followed(explored, state.run) if explored.runs or state.run else ("", None)
-    tasks = plain_world(explored, settings_of(explored, tasks_of(run), state.part, state.depth)).tasks
+    name, run = explored.followed(state.run) if explored.runs or state.run else ("", None)
+    tasks = explored.plain_world(explored.settings_of(explored.tasks_of(run), state.part, state.depth)).tasks
     missing, results = "", None
     if run is not None and not (missing := _missing(name, run, tasks)):
         key = "results", name, run.records().run.ended, tasks.hash
         results = explored.once(key, lambda: TaskResults.of(tasks, run.episodes().values()))
     table = view_task_table(tasks, results, goal=state.goal, won=state.success, page=state.page)
-    return ShownTasks(name, tuple(explored.runs), missing, usual_part(explored), table)
+    return ShownTasks(name, tuple(explored.runs), missing, explored.usual_part(), table)
 
 
 def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
@@ -180,7 +170,7 @@ def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
 
 
 def _is_live(explored: Explored, state: Tasks) -> bool:
-    return bool(explored.runs) and is_any_live(explored, state.run)
+    return bool(explored.runs) and explored.is_any_live(state.run)
 
 
 def _exported(explored: Explored) -> Iterator[Tasks]:

@@ -375,7 +375,7 @@ def test_a_site_of_files_has_the_episodes_of_the_tasks_that_it_lists(agents: Exp
 
 
 def test_a_site_of_files_has_no_episode_of_an_agent_that_cannot_be_asked(agents: Explored, tmp_path: Path):
-    _, folder = agents.run()
+    folder = next(iter(agents.runs.values()))
     shutil.copytree(folder, failed := tmp_path / "failed")
     record = json.loads((failed / "run.json").read_text())
     (failed / "run.json").write_text(json.dumps(record | {"status": "failed"}))

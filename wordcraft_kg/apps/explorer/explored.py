@@ -69,15 +69,11 @@ class Explored:
 
         No model, or too many entities to compare, is a ConfigError, an unknown name an UnknownEntityError.
         """
-        predictor = self._by_name("model", self.models, name)
+        predictor = self.models[self._name("model", self.models, name)]
         self.once(("evidence", predictor.name), lambda: predictor.evidence)
         return predictor
 
-    def run(self, name: str = "") -> tuple[str, Path]:
-        """Return the name and folder of an agent's run, by default the first; errors as in :meth:`predictor`."""
-        return self._by_name("run", {name: (name, folder) for name, folder in self.runs.items()}, name)
-
-    def _by_name(self, kind: str, known: Mapping[str, T], name: str) -> T:
+    def _name(self, kind: str, known: Mapping[str, object], name: str) -> str:
         if not known:
             raise ConfigError(f"This page needs a {kind}; start with `wordcraft-kg explore GRAPH --{kind} FOLDER`.")
         name = name or next(iter(known))
@@ -85,7 +81,7 @@ class Explored:
             raise UnknownEntityError(
                 f"no {kind} '{name[:60]}'; there is {', '.join(known)}.{nearest(name[:60], known)}"
             )
-        return known[name]
+        return name
 
     def planner(self) -> Planner:
         """Return the planner with the cheapest derivations."""
@@ -101,9 +97,9 @@ class Explored:
             return cast(T, self._values[key])
 
     def followed(self, name: str = "") -> tuple[str, FollowedRun]:
-        """Return the name of an agent's run and a reader of its growing files; see :meth:`Explored.run`."""
-        name, folder = self.run(name)
-        return name, self.once(("followed run", name), lambda: FollowedRun(folder, self.opened))
+        """Return an agent's run, by default the first, as name and reader of its growing files."""
+        name = self._name("run", self.runs, name)
+        return name, self.once(("followed run", name), lambda: FollowedRun(self.runs[name], self.opened))
 
     def is_any_live(self, *names: str) -> bool:
         """Return whether any of these runs has yet to be complete and evaluated."""

@@ -204,7 +204,7 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
         return Outcome(task.address, "failed", "the oven is broken") if task.address == broken else pretend(task, root)
 
     state = run_plan(plan, tmp_path, lambda: Inline(tmp_path, work))
-    assert (state.done, len(state.failed), state.left) == (5, 5, 0)
+    assert (state.done, len(state.failed), state.kept, state.total) == (5, 5, 0, 10)
     assert failure_of(tmp_path, broken) == "the oven is broken"
     run = next(address for address, task in plan.tasks.items() if broken in task.needs)
     assert failure_of(tmp_path, run) == f"{plan.tasks[broken].title} failed: the oven is broken"

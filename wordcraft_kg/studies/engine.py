@@ -42,11 +42,6 @@ class State:
     failed: dict[str, Outcome] = field(default_factory=dict)
     running: dict[str, float] = field(default_factory=dict)
 
-    @property
-    def left(self) -> int:
-        """Number of tasks that have not started."""
-        return self.total - self.kept - self.done - len(self.failed) - len(self.running)
-
 
 Watch = Callable[[Plan, State], None]
 

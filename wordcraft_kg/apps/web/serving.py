@@ -11,7 +11,6 @@ from collections.abc import Callable
 from starlette.types import ASGIApp
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
@@ -31,12 +30,6 @@ class _Once(logging.Filter):
         is_new = record.getMessage() not in self.seen
         self.seen.add(record.getMessage())
         return is_new or record.exc_info is not None
-
-
-class Serving(Record):
-    """The result of a serving command: the server address."""
-
-    address: str
 
 
 def listen(host: str, port: int) -> socket.socket:

@@ -62,7 +62,7 @@ def explore(
         _export(lambda: Explored.open(graph, model or (), run or ()), export, force, output)
         return
     from wordcraft_kg.apps.explorer.server import make_app, warm
-    from wordcraft_kg.apps.web.serving import Serving, listen, serve
+    from wordcraft_kg.apps.web.serving import listen, serve
 
     listening = listen(host, port)  # before the work
     try:
@@ -72,7 +72,7 @@ def explore(
         raise
 
     def started(address: str) -> None:
-        output.result(Serving(address), [f"{address}   Ctrl-C stops the server"])
+        output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
         warm(explored)
 
     serve(make_app(explored, host, allow_host or ()), listening, started, in_browser=not no_browser)

@@ -62,7 +62,7 @@ def people_serve(
 
     check_extra("explore")
     from wordcraft_kg.apps.people.web_app import make_study_app
-    from wordcraft_kg.apps.web.serving import Serving, listen, serve
+    from wordcraft_kg.apps.web.serving import listen, serve
 
     amounts = whole_numbers("distractors", distractors) if distractors else StudyConfig.distractors
     config = StudyConfig(tasks, tuple(amounts), forms, seed, _consent(consent))
@@ -73,7 +73,7 @@ def people_serve(
 
             def started(address: str) -> None:
                 output.result(
-                    Serving(address), [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"]
+                    {"address": address}, [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"]
                 )
 
             app = make_study_app(study, answers, host, allow_host or ())

@@ -57,7 +57,7 @@ def mcp(
     from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
     from wordcraft_kg.apps.text_agents.mcp_server import PATH, make_http_app, make_server, tools_hash
     from wordcraft_kg.apps.text_agents.records import GamesHeader
-    from wordcraft_kg.apps.web.serving import Serving, listen, serve
+    from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
         listening = stack.enter_context(listen(host, port)) if transport == "http" else None  # before the work
@@ -71,7 +71,7 @@ def mcp(
             return
 
         def started(address: str) -> None:
-            output.result(Serving(address + PATH), [f"{address}{PATH}   Ctrl-C stops the server"])
+            output.result({"address": address + PATH}, [f"{address}{PATH}   Ctrl-C stops the server"])
             sys.stdout.flush()
 
         serve(make_http_app(server, host, allow_host or ()), listening, started, has_lifespan=True)

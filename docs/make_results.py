@@ -22,11 +22,10 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
-from wordcraft_kg.studies.scatter import ScorerScatter
 from wordcraft_kg.studies.store import collect_study, studies_of
 from wordcraft_kg.studies.study import Study, Values, built_in, read_study
 from wordcraft_kg.studies.tables import origin_in_words
-from wordcraft_kg.studies.variants import PointFigures, VariantFigures
+from wordcraft_kg.studies.variants import PointFigures, ScorerScatter, VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 HERE = Path(__file__).parent

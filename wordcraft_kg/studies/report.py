@@ -13,9 +13,8 @@ from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.charts.standalone import rendered
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
-from wordcraft_kg.studies.scatter import Correlation, ScorerScatter
 from wordcraft_kg.studies.tables import as_csv, notes, origin_in_words, tables_of, with_bounds
-from wordcraft_kg.studies.variants import PointFigures
+from wordcraft_kg.studies.variants import Correlation, PointFigures, ScorerScatter
 from wordcraft_kg.studies.view import StudyView, title_of
 
 _SUCCESS = "greedy success on test tasks"

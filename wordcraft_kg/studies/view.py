@@ -11,9 +11,8 @@ from wordcraft_kg.base.statistics import holm
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
-from wordcraft_kg.studies.scatter import ScorerScatter, scatters_of
 from wordcraft_kg.studies.study import Drawing, Value, Values
-from wordcraft_kg.studies.variants import PointFigures, VariantFigures, figures_of
+from wordcraft_kg.studies.variants import PointFigures, ScorerScatter, VariantFigures, figures_of, scatters_of
 
 
 class StudyView(Record):

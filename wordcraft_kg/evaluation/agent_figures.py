@@ -40,7 +40,7 @@ class AgentSuccess(Record):
 
     ``mean`` has intervals over training seeds (by Student's t; None for a single run) and over tasks; ``seeds`` has
     each run's rate. ``by_plan`` is the share of episodes that make the goal by one of the task's plans, ``actions`` the
-    mean per episode. ``difference`` to the first agent, by resampling tasks, is None for the first agent.
+    mean per episode. ``difference`` to the first agent: by resampling tasks, None for the first agent.
     """
 
     mean: Share

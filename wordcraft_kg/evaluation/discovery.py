@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Known(Record):
     """Mean number of known entities after a number of attempts, with the 95 % interval over runs.
 
-    Bounds are None for a single run; ``repeated`` is the share of the attempts so far that repeated a pair.
+    Bounds: None for a single run; ``repeated`` is the share of the attempts so far that repeated a pair.
     """
 
     mean: float

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class AgentEvaluation(Record):
     """Success rates for a trained agent, or another player on the tasks of its training run, by distractor count.
 
-    The checkpoint is None for another player; ``scores`` has the score settings of ``kg-only``, the scorer alone.
+    Checkpoint: None for another player; ``scores`` has the score settings of ``kg-only``, the scorer alone.
     """
 
     run: str

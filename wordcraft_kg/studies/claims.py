@@ -54,7 +54,7 @@ _MEASURES = {
 class Measured(Record, frozen=True):
     """The measured values for a claim under fixed grid settings: means over common seeds for both sides.
 
-    The 95 % interval for ``difference`` is None for a single seed; ``tasks`` is 0 for a measure with a single value per
+    The 95 % interval for ``difference`` needs several seeds, else None; ``tasks`` is 0 for a measure with a single value per
     run.
     """
 

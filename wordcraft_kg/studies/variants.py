@@ -40,7 +40,7 @@ class Comparison(Record):
     """A variant compared with the study's reference variant under the same grid settings.
 
     ``difference`` of mean success on test tasks, with the 95 % interval by resampling seeds and tasks, over ``pairs``
-    common seeds. The p-value is None below three pairs; ``p_corrected`` has Holm's correction for all comparisons in
+    common seeds. The p-value needs three pairs, else None; ``p_corrected`` has Holm's correction for all comparisons in
     the study.
     """
 

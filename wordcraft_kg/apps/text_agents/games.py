@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 class Game(ABC):
     """Base class for games: an attempt combines two entities in :attr:`labels`; after the end, an EpisodeError.
 
-    In the open-ended world, goal and tasks are None and ``task``, the task's index, is -1.
+    Goal, tasks and the task's index: None, None and -1 in the open-ended world.
     """
 
     goal: str | None = None

@@ -42,7 +42,7 @@ class PartSuccess(Record):
 class RunRow(Record):
     """An agent's run, with the last weights that mix policy and scorer, for first and second action.
 
-    The status is None before the start and for unreadable runs; ``steps`` so far are of ``planned``.
+    Status: None before the start and for unreadable runs; ``steps`` so far are of ``planned``.
     """
 
     name: str

@@ -66,7 +66,7 @@ class AlikeEntity(Record):
 class EntityProfile(Record):
     """An entity, with predictions for partners, ingredients and products.
 
-    ``layer`` and ``crafts`` (of the cheapest derivation) need a reachable entity, ``by_words`` a word vector; else None.
+    ``layer`` and ``crafts`` (of the cheapest derivation) need a reachable entity, ``by_words`` a vector; else None.
     """
 
     entity: str

@@ -80,11 +80,7 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success rate for a player that learns nothing, by distractor count.
-
-    Players are ``random``, ``nearest words`` (the two entities nearest to the goal by GloVe), ``recipe oracle``, and
-    each agent's scorer alone.
-    """
+    """Success by distractor count for random, nearest words (GloVe), the recipe oracle or a scorer alone."""
 
     name: str
     success: dict[str, Share]
@@ -130,10 +126,7 @@ _Results = dict[int, list[Evaluation]]
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
-    """Group training runs that differ only in the seed, and name each group (an agent) after the runs.
-
-    Two runs with the same settings and seed are a ConfigError.
-    """
+    """Group runs that differ only in the seed (equal runs are a ConfigError), and name the groups (agents)."""
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
         inputs = tuple(agent.run.inputs.get(name) for name in ("graph", "split", "scorer"))

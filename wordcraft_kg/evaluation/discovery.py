@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
 
 class Known(Record):
-    """Mean number of known entities after a number of attempts, with the 95 % interval over runs.
-
-    Bounds: None for a single run; ``repeated`` is the share of the attempts so far that repeated a pair.
-    """
+    """Mean number of known entities after attempts, with 95 % bounds over runs, and the share of repeated pairs."""
 
     mean: float
     low: float | None

@@ -29,10 +29,7 @@ NO_NEAR_SYNONYM = "no such train recipe"
 
 
 class Comparison(Record):
-    """A link predictor's MRR minus a baseline's on the same queries, with the 95 % bootstrap interval over recipes.
-
-    The verdict is ``above`` or ``below`` the baseline, or ``level with`` it if the interval includes 0.
-    """
+    """A link predictor's MRR minus a baseline's, with the 95 % bootstrap interval over recipes and a verdict."""
 
     baseline: str
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]

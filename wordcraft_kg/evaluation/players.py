@@ -20,10 +20,7 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success rates for a trained agent, or another player on the tasks of its training run, by distractor count.
-
-    Checkpoint: None for another player; ``scores`` has the score settings of ``kg-only``, the scorer alone.
-    """
+    """Success rates by distractor count for a trained agent, or for another player on the tasks of its training."""
 
     run: str
     agent: str
@@ -89,10 +86,7 @@ def view_explanation(
 
 
 class Baselines(Record):
-    """Success rates for scripted players, with a row for each player and distractor count.
-
-    Each task is played ``distractor_seeds`` times for each distractor count.
-    """
+    """Success rates for scripted players, with a row for each player and distractor count."""
 
     graph: str
     part: TaskPart

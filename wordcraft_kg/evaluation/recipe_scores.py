@@ -79,10 +79,7 @@ class ScoredRecipeRow(Record):
 
 @dataclass(frozen=True)
 class RecipeScoring:
-    """A recipe scorer, of a cross-fitted model the whole one, with the known recipes by split part.
-
-    ``parts`` are empty without the graph; ``seen`` are the recipes that the scorer was trained on.
-    """
+    """A recipe scorer (whole, if cross-fitted), its training recipes, and known recipes by split part."""
 
     model: ScoringModel
     scorer: RecipeScores

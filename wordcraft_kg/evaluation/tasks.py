@@ -19,10 +19,7 @@ class ShownTask(Record):
 
 
 class TaskListing(Record):
-    """The crafting tasks in a split part (such as test), with examples (``shown``).
-
-    ``complete`` is False for a random sample; ``mixed`` tasks are in no part, because plans use recipes from several.
-    """
+    """The tasks in a split part, all or a random sample, with examples; ``mixed`` tasks use several parts."""
 
     graph: str
     depth: int

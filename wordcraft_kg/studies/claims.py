@@ -54,7 +54,7 @@ _MEASURES = {
 class Measured(Record, frozen=True):
     """The measured values for a claim under fixed grid settings: means over common seeds for both sides.
 
-    The 95 % interval for ``difference`` needs two seeds, else None; ``tasks`` is 0 for one value per run.
+    The 95 % interval needs two seeds, else None; ``tasks`` is 0 for one value per run.
     """
 
     values: Values

@@ -184,10 +184,7 @@ _START = 3.0
 
 
 def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
-    """Estimate a study's remaining core hours, scaled by the durations of its finished tasks in ``root``.
-
-    Cells in ``store`` count as finished, except scorers that a missing agent needs.
-    """
+    """Estimate a study's remaining core hours from finished tasks; cells in ``store`` count as finished."""
     left: dict[str, Task] = {}
     measured = defaultdict(list)
     for task in plan.tasks.values():

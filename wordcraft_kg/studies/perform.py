@@ -45,10 +45,7 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> bool:
-    """Check a finished task's files; return whether the graph or model itself exists, not only copied metrics.
-
-    A missing or damaged file is an ArtefactError.
-    """
+    """Return whether a finished task's graph or model exists, not only copied metrics; ArtefactError if damaged."""
     folder = task.folder(root)
     if task.kind == "graphs":
         open_graph(str(folder))
@@ -83,10 +80,7 @@ def make_graph(task: Task, root: Path, book: str) -> None:
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
-    """Train a task's scorer or agent, from a checkpoint if present; errors are in the outcome, not raised.
-
-    Without ``keep_all``, large files such as agent weights are removed from the run folder.
-    """
+    """Train or resume a task; errors are in the outcome. Without ``keep_all``, large files of a run are removed."""
     try:
         if is_done(task, root):
             return Outcome(task.address, "done")

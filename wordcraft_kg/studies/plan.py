@@ -89,10 +89,7 @@ class Plan:
 
 
 def make_plan(study: Study, name: str) -> Plan:
-    """Plan the tasks for a study; ``name`` becomes a file name in the results folder.
-
-    A missing book is a RecipeFileError; an invalid name or setting, or two equal variants, are a ConfigError.
-    """
+    """Plan a study's tasks; ``name`` is a file name. Faults and equal variants are a ConfigError."""
     if name in ("", "..") or Path(name).name != name:
         raise ConfigError(
             f"a study cannot be called '{name}', because its name is a file name. Choose a name without folders."

@@ -21,10 +21,7 @@ _SUCCESS = "greedy success on test tasks"
 
 
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
-    """Write a study's page, report.json, table and picture files into a folder, and return the paths.
-
-    The extra ``figures`` adds PNG and PDF files. An existing folder is an OutputExistsError without ``force``.
-    """
+    """Write page, report.json, table and pictures (the extra ``figures`` adds PNG and PDF); return the paths."""
     report = make_study_report(view)
     write_report(report, folder, force=force)
     return [folder / name for name in ("index.html", "report.json", *report.files)]

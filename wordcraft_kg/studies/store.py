@@ -53,10 +53,7 @@ class PlannedStudy(Record, frozen=True):
 
 @contextmanager
 def own_results(root: Path) -> Iterator[None]:
-    """Lock a results folder for a single study, and remove files that a killed study left.
-
-    The folder is created if necessary; a path that is a file or locked is an ArtefactError.
-    """
+    """Lock a results folder, created if necessary, for one study (else ArtefactError); remove what a kill left."""
     if root.is_file():
         raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")
     (root / _STUDIES).mkdir(parents=True, exist_ok=True)

@@ -172,10 +172,7 @@ def parse_study(text: str, source: str) -> Study:
 
 
 def adapted(study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None) -> Study:
-    """Return a study with another recipe book, number of training steps or number of seeds.
-
-    A setting that the study varies, or a number out of range, is a ConfigError.
-    """
+    """Return a study with another book, steps or seeds; ConfigError if the study varies the setting."""
     given: Values = {name: value for name, value in (("book", book), ("steps", steps)) if value is not None}
     for name in given:
         tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]

@@ -40,10 +40,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended; an interrupted task can be resumed.
-
-    ``error`` is a line, ``detail`` the traceback of an unexpected error; ``disk_full`` ends the study.
-    """
+    """How a task ended: error in a line, traceback of an unexpected error, and a full disk, which ends the study."""
 
     address: str
     termination: TerminationReason

@@ -84,10 +84,7 @@ class VariantFigures(Record):
 
 
 class PointFigures(Record):
-    """Results for all variants at a grid point, a combination of grid settings described by ``title``.
-
-    Usually the runs share a single graph; ``distractor_seeds`` is the number of tables per task.
-    """
+    """Results for all variants at a grid point, with ``title`` in words; usually the runs share a single graph."""
 
     values: Values
     title: str
@@ -240,10 +237,7 @@ class ScorerScatter(Record):
 
 
 def scatters_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[ScorerScatter]:
-    """Yield a plot for each combination of settings other than the scorer's, with in-sample scores apart.
-
-    ``points`` has the figures of ``results`` at each grid point, ``reference`` is a variant.
-    """
+    """Yield a plot for each combination of settings other than the scorer's, with in-sample scores apart."""
     groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
     for point in points:
         for entry in point.variants:

@@ -45,10 +45,7 @@ class PlacedRecipe(Record):
 
 
 class ScoredLink(Record):
-    """A model's score for a link (triple); training links have no probability.
-
-    ``known`` is the split part of the link's first recipe, or new without a recipe.
-    """
+    """A model's score for a link; ``known`` is its first recipe's part or new; training links have no probability."""
 
     score: float
     status: Status
@@ -57,10 +54,7 @@ class ScoredLink(Record):
 
 
 class PredictedEntity(ScoredLink):
-    """A predicted answer to a query, a triple with an unknown head or tail: the entity that fills the open slot.
-
-    The position in the page's list is 0 for unlisted entities; ties in the filtered rank get the mean rank.
-    """
+    """A predicted answer to a query; the position in the page's list is 0 for unlisted entities, ties share ranks."""
 
     entity: str
     position: Count
@@ -201,10 +195,7 @@ class LinkPredictor:
     def best(
         self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
     ) -> PredictedSlot:
-        """List the ``top`` entities in an open slot, and the best ranked true entities (at most ``truth``).
-
-        Reasons have at most ``witnesses`` supporting links per entity; 0 gives none.
-        """
+        """List the ``top`` entities in an open slot (with ``witnesses`` each), and the best ``truth`` true entities."""
         order = np.argsort(-slot.scores, kind="stable")
         listed = order if with_learned else order[~slot.learned[order]]
         positions = np.zeros(len(order), dtype=np.int64)

@@ -16,10 +16,7 @@ from wordcraft_kg.reports.pages import Outline, make_environment
 
 
 class Site:
-    """Renders pages, without forms if ``is_static``.
-
-    ``address`` returns a page's address, empty for missing pages; ``file`` returns a file's address.
-    """
+    """Renders pages, without forms if ``is_static``; ``address`` is empty for missing pages, ``file`` is for files."""
 
     def __init__(self, explored: Explored, address: Addresses, file: Callable[[str], str], *, is_static: bool = False):
         """Take a subject and address forms."""

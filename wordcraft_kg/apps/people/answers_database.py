@@ -84,10 +84,7 @@ class AnswersDatabase:
     """The answers of a study, for the server; thread-safe."""
 
     def __init__(self, path: Path, study: str, turns: int):
-        """Open or create the database of a study (hash of its record), with a number of tasks per person (``turns``).
-
-        Damaged, different and read-only files are an ArtefactError and stay unchanged.
-        """
+        """Open or create a study's database, with ``turns`` per person; other files are an ArtefactError."""
         if not path.exists():
             _make(path, study)
         with _reading(path, study):
@@ -124,10 +121,7 @@ class AnswersDatabase:
         _LOG.warning("%s-wal keeps withdrawn answers until the server stops or starts again.", self._path)
 
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
-        """Start a session in the cell with the fewest sessions; ties: fewest finished sessions, then order.
-
-        A repeated code (by its hash) returns the existing session, so a repeated form starts one session.
-        """
+        """Start, or return by a code's hash, a session in the cell with the fewest sessions, then finished ones."""
         with self._writing() as connection:
             if (known := _find(connection, code)) is not None:
                 return known
@@ -212,10 +206,7 @@ _ANSWERS = "SELECT session, part, number, goal, slots, actions, made, success, s
 
 
 def read_answers(path: Path, study: str) -> tuple[list[Participant], list[StoredAnswer]]:
-    """Return all people and answers in order; nothing is written, and a server may be running.
-
-    Damaged files and the databases of other studies are an ArtefactError.
-    """
+    """Return all people and answers in order; nothing is written. Damage or another study is an ArtefactError."""
     with _reading(path, study) as connection:
         rows = connection.execute(f"{_PEOPLE} ORDER BY number").fetchall()
         people = [Participant(number, Cell(form, distractors)) for number, form, distractors in rows]

@@ -179,10 +179,7 @@ def check_alike(path: Path, header: Header, other: str, reference: Header) -> No
 
 
 def check_equal(subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]) -> None:
-    """Check that settings are equal, except for the graph name; ``subject`` and ``other`` name both in the error.
-
-    A hash that differs is a GraphMismatchError, another setting a ConfigError.
-    """
+    """Check that settings except the graph name are equal: GraphMismatchError for a hash, else ConfigError."""
     for name in {**want, **have}:
         if name != "graph" and have.get(name) != want.get(name):
             is_hash = name.endswith("_hash")

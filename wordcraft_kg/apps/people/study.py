@@ -42,10 +42,7 @@ STUDY_FILE = "study.json"
 
 
 class StudyRecord(Record):
-    """``study.json``: the identity of a study; the settings exclude the number of distractors.
-
-    A study keeps its texts, whose hash is ``texts_hash``, from begin to end.
-    """
+    """``study.json``: the identity of a study, with its texts; the settings exclude the number of distractors."""
 
     format: Literal["wordcraft-kg study 2"]
     graph: str

@@ -14,10 +14,7 @@ from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 
 
 class AgentRate(Record):
-    """The results of an agent on the tables that people answered; a table counts once per answer.
-
-    The 95 % interval is a bootstrap over tables; Wilson's for equal results; None for a single table.
-    """
+    """An agent's results on people's tables, once per answer; 95 % bootstrap over tables, Wilson's if all equal."""
 
     successes: Count
     rate: Share

@@ -80,10 +80,7 @@ class Conversation:
         return f"{outcome}\n\n{self.game.state}"
 
     def look_up(self, entity: int) -> tuple[list[str], str]:
-        """Count a look-up; return the facts about an entity (id) as lines, and as a reply text.
-
-        It is an ActionError if all look-ups are used up.
-        """
+        """Count a look-up (ActionError if none is left); return an entity's facts as lines, and as a reply."""
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
             raise ActionError(prompt_text("no_look_ups"))
         facts = self._knowledge.facts(entity, self.game)

@@ -16,10 +16,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 
 
 class Game(ABC):
-    """Base class for games: an attempt combines two entities in :attr:`labels`; after the end, an EpisodeError.
-
-    Goal, tasks and the task's index: None, None and -1 in the open-ended world.
-    """
+    """Base class for games: an attempt combines two of :attr:`labels`; without tasks, ``task`` is -1."""
 
     goal: str | None = None
     tasks: TaskSet | None = None
@@ -160,10 +157,7 @@ class TaskGames:
 
 
 class DiscoveryGame(Game):
-    """A game in the open-ended world: combine known entities to discover as many entities as possible.
-
-    ``known_after`` counts known entities after each attempt, ``repeated`` attempts with an already tried pair.
-    """
+    """An open-ended game: discover many entities; ``known_after`` counts them after each attempt."""
 
     def __init__(self, env: OpenEndedEnv):
         """Begin a game; no other game may use ``env``."""

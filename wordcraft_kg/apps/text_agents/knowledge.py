@@ -110,10 +110,7 @@ class ScorerKnowledge(Knowledge):
         self._models: dict[str, Ids] = {}
 
     def facts(self, entity: int, game: Game) -> list[str]:
-        """Return an entity's best links as text: partners on the table, any results and ingredients.
-
-        On a train task, a scorer without folds (models trained without some train recipes) is a LeakError.
-        """
+        """Return an entity's best links as text; LeakError for a scorer without folds on a train task."""
         scorer = self._answering(game)
         return [] if scorer is None else [*self._links(scorer, entity, game)]
 
@@ -153,10 +150,7 @@ class ScorerKnowledge(Knowledge):
 
 
 def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | None:
-    """Return the source of facts that the settings select, for games on a graph and split; None without look-ups.
-
-    A scorer folder that is unfinished or damaged is an ArtefactError, another graph or split a GraphMismatchError.
-    """
+    """Return the settings' source of facts for this graph and split (else GraphMismatchError), or None."""
     if settings.scorer is None:
         return PartialGraphKnowledge(opened.split) if settings.knowledge == "partial" else None
     from wordcraft_kg.models.folder import open_model

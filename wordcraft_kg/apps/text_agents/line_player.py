@@ -34,10 +34,7 @@ class LinePlayer:
     """A running program that plays by the line protocol; its name omits options, which may contain a secret."""
 
     def __init__(self, command: str, *, timeout: float = TIMEOUT):
-        """Start the program ``command``, without a shell; ``timeout`` is the time limit for an answer, in seconds.
-
-        An invalid command line or time is a ConfigError; a program that cannot be started is a PlayerError.
-        """
+        """Start a command (ConfigError if invalid) without a shell; ``timeout`` is seconds for an answer."""
         number_in("timeout", timeout, 1e-3, 1e6, "seconds, .001 to a million")
         self._timeout = timeout
         try:
@@ -98,10 +95,7 @@ class LinePlayer:
         return answer
 
     def ask(self, line: str) -> str:
-        """Send a line to the program, and return the program's answer.
-
-        A program that has ended, does not answer in time, or breaks the protocol is a PlayerError.
-        """
+        """Send a line, and return the answer; PlayerError if the program has ended, is late or breaks the protocol."""
         if not self._lines.empty():
             self._receive(0)  # raises if the program has ended
             raise self._error("wrote extra lines: expected one line per input line. Write everything else to stderr.")

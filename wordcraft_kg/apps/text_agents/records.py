@@ -103,10 +103,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
 
 
 class PlayedWorld(Record, frozen=True, kw_only=True):
-    """A finished open-ended game: a line in ``games.jsonl``; see :class:`PlayedTask` for the last four fields.
-
-    ``known_after`` counts known entities after each attempt, ``repeated`` attempts with an already tried pair.
-    """
+    """A finished open-ended game: a line in ``games.jsonl``; for the last four fields see :class:`PlayedTask`."""
 
     game: Count
     known_after: tuple[Count, ...]

@@ -80,10 +80,7 @@ def _plot_of_curves(series: Mapping[str, Sequence[CurvePoint]], room: int, descr
 def dots(
     labels: Sequence[str], series: Mapping[str, Sequence[Estimate | None]], x_title: str, y_title: str, description: str
 ) -> Markup:
-    """Draw shares (0 to 1) with whiskers, side by side in each category (``labels``), and a legend on the right.
-
-    ``series`` has by name a share with its interval for each category, or None; a series without shares is not drawn.
-    """
+    """Draw shares with whiskers by category (``labels``), side by side; a series without shares is not drawn."""
     names = [name for name, values in series.items() if not values or any(values)]
     room = room_for(names, 30)
     plot = Plot((0, max(len(labels), 1)), (0, 1), description, right=room)

@@ -28,10 +28,7 @@ Better = Literal["either", "one", "other"]
 
 
 class Compare(Queries):
-    """Page settings: a filter for queries, and two models, by default the first two.
-
-    ``better`` lists only queries where this model ranks the true answer better.
-    """
+    """Page settings: a filter for queries, two models (default: the first two), and which ranks the answer better."""
 
     one: str = ""
     other: str = ""

@@ -29,11 +29,7 @@ class ModelLine(Record):
 
 
 class Overview(Record):
-    """A graph with models and runs.
-
-    ``reachable`` entities belong to the base or follow from the base; ``layers`` are crafting rounds; the ``furthest``
-    entities need most rounds.
-    """
+    """A graph with models and runs: reachable entities with the base, crafting rounds, and the furthest entities."""
 
     graph: str
     hash: Hash

@@ -24,10 +24,7 @@ class Pair(State):
 
 
 class PairProfile(Record):
-    """A pair with recipes, a model's score for ``a combinesWith b``, and the predicted results, best first.
-
-    Link and results are None without a model; results are None for link scorers. ``examples`` are other pairs.
-    """
+    """A pair with recipes, a model's score for the link, and (from recipe scorers) results, best first; other pairs."""
 
     a: str
     b: str

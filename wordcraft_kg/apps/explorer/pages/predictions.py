@@ -29,10 +29,7 @@ Knowledge = Literal["unseen", "learned", "all"]
 
 
 class RankFilter(State):
-    """A filter for queries: true triples with an open ``side``, by relation, split part, and entity.
-
-    ``known`` selects training triples, other triples, or all; with two models, their status must be equal.
-    """
+    """A filter for queries (links with an open ``side``); ``known`` selects training triples, other triples, or all."""
 
     relation: Relation | Literal[""] = ""
     side: Side | Literal[""] = ""
@@ -60,10 +57,7 @@ class Predictions(Queries):
 
 
 class RankedQuery(Record):
-    """A query for head or tail in a true triple, with the filtered, realistic rank and the best candidate.
-
-    ``known`` is the part with recipes for the triple; ``learned`` marks training triples.
-    """
+    """A query with the filtered, realistic rank, the best candidate, and the part with recipes for the triple."""
 
     head: str
     relation: Relation

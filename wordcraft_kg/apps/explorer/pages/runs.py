@@ -40,10 +40,7 @@ class PartSuccess(Record):
 
 
 class RunRow(Record):
-    """An agent's run, with the last weights that mix policy and scorer, for first and second action.
-
-    Status: None before the start and for unreadable runs; ``steps`` so far are of ``planned``.
-    """
+    """An agent's run (status None before the start or if unreadable) with steps so far, and the last mixing weights."""
 
     name: str
     status: Status | None

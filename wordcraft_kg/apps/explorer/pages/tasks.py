@@ -45,10 +45,7 @@ class ListedTask(Record):
 
 
 class TaskTable(Record):
-    """Tasks for a depth and part, all or a random sample, and counts of tasks by an agent's results.
-
-    ``mixed`` tasks are outside all parts; ``counts`` are empty without results.
-    """
+    """Tasks for a depth and part, with ``counts`` by an agent's results; ``mixed`` tasks are outside all parts."""
 
     part: TaskPart
     depth: int

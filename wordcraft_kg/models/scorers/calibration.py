@@ -34,7 +34,8 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.recipes import RecipeScores
+from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve, score_histogram
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 
 SEGMENTS = (3.0, 6.0)
 """Log-odds at which the slope may change: the best 5 % and the best .25 % of all pairs."""
@@ -116,11 +117,13 @@ class Probabilities(Record, frozen=True, kw_only=True):
     Attributes:
         relations: curves for combinesWith and componentOf, by relation id.
         temperature: recipe scores are divided by this number before the softmax; None without recipe scores.
+        recipes: curve for recipes; None without recipe scores, and in folders from older versions.
     """
 
     format: Literal["wordcraft-kg calibration 1"] = "wordcraft-kg calibration 1"
     relations: tuple[RelationCurves, RelationCurves]
     temperature: float | None = None
+    recipes: RecipeCurve | None = None
 
     @classmethod
     def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
@@ -144,7 +147,12 @@ class Probabilities(Record, frozen=True, kw_only=True):
                     known_share=share, scores=scores, rank_log_odds=log_odds, distinct=distinct, itself=itself
                 )
             )
-        return cls(relations=(curves[0], curves[1]), temperature=_temperature(seen))
+        histograms = [part.recipes for part in seen if part.recipes is not None]
+        return cls(
+            relations=(curves[0], curves[1]),
+            temperature=_temperature(seen),
+            recipes=fit_recipe_curve(histograms, folds) if histograms else None,
+        )
 
     def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         """Return probabilities, float32, for triples and the whole model's ``scores``; arguments broadcast."""
@@ -170,12 +178,14 @@ class Seen:
         results: shape (N, E): scores for all E entities as results, for N pairs sampled from the fold; None without
             recipe scores.
         right: shape (N, E), bool: whether the pair makes the entity.
+        recipes: see :func:`~wordcraft_kg.models.scorers.recipe_curve.score_histogram`; None without recipe scores.
     """
 
     true: _Floats
     others: _Floats
     results: _Floats | None
     right: NDArray[np.bool_] | None
+    recipes: _Floats | None
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
@@ -203,7 +213,9 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
             true[relation, itself] = np.bincount(_bin(own_log_odds[own_self == itself]), minlength=bins)
             chosen = unknown & (is_self == itself)
             others[relation, itself] = np.bincount(_bin(log_odds[chosen]), weights[chosen], minlength=bins)
-    return Seen(true, others, *_results(scorer, folds, fold, seed))
+    results, right = _results(scorer, folds, fold, seed)
+    recipes = score_histogram(scorer, folds, fold, seed=seed) if isinstance(scorer, RecipeScorer) else None
+    return Seen(true, others, results, right, recipes)
 
 
 def known_share(folds: Folds, relation: int) -> float:

@@ -125,7 +125,7 @@ class RecipeKnowledge(nn.Module):
         def joined(name: str) -> Tensor:
             parts = [getattr(model, name) for model in models]
             if name == "words":
-                return parts[0]
+                return parts[0].clone()  # tensors in a file may not share memory
             if name == "results":
                 parts = [
                     nn.functional.pad(part, (0, shape[1] - part.shape[2], 0, shape[0] - part.shape[1]), value=nothing)
@@ -171,15 +171,17 @@ class RecipeKnowledge(nn.Module):
             }
         )
 
-    def features(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return the features in :data:`FEATURES` for all P slot pairs, (F, B, P), in the order of :func:`pairs_of`.
+    def features(
+        self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
+    ) -> Tensor:
+        """Return the features in :data:`FEATURES` for P slot pairs, (F, B, P): ``pairs``, or all in :func:`pairs_of`.
 
-        Arguments are int64: goal ids (B,), entity ids in the slots (B, A) with E for empty slots, and which of the M
-        stacked models to use (B,).
+        Arguments are int64: goal ids (B,), entity ids in the slots (B, A) with E for empty slots, which of the M
+        stacked models to use (B,), and the first and second slot of each pair (P,).
         """
         width, wide = self.num_entities + 1, self.words.shape[1]
         slots = table.shape[1]
-        one, other = pairs_of(slots, table.device)
+        one, other = pairs or pairs_of(slots, table.device)
         rows = (model * width)[:, None] + table
         a, b = table.index_select(1, one), table.index_select(1, other)
         cells = rows.index_select(1, one) * width + b
@@ -253,16 +255,20 @@ class RecipeKnowledge(nn.Module):
 
         Arguments as in :meth:`features`; ``model`` holds model numbers below M, shape (B,).
         """
-        features = self.features(goal, table, model).transpose(0, 1)
-        first = self.first.transpose(1, 2).index_select(0, model)
-        hidden = torch.baddbmm(self.first_bias.index_select(0, model)[:, :, None], first, features).relu_()
-        scores = torch.bmm(self.second.index_select(0, model)[:, None], hidden)[:, 0]
-        scores = (scores + self.bias.index_select(0, model)[:, None]).index_select(
-            1, _square(table.shape[1], table.device)
-        )
+        scores = self.scores(self.features(goal, table, model), model)
+        scores = scores.index_select(1, _square(table.shape[1], table.device))
         is_empty = table == self.num_entities
         scores = scores.view(*table.shape, table.shape[1])
         return scores.masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+
+    def scores(self, features: Tensor, model: Tensor) -> Tensor:
+        """Score P slot pairs, shape (B, P), in nats, from their :meth:`features`, shape (F, B, P)."""
+        first = self.first.transpose(1, 2).index_select(0, model)
+        hidden = torch.baddbmm(
+            self.first_bias.index_select(0, model)[:, :, None], first, features.transpose(0, 1)
+        ).relu_()
+        scores = torch.bmm(self.second.index_select(0, model)[:, None], hidden)[:, 0]
+        return scores + self.bias.index_select(0, model)[:, None]
 
 
 def _forget(knowledge: nn.Module, _: object) -> None:

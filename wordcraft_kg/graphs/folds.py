@@ -22,7 +22,7 @@ from wordcraft_kg.graphs.triples import recipe_triples
 OUTSIDE = -1
 """Fold of a recipe outside the train part."""
 SEVERAL = -2
-"""Fold of a task with recipes from several folds."""
+"""Fold of a task with several plans, such that no single fold has a recipe of each."""
 
 
 class Folds:
@@ -71,7 +71,7 @@ class Folds:
         return frozen(recipe_triples(self.recipes(left_out)))
 
     def of_tasks(self, tasks: TaskSet) -> Ids:
-        """Return each crafting task's fold, shape (N,), see :func:`fold_of_tasks`."""
+        """Return the fold to leave out for each crafting task, shape (N,), see :func:`fold_of_tasks`."""
         return fold_of_tasks(self.of_recipe, tasks)
 
     @cached_property
@@ -81,10 +81,12 @@ class Folds:
 
 
 def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return each crafting task's fold, which contains all train recipes in the task's plans; shape (N,).
+    """Return the fold to leave out for each crafting task, which has a recipe of each plan; shape (N,).
 
-    The value is :data:`SEVERAL` for several folds, :data:`OUTSIDE` without a train recipe. ``of_recipe`` is each
-    recipe's fold, shape (num_recipes,), :data:`OUTSIDE` outside train.
+    To a model trained without this fold, a train task looks like a test task to a model of all train recipes: each plan
+    has an unseen recipe, and other recipes of the plan may be known. Plans with recipes from several folds leave a
+    choice, which depends on the plan alone. The value is :data:`SEVERAL` if there is no such fold, and
+    :data:`OUTSIDE` if each plan has a recipe outside train. ``of_recipe`` is each recipe's fold, shape (num_recipes,).
 
     Raises:
         GraphMismatchError: if a train task uses a recipe without a fold: the folds belong to another split.
@@ -92,15 +94,16 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
     of_task = np.full(len(tasks), SEVERAL, dtype=np.int64)
     fold_of = of_recipe.tolist()
     for task, plans in enumerate(tasks.plans):
-        folds = {fold_of[row] for plan in plans for row in plan}
-        if tasks.part == "train" and OUTSIDE in folds:
+        of_plans = [{fold_of[row] for row in plan} for plan in plans]
+        if tasks.part == "train" and any(OUTSIDE in folds for folds in of_plans):
             raise GraphMismatchError(
                 f"train task {task:,} uses a recipe outside all folds: the folds were made for another split. "
                 "Take its train tasks, or train the model again on this split."
             )
-        folds = folds - {OUTSIDE} or {OUTSIDE}
-        if len(folds) == 1:
-            of_task[task] = folds.pop()
+        of_plans = [folds for folds in of_plans if OUTSIDE not in folds] or [{OUTSIDE}]
+        shared = sorted(set.intersection(*of_plans))
+        if shared:
+            of_task[task] = shared[sum(plans[0]) % len(shared)]
     return of_task
 
 

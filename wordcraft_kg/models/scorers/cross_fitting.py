@@ -267,25 +267,25 @@ def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
 
 
 def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return, for each of N tasks, a model number: a model trained without the recipes in the task's plans; shape (N,).
+    """Return, for each of N tasks, a model number: a model that has not seen all recipes of any plan; shape (N,).
 
-    A plan lists the recipes that make the task's goal. Numbers are rows of :func:`seen_by_models`: 0 for tasks without
-    train recipes, 1 + fold if all train recipes are in a single fold, K + 1 (the empty model) for several folds.
-    ``of_recipe`` contains each recipe's fold.
+    A plan lists the recipes that make the task's goal; at depth 1 it has one recipe, which the model has not seen.
+    Numbers are rows of :func:`seen_by_models`: 0 if each plan has a recipe outside train, otherwise 1 + the fold from
+    :func:`~wordcraft_kg.graphs.folds.fold_of_tasks`, or K + 1 (the empty model) without such a fold. ``of_recipe``
+    contains each recipe's fold.
 
     Raises:
-        LeakError: if a model has seen a task's recipe.
+        LeakError: if a model has seen all recipes of a plan.
         GraphMismatchError: if the folds belong to another split.
     """
     seen = seen_by_models(of_recipe)
     fold = fold_of_tasks(of_recipe, tasks)
-    # This is the only place that decides which model scores recipes from several folds.
     models = np.select([fold == OUTSIDE, fold == SEVERAL], [0, len(seen) - 1], 1 + fold)
     for task, (model, plans) in enumerate(zip(models.tolist(), tasks.plans, strict=True)):
         for plan in plans:
-            if seen[model, list(plan)].any():
+            if seen[model, list(plan)].all():
                 raise LeakError(
-                    f"{tasks.part} task {task:,} would be scored by a model trained on a recipe in the task's plan. "
-                    "Nothing was scored."
+                    f"{tasks.part} task {task:,} would be scored by a model trained on all recipes of a plan. Nothing "
+                    "was scored."
                 )
     return models

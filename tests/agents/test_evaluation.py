@@ -296,7 +296,7 @@ def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
     player, rng = player_of(policy, "kg-only"), np.random.default_rng(0)
     for _ in range(2):
         slots = player(state, rng)
-        scores = sum(source(*states_of(state)) for source in policy.sources.values()).double().numpy()
+        scores = sum(source(*states_of(state)[:4]) for source in policy.sources.values()).double().numpy()
         scores[state.table == state.nothing] = -np.inf
         chosen = scores[np.arange(300), slots]
         np.testing.assert_allclose(chosen, scores.max(1), atol=1e-5)

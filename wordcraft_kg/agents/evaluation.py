@@ -40,9 +40,9 @@ class PolicyPlayer:
         device = next(self.policy.parameters()).device
         slots = torch.cat(
             [
-                self.policy(goal, selection, table, weights, task).logits.argmax(1)
+                self.policy(goal, selection, table, weights, task, attempts=attempts).logits.argmax(1)
                 for start in range(0, state.num_envs, ROWS)
-                for goal, selection, table, task in [states.rows(start, start + ROWS, device)]
+                for goal, selection, table, task, attempts in [states.rows(start, start + ROWS, device)]
             ]
         )
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()

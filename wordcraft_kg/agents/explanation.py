@@ -26,7 +26,7 @@ from wordcraft_kg.graphs.tasks import Rows, TaskSet
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources import ALPHA
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
-from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
+from wordcraft_kg.models.policies.sources.source import Attempts, FoldedSource, Source
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_models
 from wordcraft_kg.models.scorers.recipes import Witness
@@ -38,6 +38,18 @@ Model = Literal["no_scorer", "no_recipes", "all_recipes", "train_recipes", "with
 """Model behind the scores, by training recipes; ``no_knowledge``: all models were trained on recipes in the plan."""
 
 
+class ExpectedAttempt(Record):
+    """An attempt in a plan: the pair, its expected result, and this result's probability."""
+
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    probability: Share
+
+    def __str__(self) -> str:
+        return f"{self.ingredient_a} + {self.ingredient_b} -> {self.result} ({self.probability:.2g})"
+
+
 class SlotEvidence(Record):
     """Train recipes that support a slot: similar to combining the slot's entity with a partner.
 
@@ -46,12 +58,14 @@ class SlotEvidence(Record):
         partner: the selection, or without selection the best partner on the table.
         because: supporting recipes, strongest first; a cross-fitted scorer excludes the recipes for the task.
         outside: evidence from outside the train recipes for slot, partner and goal, strongest first.
+        plan: expected attempts, for sources that look ahead.
     """
 
     source: str
     partner: str
     because: tuple[Witness, ...]
     outside: tuple[OutsideEvidence, ...] = ()
+    plan: tuple[ExpectedAttempt, ...] = ()
 
 
 class ExplainedSlot(Record):
@@ -274,7 +288,7 @@ class Explainer:
         start = np.array([sorted(table)])
         posed = TaskSet(self.world.graph, self.world.config.depth, "all", np.array([goal]), start, (plans,), False, 0)
         if not 0 < models_of_tasks(folds, posed)[0] < len(seen_by_models(folds)) - 1:
-            # The plans need recipes from several folds, or none: the model trained on all train recipes answers.
+            # No fold has a recipe of each plan: the model trained on all train recipes answers.
             return query
         policy = _own(self._policy)
         policy.bind(posed)
@@ -337,16 +351,22 @@ class Explainer:
         table, selection, attempts, is_made = list(query.table), query.selection, world.config.attempts, False
         task = None if query.task is None else torch.tensor([query.task])
         steps: list[ExplainedStep] = []
+        tried: list[tuple[int, int]] = []
         while attempts and not is_made and len(steps) != self._max_actions:
             padded = torch.tensor([[*table, *[nothing] * (room - len(table))]])
             state = States(
-                torch.tensor([query.goal]), torch.tensor([nothing if selection is None else selection]), padded, task
+                torch.tensor([query.goal]),
+                torch.tensor([nothing if selection is None else selection]),
+                padded,
+                task,
+                Attempts(torch.tensor([attempts]), torch.tensor([tried or [(nothing, nothing)]])),
             )
             action, output = self._decide(query.policy, state)
             slots = _slots(self._names, output, graph.labels(table), parts, self._evidence(query.policy, state))
             entity, made = table[action], []
             if selection is not None:
                 results = world.outcomes.get((min(selection, entity), max(selection, entity)), ())
+                tried.append((selection, entity))
                 made = [result for result in results if result not in table]
                 table += made
                 is_made, attempts = query.goal in results, attempts - 1
@@ -364,10 +384,14 @@ class Explainer:
         for name, source in policy.sources.items():
             assert isinstance(source, Source)
             for slot, evidence in enumerate(source.evidence(*state)):
-                if evidence is not None and result[slot] is None:
+                if evidence is not None and (result[slot] is None or evidence.plan):
                     because = tuple(Witness.of(recipe, entities) for recipe in evidence.supporting)
                     outside = find.of_recipe(int(state.table[0, slot]), evidence.partner, goal) if find else ()
-                    result[slot] = SlotEvidence(name, entities[evidence.partner], because, outside)
+                    plan = tuple(
+                        ExpectedAttempt(entities[a], entities[b], entities[made], probability)
+                        for a, b, made, probability in evidence.plan
+                    )
+                    result[slot] = SlotEvidence(name, entities[evidence.partner], because, outside, plan)
         return result
 
     def _plan_labels(self, plans: tuple[Rows, ...]) -> tuple[tuple[tuple[str, ...], ...], set[str]]:
@@ -378,8 +402,8 @@ class Explainer:
 
     @torch.no_grad()
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
-        goal, selection, table, task = state
-        external_scores = policy.external_scores(goal, selection, table, task)
+        goal, selection, table, task, _ = state
+        external_scores = policy.external_scores(*state)
         action = int(self._policy(goal, selection, table, self._weights, task, external_scores).logits.argmax(1))
         exact = None if external_scores is None else external_scores.double()
         return action, self._exact(goal, selection, table, self._exact_weights, task, exact)
@@ -402,6 +426,7 @@ def explain_episodes(
     goal: str | None = None,
     episodes: int = 3,
     outside: OutsideEvidenceFinder | None = None,
+    task: int | None = None,
 ) -> tuple[ExplainedEpisode, ...]:
     """Play tasks greedily on the fixed evaluation tables and explain each action; see :class:`Explainer`.
 
@@ -411,13 +436,18 @@ def explain_episodes(
         goal: only tasks with this goal; None takes evenly spaced tasks.
         episodes: number of episodes; if necessary, tasks repeat with different distractors.
         outside: finder for evidence from outside the train recipes, if any.
+        task: index of the only task to play.
 
     Raises:
         UnknownEntityError: if the goal does not exist.
         TaskError: if the world has no task with the goal.
+        ConfigError: if the task does not exist.
     """
-    tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
     explainer = Explainer(policy, world, outside=outside)
+    if task is not None:
+        whole("task", task, 0, len(world.tasks) - 1)
+        return tuple(explainer.episode(task, distractor_seed) for distractor_seed in range(episodes))
+    tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
     chosen = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
     return tuple(explainer.episode(task, distractor_seed) for task, distractor_seed in steps("explaining", chosen))
 

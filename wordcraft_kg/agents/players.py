@@ -26,11 +26,13 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.policies.sources.source import ScoreView
+from wordcraft_kg.models.policies.sources.source import ScoreView, ask
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
+from wordcraft_kg.models.scorers.config import MAX_DENSE
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
+from wordcraft_kg.planning.source import BestPlan
 
 Player = Callable[[State, np.random.Generator], Ids]
 PLAYERS: Registry[Callable[[Split], Player]] = Registry("wordcraft_kg.players")
@@ -82,7 +84,7 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
         inputs = states_of(state)
         scores = np.zeros(state.table.shape)
         for source in sources:
-            scores += source(*inputs).numpy()
+            scores += ask(source, *inputs).numpy()
         return _best(np.where(state.action_masks(), scores, -np.inf), rng)
 
     return choose
@@ -101,7 +103,7 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         return scores.masked_fill(b == nothing, -torch.inf)
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
-        goal, selection, table, _ = states_of(state)
+        goal, selection, table, *_ = states_of(state)
         scores = of_pairs(selection[:, None], table, goal[:, None], state.nothing)
         begins = torch.nonzero(selection == state.nothing).flatten()
         # In a large book, most slots may be empty, reserved for results.
@@ -167,6 +169,12 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
     return score
 
 
+def _planner_with_facts(graph: RecipeGraph, recipes: Ids) -> dict[str, Player]:
+    if graph.num_entities > MAX_DENSE:
+        return {}
+    return {"partial KG, planner": knowledge_player([BestPlan.of_recipes(graph.num_entities, recipes)])}
+
+
 def knowledge_players(split: Split) -> dict[str, Player]:
     """Return scripted players by name: chance, triples as facts, votes, an oracle, and players in :data:`PLAYERS`."""
     graph = split.graph
@@ -180,6 +188,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
         "partial KG, v": knowledge_player([some["v"]]),
         "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
         "partial KG, votes": pair_player(VoteScorer(graph, split.recipes("train")).score_recipes),
+        **_planner_with_facts(graph, split.recipes("train")),
         "full KG, v": knowledge_player([everything["v"]]),
         "full KG, u": knowledge_player([everything["u"]]),
         "full KG, u+v": knowledge_player([everything["u"], everything["v"]]),
@@ -191,7 +200,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
 
 
 def scorer_players(
-    graph: RecipeGraph, scorer: TripleScorer, observed: Ids, tasks: TaskSet | None = None
+    graph: RecipeGraph, scorer: TripleScorer, observed: Ids, tasks: TaskSet | None = None, *, plans: bool = False
 ) -> dict[str, Player]:
     """Return players that act by a scorer's standardised scores: v, u, and u+v with three settings for self edges.
 
@@ -203,6 +212,7 @@ def scorer_players(
         scorer: scores for triples.
         observed: the scorer's training triples, shape (T, 3).
         tasks: tasks to play; required by cross-fitted scorers on train tasks.
+        plans: add ``planner``, which plays the first pair of the most probable plan, if the scorer can plan.
 
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
@@ -220,8 +230,9 @@ def scorer_players(
         "u+v, self edges observed": of("u", "v", self_edges="observed"),
         "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
-    # The source w refuses train tasks, where scores would be in-sample.
-    return players | ({"w, best pair": of("w")} if BestRecipe.serves(scorer) else {})
+    # The sources w and p refuse train tasks, where scores would be in-sample.
+    players |= {"w, best pair": of("w")} if BestRecipe.serves(scorer) else {}
+    return players | ({"planner": of("p")} if plans and BestPlan.serves(scorer) else {})
 
 
 class PlayerSuccess(Record):

@@ -19,7 +19,7 @@ from torch import Tensor
 from wordcraft_kg.base.errors import ActionError, ConfigError, LeakError
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
-from wordcraft_kg.models.policies.sources.source import FoldedSource
+from wordcraft_kg.models.policies.sources.source import Attempts, FoldedSource
 
 try:
     from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
@@ -127,7 +127,8 @@ class _NetworkPolicy(BasePolicy):
                 "environment. Bind the policy again: model.policy.network.bind(world.tasks)."
             )
         task = obs["task"].long().reshape(-1) if self.network.reads_task else None
-        return self.network(goal, selection, obs["table"].long(), task=task)
+        attempts = Attempts(obs["attempts_left"].long().reshape(-1)) if "attempts_left" in obs else None
+        return self.network(goal, selection, obs["table"].long(), task=task, attempts=attempts)
 
     def _bound_to(self) -> list[str]:
         return [source.bound_to for source in _folded(self.network)]

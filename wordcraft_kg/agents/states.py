@@ -9,6 +9,7 @@ from torch import Tensor
 from wordcraft_kg.base.tensors import as_tensor
 from wordcraft_kg.envs.batch import State
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.models.policies.sources.source import Attempts
 
 
 class States(NamedTuple):
@@ -18,22 +19,27 @@ class States(NamedTuple):
         goal, selection: shape (B,), int64: the entity to make, the selected entity.
         table: shape (B, A), int64: the entity in each slot.
         task: shape (B,), int64: index into the world's tasks; None if no plan uses train recipes.
+        attempts: attempts left, and pairs combined so far.
     """
 
     goal: Tensor
     selection: Tensor
     table: Tensor
     task: Tensor | None
+    attempts: Attempts
 
     def rows(self, start: int, stop: int, device: torch.device | str = "cpu") -> "States":
         """Return the states ``start`` to ``stop`` (exclusive) on a device."""
-        return States(*(None if part is None else part[start:stop].to(device) for part in self))  # type: ignore[arg-type]
+        parts = [None if part is None else part[start:stop].to(device) for part in (*self[:4], *self.attempts)]
+        goal, selection, table, task, *attempts = parts
+        return States(goal, selection, table, task, Attempts(*attempts))  # type: ignore[arg-type]
 
 
 def states_of(state: State) -> States:
     """Return an engine's batched state as tensors, sharing memory on the CPU."""
     task = as_tensor(state.task) if has_train_recipes(state.world) else None
-    return States(as_tensor(state.goal), as_tensor(state.selection), as_tensor(state.table), task)
+    attempts = Attempts(as_tensor(state.attempts_left), as_tensor(state.tried))
+    return States(as_tensor(state.goal), as_tensor(state.selection), as_tensor(state.table), task, attempts)
 
 
 def has_train_recipes(world: World) -> bool:

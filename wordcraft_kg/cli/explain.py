@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import MovedGraph, Part
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "wordcraft-kg explain runs/partial --goal bread --episodes 3",
     "wordcraft-kg explain runs/no-kg --part train --distractors 1",
+    "wordcraft-kg explain runs/deep --task 12",
 )
 
 
@@ -21,7 +23,8 @@ def explain(
     run: Path,
     *,
     goal: str | None = None,
-    episodes: int = 3,
+    task: int | None = None,
+    episodes: int | None = None,
     part: Part = "test",
     distractors: int | None = None,
     graph: MovedGraph = None,
@@ -30,20 +33,23 @@ def explain(
     """Explain an agent's actions: split each logit into contributions by attention and knowledge sources.
 
     With recipe scores (w), show the best slots' partners, the supporting train recipes, and evidence from outside
-    knowledge.
+    knowledge. With plans (p), show the most probable plan, with the probability of each expected result.
 
     Args:
         run: run folder.
         goal: entity to make. Default: tasks spread evenly over the part.
-        episodes: episodes to play.
+        task: number of the task, from 0.
+        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1 with `task`.
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.evaluation.players import view_explanation
 
-    whole("episodes", episodes, 1, MAX_SIZE)
+    if goal is not None and task is not None:
+        raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
+    episodes = whole("episodes", (3 if task is None else 1) if episodes is None else episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
-    view = view_explanation(run, agent, part, distractors, goal, episodes)
+    view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
     lines = [line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)]
     output.result(view, [*_legend(view.episodes[0].steps[0]), "", *lines])
 
@@ -83,6 +89,8 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
     for entity, evidence in step.best_evidence():
         support = f" because {because(evidence.because)}" if evidence.because else ""
         yield f"  {label_of(evidence.source).symbol}: {entity} + {evidence.partner}{support}"
+        if evidence.plan:
+            yield f"     plan: {', then '.join(map(str, evidence.plan))}"
         yield from (f"     {piece}" for piece in evidence.outside)
     if step.made:
         yield f"  made {', '.join(step.made)}"

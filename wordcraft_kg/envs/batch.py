@@ -58,6 +58,8 @@ class State(NamedTuple):
         attempts_left: attempts left in the episode; 0 after the end.
         wide: shape (N, num_slots + 1), ids: the table, and a spare column for writes without effect.
         count: number of entities on the table, int64.
+        tried: shape (N, attempts, 2): ids of the pairs combined in the episode, padded with the id of nothing; not
+            kept for episodes of one attempt.
         episode: number of the next episode.
     """
 
@@ -71,6 +73,7 @@ class State(NamedTuple):
     attempts_left: Array
     wide: Array
     count: Array  # type: ignore[assignment] # hides the method of tuples
+    tried: Array
     episode: Array
 
     @property
@@ -193,6 +196,7 @@ class BatchEngine:
             (world.tasks.goals, world.tasks.intermediates, world.tasks.final_pairs, _results(world)),
         )
         self._rows = self.arrays.array(np.arange(self.num_envs))
+        self._numbers = self.arrays.array(np.arange(self.config.attempts))
         self._offsets = self._rows * (self.num_slots + 1)  # of the environments' tables in `State.wide`
 
     # --- episodes ----------------------------------------------------------------------------------------------------
@@ -231,7 +235,8 @@ class BatchEngine:
         count = full(size, tables.shape[1])
         rows = self.arrays.rows(tables[:, -1] == self.nothing)
         count[rows] = (tables[rows] != self.nothing).sum(1)
-        return self._goals[tasks], tasks, full(size, self.nothing), full(size, self.config.attempts), wide, count
+        tried = full((*size, self.config.attempts, 2), self.nothing)
+        return self._goals[tasks], tasks, full(size, self.nothing), full(size, self.config.attempts), wide, count, tried
 
     def _begin_where(self, over: Array, before: State, now: State) -> State:
         on_device = self.arrays.on_device
@@ -244,7 +249,7 @@ class BatchEngine:
         episode, ahead, age = now.episode + over, now.ahead, now.age
         if on_device:
             # Without reading from the device: every environment is written, with the old state or the next episode.
-            masks = (over[:, None] if new.ndim > 1 else over for new in begun)
+            masks = (over.reshape(-1, *[1] * (new.ndim - 1)) for new in begun)
             begun = list(map(self.arrays.xp.where, masks, begun, current))
             age += 1
             if age == ahead.size:
@@ -303,8 +308,17 @@ class BatchEngine:
             reward = reward + shaped - self.config.rewards.wrong_pair_penalty * cast(wrong, "float32")
         outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
         kept = self, state.keys, state.ahead, state.age, state.goal, state.task
-        now = State(*kept, selection, attempts_left, wide, count, state.episode)
+        tried = self._noted(state, chosen, second & ~empty & running)
+        now = State(*kept, selection, attempts_left, wide, count, tried, state.episode)
         return now, Step(cast(reward, "float32"), over, outcome, by_plan, illegal, state.task)
+
+    def _noted(self, state: State, chosen: Array, is_tried: Array) -> Array:
+        attempts, xp = self.config.attempts, self.arrays.xp
+        if attempts == 1:
+            return state.tried
+        number = attempts - state.attempts_left
+        is_now = is_tried[:, None] & (self._numbers == number[:, None])
+        return xp.where(is_now[:, :, None], xp.stack([state.selection, chosen], 1)[:, None], state.tried)
 
     def _land(
         self, state: State, pair: Array, running: Array, is_replaced: bool

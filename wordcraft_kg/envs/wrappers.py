@@ -101,7 +101,14 @@ class _Scores:
         goal, selection, table = (torch.as_tensor(np.asarray(observation[key])) for key in _ID_KEYS)
         rows = goal.reshape(-1), selection.reshape(-1), table.reshape(-1, table.shape[-1])
         tasks = torch.as_tensor(np.asarray(task)).reshape(-1) if self.has_train_recipes else None
-        return {source.name: source(*rows, tasks).reshape(table.shape).numpy() for source in self.sources}
+        left = torch.as_tensor(np.asarray(observation["attempts_left"])).reshape(-1)
+        looks_ahead = {"attempts": (left, None)}
+        return {
+            source.name: source(*rows, tasks, **(looks_ahead if getattr(source, "reads_attempts", False) else {}))
+            .reshape(table.shape)
+            .numpy()
+            for source in self.sources
+        }
 
     def spaces(self, shape: tuple[int, ...]) -> dict[str, spaces.Space[Any]]:
         return {source.name: spaces.Box(-np.inf, np.inf, shape, np.float32) for source in self.sources}

@@ -77,11 +77,18 @@ def view_evaluation(
 
 
 def view_explanation(
-    run: Path, agent: OpenedAgent, part: TaskPart, distractors: int | None, goal: str | None, episodes: int
+    run: Path,
+    agent: OpenedAgent,
+    part: TaskPart,
+    distractors: int | None,
+    goal: str | None,
+    episodes: int,
+    *,
+    task: int | None = None,
 ) -> Explanation:
     """Play episodes and explain each action, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
-    explained = explain_episodes(agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside)
+    explained = explain_episodes(agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside, task=task)
     return Explanation(str(run), agent.checkpoint, part, explained)
 
 
@@ -116,7 +123,7 @@ def view_baselines(
     if model is not None:
         name, trained = model
         tasks = world.tasks if config.part in ("train", "all") else None
-        named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks)
+        named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
         oracle = players.pop("recipe oracle")
         players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
     rows = play_all(world, players, distractors, distractor_seeds=distractor_seeds, seed=seed, progress=progress)

@@ -14,6 +14,7 @@ from wordcraft_kg.base.tensors import as_tensor
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.policy import Policy
+from wordcraft_kg.models.policies.sources.source import Attempts
 
 
 def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, bool]:
@@ -74,10 +75,14 @@ def greedy_slots(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> Id
     number = as_tensor(np.array([task.index for task in tasks])) if has_train_recipes(world) else None
     selection = torch.full_like(goal, world.nothing)
     weights, device = policy.weights(), next(policy.parameters()).device
+    attempts = Attempts(torch.ones_like(goal))
     actions = []
     for _ in range(2):
-        states = States(goal, selection, as_tensor(table), number)
+        states = States(goal, selection, as_tensor(table), number, attempts)
         batches = (states.rows(start, start + ROWS, device) for start in range(0, len(tasks), ROWS))
-        actions.append(torch.cat([policy(*batch[:3], weights, batch.task).logits.argmax(1).cpu() for batch in batches]))
+        slots = [
+            policy(*batch[:3], weights, batch.task, attempts=batch.attempts).logits.argmax(1).cpu() for batch in batches
+        ]
+        actions.append(torch.cat(slots))
         selection = states.table.gather(1, actions[-1][:, None])[:, 0]
     return torch.stack(actions, dim=1).numpy()

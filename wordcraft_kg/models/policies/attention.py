@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
-from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.policies.sources.source import Attempts, Source
 
 FOLD_LIMIT = 300
 """Dimensions up to which query and key weights are multiplied once per update."""
@@ -55,6 +55,7 @@ class AttentionPolicy(Policy):
         weights: Weights | None = None,
         task: Tensor | None = None,
         external_scores: Tensor | None = None,
+        attempts: Attempts | None = None,
     ) -> PolicyOutput:
         weights = weights or self.weights()
         mask = table != self.num_entities
@@ -63,9 +64,8 @@ class AttentionPolicy(Policy):
         is_softmax = self.config.value_readout == "softmax"
         state = slots.sum(masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0), self.num_entities)
         value = _mlp(state, weights, "value")[:, 0]
-        external_scores = (
-            self.external_scores(goal, selection, table, task) if external_scores is None else external_scores
-        )
+        if external_scores is None:
+            external_scores = self.external_scores(goal, selection, table, task, attempts)
         if external_scores is None:
             return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
         sources = external_scores if self.config.kg_only else torch.cat([alpha[:, None], external_scores], dim=1)

@@ -30,7 +30,9 @@ class PolicyConfig:
         embedding_size: dimensions for learned features; by default as many as GloVe has.
         use: knowledge sources to mix in, comma-separated: u (combinesWith score with the selection), v (componentOf
             score with the goal), w (recipe score with the selection, or without a selection with the best partner on
-            the table; needs a scorer from train-recipes).
+            the table), p (log-probability of the most probable plan that begins with the slot); w and p need a scorer
+            from train-recipes.
+        plan_width: most intermediates in the search of p; 0 for the default, see docs/planning.md.
         kg_only: mix only the sources' scores, without attention logits.
         mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This and the next three
             defaults were chosen on validation tasks, see docs/agents.md.
@@ -56,6 +58,7 @@ class PolicyConfig:
     hidden_size: int = 300
     embedding_size: int = 50
     use: str = "u,v"
+    plan_width: int = 0
     kg_only: bool = False
     mixing: Mixing = "free"
     scale: Scale = "ranks"
@@ -68,6 +71,7 @@ class PolicyConfig:
             one_of(name, getattr(self, name), get_args(PolicyConfig.__annotations__[name]))
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
+        whole("plan_width", self.plan_width, 0, MAX_DIM)
         for name in ("allow_missing", "kg_only", "in_sample"):
             require(self, name, isinstance(getattr(self, name), bool), "true or false")
         _ = self.sources

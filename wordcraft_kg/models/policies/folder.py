@@ -70,7 +70,7 @@ def make_policy(
         if config.policy == "mlp":
             raise ConfigError("`policy` mlp cannot mix in scorer scores; leave out `scorer`.")
         check_scorer(scorer, graph)
-        view = ScoreView(config.scale, config.self_edges, observed)
+        view = ScoreView(config.scale, config.self_edges, observed, width=config.plan_width)
         scorer = whole_of(scorer) if config.in_sample else scorer
         sources = make_sources(config.sources, scorer, view, tasks=tasks)
     with torch.random.fork_rng(devices=[]):

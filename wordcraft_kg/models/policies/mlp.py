@@ -4,6 +4,7 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
+from wordcraft_kg.models.policies.sources.source import Attempts
 
 
 class MLPPolicy(Policy):
@@ -33,6 +34,7 @@ class MLPPolicy(Policy):
         weights: Weights | None = None,
         task: Tensor | None = None,
         external_scores: Tensor | None = None,
+        attempts: Attempts | None = None,
     ) -> PolicyOutput:
         if table.shape[1] != self.num_slots:
             raise ConfigError(

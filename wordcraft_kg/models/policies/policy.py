@@ -12,7 +12,7 @@ from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
-from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.policies.sources.source import Attempts, Source, ask
 
 Weights = dict[str, Tensor]
 """Tensors derived from parameters only, by name."""
@@ -125,6 +125,7 @@ class Policy(nn.Module):
         weights: Weights | None = None,
         task: Tensor | None = None,
         external_scores: Tensor | None = None,
+        attempts: Attempts | None = None,
     ) -> PolicyOutput:
         """Return logits and values for a batch of states.
 
@@ -136,17 +137,24 @@ class Policy(nn.Module):
             task: shape (B,), int64: index into the tasks given to :meth:`bind`, or the number of tasks for unlisted
                 tasks; None for tasks without train recipes, or if :attr:`reads_task` is False.
             external_scores: result of :meth:`external_scores`; computed by default.
+            attempts: attempts left, for sources that look ahead; unused with ``external_scores``.
         """
         raise NotImplementedError
 
     @torch.no_grad()
     def external_scores(
-        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        task: Tensor | None = None,
+        attempts: Attempts | None = None,
     ) -> Tensor | None:
         """Return the knowledge sources' scores, (B, S, A), for reuse in :meth:`forward`; None without sources."""
         if not self.sources:
             return None
-        return torch.stack([source(goal, selection, table, task) for source in self.sources.values()], dim=1)
+        state = goal, selection, table, task
+        return torch.stack([ask(source, *state, attempts) for source in self.sources.values()], dim=1)
 
     @torch.no_grad()
     def act(
@@ -155,12 +163,14 @@ class Policy(nn.Module):
         table: Sequence[Entity | None],
         selection: Entity | None = None,
         *,
+        attempts_left: int = 1,
         generator: torch.Generator | None = None,
     ) -> Action:
         """Choose a slot in a single state; entities are labels or ids.
 
         Empty slots in ``table``, and ``selection`` without a selected entity, are None. ``generator``, on the CPU,
-        samples the slot; by default the first most probable slot is chosen.
+        samples the slot; by default the first most probable slot is chosen. Sources that look ahead use
+        ``attempts_left``.
 
         Raises:
             UnknownEntityError: with the nearest labels.
@@ -170,7 +180,8 @@ class Policy(nn.Module):
             raise refuse("table", list(table), "at least an entity")
         device = next(self.parameters()).device
         ids = [self.id_of(entity) for entity in (goal, selection, *table)]
-        logits = self(*(torch.tensor(part, device=device) for part in (ids[:1], ids[1:2], [ids[2:]]))).logits
+        state = [torch.tensor(part, device=device) for part in (ids[:1], ids[1:2], [ids[2:]])]
+        logits = self(*state, attempts=Attempts(torch.tensor([attempts_left], device=device))).logits
         probabilities = torch.softmax(logits[0], dim=0).cpu()
         slot = int(probabilities.argmax() if generator is None else probabilities.multinomial(1, generator=generator))
         return Action(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))

@@ -31,14 +31,14 @@ def check_table(what: str, num_entities: int) -> None:
         )
 
 
-_MAX_DENSE = 4_000
+MAX_DENSE = 4_000
 """Entities up to which kernels are dense: about twenty tables in memory at once, and E³ operations."""
 
 
 def check_dense(what: str, num_entities: int) -> None:
     """Raise ConfigError if dense kernels for so many entities are too large; ``what`` names the scorer."""
-    if num_entities > _MAX_DENSE:
+    if num_entities > MAX_DENSE:
         raise ConfigError(
-            f"{what} compares all pairs of {num_entities:,} entities; expected at most {_MAX_DENSE:,}. Use ComplEx "
+            f"{what} compares all pairs of {num_entities:,} entities; expected at most {MAX_DENSE:,}. Use ComplEx "
             "(wordcraft-kg train-complex), or a smaller graph."
         )

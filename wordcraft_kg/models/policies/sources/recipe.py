@@ -1,6 +1,6 @@
 """The source w: the score for the best recipe that makes the goal with a slot's entity."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -8,7 +8,14 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import lazily_zero, with_prefix
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source, check_constants
+from wordcraft_kg.models.policies.sources.source import (
+    Attempts,
+    Evidence,
+    FoldedSource,
+    ScoreView,
+    Source,
+    check_constants,
+)
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.pair_features import BUFFERS, FEATURES, RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -46,7 +53,7 @@ class BestRecipe(FoldedSource):
     def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
         super().__init__(num_entities, fold_of_recipe)
         self.knowledge = knowledge
-        self._last: tuple[tuple[Tensor, Tensor, Tensor], Tensor] | None = None
+        self._last: tuple[tuple[Tensor, ...], Tensor] | None = None
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
@@ -88,32 +95,46 @@ class BestRecipe(FoldedSource):
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
         return 16 * (len(scorer.entities) + 1) ** 2
 
-    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
+    def forward(  # noqa: D102 - inherited
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        task: Tensor | None = None,
+        attempts: Attempts | None = None,
+    ) -> Tensor:
         model = self.model_of(task)
         models = len(self.knowledge.bias)
         if model is None:
-            scores = self._scores(goal, table, torch.zeros_like(goal))
+            scores = self._scores(goal, table, torch.zeros_like(goal), attempts)
         else:  # the empty model follows the last model
-            scores = self._scores(goal, table, model.clamp(max=models - 1))
+            scores = self._scores(goal, table, model.clamp(max=models - 1), attempts)
         is_selected = (table == selection[:, None]) & (table != self.num_entities)
         with_selection = scores[torch.arange(len(table), device=table.device), is_selected.int().argmax(1)]
         best = torch.where((selection == self.num_entities)[:, None], scores.amax(-1), with_selection)
         if not is_selected.any(1)[selection != self.num_entities].all():
             best = torch.where(
-                is_selected.any(1)[:, None], best, self._with_absent(goal, selection, table, model, best)
+                is_selected.any(1)[:, None], best, self._with_absent(goal, selection, table, model, attempts, best)
             )
         best = best.masked_fill(table == self.num_entities, 0)
         return best if model is None else best.masked_fill((model == models)[:, None], 0)
 
     def evidence(  # noqa: D102 - inherited
-        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        task: Tensor | None = None,
+        attempts: Attempts | None = None,
+        *,
+        limit: int = 3,
     ) -> tuple[Evidence | None, ...]:
         models = self.model_of(task)
         model = 0 if models is None else int(models)
         if model == len(self.knowledge.bias):  # the empty model
             return (None,) * table.shape[1]
         if int(selection) == self.num_entities:
-            best = self._scores(goal, table, torch.full_like(goal, model))[0].argmax(1)
+            best = self._scores(goal, table, torch.full_like(goal, model), attempts)[0].argmax(1)
             partners = table[0, best].tolist()
         else:
             partners = [int(selection)] * table.shape[1]
@@ -133,28 +154,39 @@ class BestRecipe(FoldedSource):
         return (number > 0) & (self.knowledge.results[model, number] == result[:, None]).any(1)
 
     def _with_absent(
-        self, goal: Tensor, selection: Tensor, table: Tensor, model: Tensor | None, best: Tensor
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        model: Tensor | None,
+        attempts: Attempts | None,
+        best: Tensor,
     ) -> Tensor:
         used = torch.zeros_like(goal) if model is None else model.clamp(max=len(self.knowledge.bias) - 1)
         wider = torch.cat([table, selection[:, None]], dim=1)
-        scores = self.knowledge(goal, wider, used)[:, -1, :-1]
+        scores = self.pair_scores(goal, wider, used, attempts)[:, -1, :-1]
         return torch.where((selection == self.num_entities)[:, None], best, scores)
 
-    def _scores(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Return scores for all slot pairs, shape (B, A, A); trailing slots that are empty in all tables are skipped.
+    def pair_scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
+        """Return scores for all slot pairs, shape (B, A, A), by the models with the numbers ``model``, shape (B,)."""
+        return self.knowledge(goal, table, model)
+
+    def _scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
+        """Return :meth:`pair_scores`; trailing slots that are empty in all tables are skipped.
 
         The last scores are cached, because most tables recur once, before and after the first action. Threads may call
         concurrently: the cache is read once and replaced as a whole.
         """
         slots, is_used = table.shape[1], (table != self.num_entities).any(0)
         used = int(is_used.nonzero().max()) + 1 if is_used.any() else 0
-        inputs = goal, table[:, :used], model
+        inputs = goal, table[:, :used], model, *(part for part in attempts or () if part is not None)
         last = self._last
-        if last is not None and last[1].shape[-1] == slots and all(map(_is_same, last[0], inputs)):
+        if last is not None and last[1].shape[-1] == slots and _are_same(last[0], inputs):
             return last[1]
         rest = slots - used
-        scores = nn.functional.pad(self.knowledge(*inputs), (0, rest, 0, rest), value=-torch.inf)
-        self._last = (goal.clone(), inputs[1].clone(), model.clone()), scores
+        scores = self.pair_scores(goal, table[:, :used], model, attempts)
+        scores = nn.functional.pad(scores, (0, rest, 0, rest), value=-torch.inf)
+        self._last = tuple(part.clone() for part in inputs), scores
         return scores
 
 
@@ -163,5 +195,8 @@ def _forget(source: nn.Module, _: object) -> None:
     source._last = None
 
 
-def _is_same(one: Tensor, other: Tensor) -> bool:
-    return one.shape == other.shape and one.device == other.device and torch.equal(one, other)
+def _are_same(ones: Sequence[Tensor], others: Sequence[Tensor]) -> bool:
+    return len(ones) == len(others) and all(
+        one.shape == other.shape and one.device == other.device and torch.equal(one, other)
+        for one, other in zip(ones, others, strict=True)
+    )

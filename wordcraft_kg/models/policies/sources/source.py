@@ -1,7 +1,7 @@
 """Base classes: for sources, and for sources with a model per left-out fold."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Self
 
@@ -28,6 +28,7 @@ class ScoreView:
         self_edges: keep or drop scores of an entity with itself, or keep only ``observed`` triples.
         observed: the scorer's training triples, shape (T, 3).
         by_factors: use the scorer's matrix factors, for graphs too large for a score table.
+        width: most intermediates per search for a plan; 0 for the default.
         tasks: tasks to score, required by scorers with a model per left-out fold, see :meth:`Source.bind`.
     """
 
@@ -35,11 +36,24 @@ class ScoreView:
     self_edges: SelfEdges = "keep"
     observed: Ids | None = None
     by_factors: bool = False
+    width: int = 0
     tasks: TaskSet | None = None
 
 
 AS_IS = ScoreView()
 """Raw scores."""
+
+
+class Attempts(NamedTuple):
+    """The attempts in B episodes, for sources that look ahead.
+
+    Attributes:
+        left: attempts left, shape (B,), int64.
+        tried: pairs combined so far as entity ids, shape (B, n, 2), int64, padded with E; None if unknown.
+    """
+
+    left: Tensor
+    tried: Tensor | None = None
 
 
 class Source(nn.Module, ABC):
@@ -48,12 +62,14 @@ class Source(nn.Module, ABC):
     Attributes:
         label: name and symbol of the source.
         reads_task: True if scores depend on the task.
+        reads_attempts: True if scores depend on :class:`Attempts`, a further argument ``attempts`` of calls.
         num_entities: E, also the id for empty slots and no selection.
         graph_hash: content hash of the recipe graph; empty for sources restored with a policy.
     """
 
     label: ClassVar[Label]
     reads_task: bool = False
+    reads_attempts: ClassVar[bool] = False
 
     def __init__(self, num_entities: int):
         super().__init__()
@@ -93,10 +109,31 @@ class Source(nn.Module, ABC):
         """Score every slot: shape (B, A), float32; 0 for empty slots. Arguments as for a policy's ``forward``."""
 
     def evidence(
-        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None, *, limit: int = 3
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        task: Tensor | None = None,
+        attempts: Attempts | None = None,
+        *,
+        limit: int = 3,
     ) -> "tuple[Evidence | None, ...]":
         """Return up to ``limit`` recipes that support each slot's score in a single state (B = 1); None without any."""
         return (None,) * table.shape[1]
+
+
+def ask(
+    source: Callable[..., Tensor],
+    goal: Tensor,
+    selection: Tensor,
+    table: Tensor,
+    task: Tensor | None = None,
+    attempts: Attempts | None = None,
+) -> Tensor:
+    """Return a source's scores, (B, A); ``attempts`` go only to sources that look ahead."""
+    if getattr(source, "reads_attempts", False):
+        return source(goal, selection, table, task, attempts=attempts)
+    return source(goal, selection, table, task)
 
 
 def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int) -> None:
@@ -118,10 +155,16 @@ def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str],
 
 
 class Evidence(NamedTuple):
-    """Evidence for a slot's score: the assumed second ingredient, and supporting recipes, largest share first."""
+    """Evidence for a slot's score: the assumed second ingredient, and supporting recipes, largest share first.
+
+    Attributes:
+        plan: expected attempts, each as ids of both ingredients and the result, and the result's probability; empty
+            for sources that do not look ahead.
+    """
 
     partner: int
     supporting: tuple[Support, ...]
+    plan: tuple[tuple[int, int, int, float], ...] = ()
 
 
 class FoldedSource(Source):

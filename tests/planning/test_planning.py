@@ -1,0 +1,239 @@
+"""The search for plans against slow references, and the source p."""
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.agents.players import knowledge_player
+from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.envs.batch import GOAL, BatchEngine
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.splits import Draw, Split
+from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.policies.sources.source import Attempts
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.factors import TableScorer
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.pair_features import FEATURES, RANKER, knowledge_of
+from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
+from wordcraft_kg.planning.search import NO_PLAN, PlanSearch
+from wordcraft_kg.planning.source import BestPlan
+
+SIZE = 7
+CURVE = RecipeCurve(intercepts=(-2.0, -1.0, -3.0, -1.5), slope=0.8, shift=0.25)
+
+
+def random_search(seed: int, width: int = SIZE, recipes: int = 6) -> PlanSearch:
+    """A search with random features, weights and known recipes; as many candidates as entities by default."""
+    generator = torch.Generator().manual_seed(seed)
+    rng = np.random.default_rng(seed)
+    known = np.unique(np.sort(rng.integers(SIZE, size=(recipes, 3)), axis=1), axis=0)
+    kernel, text, a, b, c, d = (torch.randn(SIZE, SIZE, generator=generator) for _ in range(6))
+    kernel = kernel @ kernel.T + torch.eye(SIZE)
+    knowledge = knowledge_of(known, kernel, text @ text.T / 10, (a + a.T, b), (c + c.T, d))
+    shapes = ((len(FEATURES), 4), (4,), (4,), ())
+    weights = {name: torch.randn(shape, generator=generator) for name, shape in zip(RANKER, shapes, strict=True)}
+    return PlanSearch(knowledge.with_ranker(weights), CURVE, width=width)
+
+
+def slow_log_probability(search: PlanSearch, a: int, b: int, result: int) -> float:
+    """log P(result | a, b), by its definition."""
+    knowledge = search.knowledge
+    results = knowledge.results[0, int(knowledge.numbers[0, a, b])].tolist()
+    if result in results:
+        return 0.0
+    score = float(knowledge(torch.tensor([result]), torch.tensor([[a, b]]), torch.tensor([0]))[0, 0, 1])
+    kind = 2 * bool(knowledge.numbers[0, a, b]) + (float(knowledge.counts[0, result, 1]) > 0)
+    return -math.log1p(math.exp(-(CURVE.intercepts[kind] + CURVE.shift + CURVE.slope * score)))
+
+
+def slow_value(search: PlanSearch, goal: int, table: frozenset[int], attempts: int, cache: dict) -> float:
+    """V: the best plan over all sequences of attempts and results."""
+    return max(
+        slow_pair(search, goal, table, attempts, pair, cache)
+        for pair in itertools.combinations_with_replacement(sorted(table), 2)
+    )
+
+
+def slow_pair(search, goal, table, attempts, pair, cache):
+    key = goal, table, attempts, pair
+    if key not in cache:
+        value = slow_log_probability(search, *pair, goal)
+        for result in set(range(SIZE)) - table - {goal} if attempts > 1 else ():
+            chance = slow_log_probability(search, *pair, result)
+            value = max(value, chance + slow_value(search, goal, table | {result}, attempts - 1, cache))
+        cache[key] = value
+    return cache[key]
+
+
+@pytest.mark.parametrize("attempts", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_values_are_those_of_all_plans(seed: int, attempts: int):
+    search = random_search(seed)
+    goal, table = seed, [(seed + 1) % SIZE, (seed + 3) % SIZE, (seed + 4) % SIZE]
+    cache: dict = {}
+    state = torch.tensor([goal]), torch.tensor([[*table, SIZE]]), torch.tensor([0])
+    values = search.values(*state, torch.tensor([attempts]))[0]
+    for i, j in itertools.product(range(3), repeat=2):
+        pair = tuple(sorted((table[i], table[j])))
+        expected = max(slow_pair(search, goal, frozenset(table), attempts, pair, cache), NO_PLAN)
+        assert values[i, j] == pytest.approx(expected, abs=2e-3)  # features are half precision
+    assert (values[3] == -torch.inf).all()
+    pair = divmod(int(values.argmax()), 4)
+    steps = search.plan(goal, table, pair, model=0, attempts_left=attempts)
+    assert steps[-1][2] == goal
+    assert sum(math.log(max(chance, 1e-13)) for *_, chance in steps) == pytest.approx(float(values.max()), abs=2e-3)
+
+
+def test_a_batch_has_the_values_of_single_states():
+    search = random_search(3, width=4)
+    rng = np.random.default_rng(0)
+    tables = torch.from_numpy(np.stack([rng.permutation(SIZE)[:5] for _ in range(12)]))
+    tables[::3, 3:] = SIZE
+    goals, left = torch.from_numpy(rng.integers(SIZE, size=12)), torch.arange(12) % 5
+    models = torch.zeros_like(goals)
+    values = search.values(goals, tables, models, left)
+    for row in range(12):
+        one = slice(row, row + 1)
+        single = search.values(goals[one], tables[one], models[one], left[one])[0]
+        torch.testing.assert_close(values[row], single, rtol=0, atol=1e-4)
+
+
+def test_tried_pairs_are_not_planned_again():
+    search = random_search(1)
+    state = torch.tensor([0]), torch.tensor([[1, 2, 3]]), torch.tensor([0])
+    tried = torch.zeros(1, 3, 3, dtype=torch.bool)
+    tried[0, 0, 1] = tried[0, 1, 0] = True
+    values = search.values(*state, torch.tensor([3]), tried)[0]
+    assert values[0, 1] == values[1, 0] == NO_PLAN
+    assert (values[2] > NO_PLAN).all()
+
+
+def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
+    search = random_search(0, width=10**6)
+    search.knowledge.num_entities = 10**6
+    with pytest.raises(ConfigError, match=r"`width` 1,000,000: candidate plans would take [\d,.]+ GiB"):
+        next(search._chunks(torch.arange(3), 4, 5))
+
+
+def test_the_curve_fits_known_probabilities():
+    rng = np.random.default_rng(0)
+    counts = np.zeros((4, 2, 1001))
+    bins = np.clip(np.rint((rng.normal(2, 3, 400_000) + 20) / 0.05), 0, 1000).astype(int)
+    scores, kinds = -20 + 0.05 * bins, rng.integers(4, size=len(bins))
+    truth = 1 / (1 + np.exp(-(np.array(CURVE.intercepts)[kinds] + CURVE.slope * scores)))
+    np.add.at(counts, (kinds, (rng.random(len(bins)) < truth).astype(int), bins), 1)
+    split = open_graph("kitchen").split
+    from wordcraft_kg.graphs.folds import make_folds
+
+    curve = fit_recipe_curve([counts], make_folds(split, 5))
+    assert curve.intercepts == pytest.approx(CURVE.intercepts, abs=0.05)
+    assert curve.slope == pytest.approx(CURVE.slope, abs=0.02)
+
+
+@pytest.fixture(scope="module")
+def opened() -> OpenedGraph:
+    return open_graph("kitchen")
+
+
+@pytest.fixture(scope="module")
+def scorer(recipes_folder: Path) -> CrossFitted:
+    loaded = load_scorer(recipes_folder)
+    assert isinstance(loaded, CrossFitted)
+    return loaded
+
+
+def success(world: World, source) -> float:
+    state = BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks)))
+    player, rng, won = knowledge_player([source]), np.random.default_rng(0), 0
+    while (state.attempts_left > 0).any():
+        state, step = state.engine.step_once(state, player(state, rng))
+        won += int((step.outcome == GOAL).sum())
+    return won / len(world.tasks)
+
+
+def test_planning_with_all_recipes_solves_every_task(opened: OpenedGraph):
+    source = BestPlan.of_recipes(opened.graph.num_entities, opened.graph.recipes)
+    for depth in (1, 2, 3):
+        world = World(opened, WordCraftConfig(part="test", depth=depth, num_distractors=3, num_tasks=60))
+        assert success(world, source) == 1
+
+
+def test_planning_beats_recipe_scores_at_depth_2(opened: OpenedGraph, scorer: CrossFitted):
+    world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=4))
+    p, w = make_sources(["p", "w"], scorer)
+    assert success(world, p) > success(world, w) + 0.2
+
+
+def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened: OpenedGraph, scorer: CrossFitted):
+    graph, split = opened.graph, opened.split
+    rng = np.random.default_rng(0)
+    is_train = split.is_in("train")
+    entities = np.array(graph.entities)
+    recipes = [tuple(entities[row]) for row in graph.recipes[is_train]]
+    known = {(a, b) for a, b, _ in recipes}
+    while len(recipes) < graph.num_recipes:
+        a, b, c = rng.permutation(len(entities))[:3].tolist()
+        pair = tuple(entities[sorted((a, b))])
+        if pair not in known:
+            known.add(pair)
+            recipes.append((*pair, entities[c]))
+    other = RecipeGraph.from_recipes(recipes)
+    assert other.entities == graph.entities
+    trained = {tuple(row) for row in graph.recipes[is_train].tolist()}
+    parts = np.array([0 if tuple(row) in trained else 2 for row in other.recipes.tolist()], dtype=np.int8)
+    worlds = [
+        World(OpenedGraph(one, part, ""), WordCraftConfig(part="test", depth=2, num_distractors=4))
+        for one, part in ((graph, split), (other, Split(other, SplitConfig(), Draw(parts, 0))))
+    ]
+    (source,) = make_sources(["p"], scorer)
+    state = BatchEngine(worlds[0], len(worlds[0].tasks)).pose(np.arange(len(worlds[0].tasks)))
+    goal, table, left = state.goal, state.table, state.attempts_left
+    assert len(worlds[1].tasks)
+    posed = BatchEngine(worlds[1], state.num_envs).reset()._replace(goal=goal, attempts_left=left)
+    wide = np.full((state.num_envs, posed.wide.shape[1]), posed.nothing)
+    wide[:, : table.shape[1]] = table[:, : wide.shape[1]]
+    posed = posed._replace(wide=wide, selection=np.full_like(goal, posed.nothing))
+    slots = min(table.shape[1], wide.shape[1] - 1)
+    first, again = (source(*states_of(one)[:3], attempts=states_of(one).attempts) for one in (state, posed))
+    assert torch.equal(first[:, :slots], again[:, :slots])
+
+
+def test_p_of_a_batch_follows_selection_and_attempts(scorer: CrossFitted, opened: OpenedGraph):
+    (p,) = make_sources(["p"], scorer)
+    world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
+    states = states_of(BatchEngine(world, 50).pose(np.arange(50)))
+    values = p.search.values(states.goal, states.table, torch.zeros(50, dtype=torch.int64), states.attempts.left)
+    empty = states.table == opened.graph.num_entities
+    free = p(*states[:4], attempts=states.attempts)
+    torch.testing.assert_close(free, values.amax(2).masked_fill(empty, 0), rtol=0, atol=1e-5)
+    held = p(states.goal, states.table[:, 1], states.table, None, attempts=states.attempts)
+    torch.testing.assert_close(held, values[:, 1].masked_fill(empty, 0), rtol=0, atol=1e-5)
+    with pytest.raises(ValueError, match="needs `attempts`"):
+        p(*states[:3])
+    one = Attempts(torch.ones_like(states.goal))
+    assert not torch.equal(p(*states[:3], attempts=one), free)
+
+
+def test_a_scorer_without_probabilities_of_recipes_is_refused():
+    scorer = TableScorer(torch.zeros(2, 5, 5), [f"e{i}" for i in range(5)], "0" * 64)
+    with pytest.raises(ConfigError, match="`use` p needs probabilities of recipes"):
+        make_sources(["p"], scorer)
+
+
+def test_one_ingredient_recipes_are_planned():
+    graph = RecipeGraph.from_recipes([("seed", "seed", "plant"), ("plant", "plant", "tree"), ("tree", "seed", "wood")])
+    assert make_split(graph, SplitConfig("none")).is_in("train").all()
+    source = BestPlan.of_recipes(graph.num_entities, graph.recipes)
+    start, goal = graph.id_of("seed"), graph.id_of("wood")
+    steps = source.search.plan(goal, [start], (0, 0), model=0, attempts_left=3)
+    assert [graph.entities[made] for *_, made, _ in steps] == ["plant", "tree", "wood"]
+    assert [chance for *_, chance in steps] == [1, 1, 1]

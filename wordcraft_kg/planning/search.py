@@ -1,0 +1,230 @@
+"""Search for the most probable plan: which pair should be combined first?
+
+With T the entities on the table, n attempts left, and P(c | a, b) the probability that a pair makes c, from
+:class:`~wordcraft_kg.models.scorers.recipe_curve.RecipeCurve`, the value of a pair is the probability of the most
+probable plan that begins with it::
+
+    Q_n(T, a, b) = max(P(goal | a, b), max_x P(x | a, b) V_{n-1}(T + x))
+    V_n(T) = max_{a, b in T} Q_n(T, a, b)
+
+A plan is a sequence of attempts with an expected result each; its probability is the product. This is the best case:
+all results of a pair land on the table, but the plan relies on one, and an attempt without result ends the plan. After
+each attempt the search begins again from the new table, with one attempt less, and without the tried pairs. So
+intermediates may be used several times, and the number of attempts left is exact.
+
+The search is exhaustive over a limited number of intermediates x, the candidates: entities that known recipes make from
+the table, then those with the highest componentOf scores from the table and to the goal.
+"""
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor, nn
+
+from wordcraft_kg.base.settings import check_memory
+from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
+from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve
+
+MAX_ATTEMPTS = 4
+"""Largest number of attempts that the search looks ahead."""
+WIDTHS = (0, 0, 32, 64, 64)
+"""Default number of candidates by attempts left: more change no figure by more than .01."""
+KNOWN_LINK = 8.0
+"""Score of a known link: above nearly all unknown links."""
+HOP = 12.0
+"""Score lost by a link over an unknown intermediate."""
+NEAR = 16
+"""Intermediates for links of two hops."""
+SCORES = 2**20
+"""Recipes scored at once."""
+NO_PLAN = -30.0
+"""Log-probability of pairs without a plan."""
+
+
+class PlanSearch:
+    """Values of pairs by the most probable plan.
+
+    Attributes:
+        knowledge: arrays and networks that score recipes, for M models.
+        curve: from recipe scores to probabilities.
+        width: number of candidates; 0 for :data:`WIDTHS`.
+    """
+
+    def __init__(self, knowledge: RecipeKnowledge, curve: RecipeCurve, *, width: int = 0):
+        self.knowledge, self.curve, self.width = knowledge, curve, width
+        size = knowledge.num_entities
+        kernel, learned = knowledge.parts[:, :size, :size].float().unbind(-1)
+        # The learned link score is low for known links if no train recipe of a left-out fold makes the result.
+        self._links = torch.maximum(learned, (10 * kernel).clamp(max=KNOWN_LINK))
+
+    @torch.no_grad()
+    def values(
+        self, goal: Tensor, table: Tensor, model: Tensor, attempts_left: Tensor, tried: Tensor | None = None
+    ) -> Tensor:
+        """Return log Q for all pairs of slots, shape (B, A, A), from :data:`NO_PLAN` to 0; -inf for empty slots.
+
+        Args:
+            goal: shape (B,), int64.
+            table: shape (B, A), int64, E for empty slots.
+            model: number of the model, shape (B,), int64.
+            attempts_left: shape (B,), int64; more than :data:`MAX_ATTEMPTS` count as that many.
+            tried: shape (B, A, A), bool: pairs that were tried, which make nothing new.
+
+        Raises:
+            ConfigError: if the search would not fit into memory.
+        """
+        slots = table.shape[1]
+        values = torch.full((*table.shape, slots), -torch.inf)
+        for number in attempts_left.clamp(1, MAX_ATTEMPTS).unique().tolist():
+            for rows in self._chunks((attempts_left.clamp(1, MAX_ATTEMPTS) == number).nonzero()[:, 0], number, slots):
+                past = None if tried is None else tried[rows]
+                values[rows] = self._values(goal[rows], table[rows], model[rows], number, past)[0].amax(1)
+        is_empty = table == self.knowledge.num_entities
+        return values.clamp(min=NO_PLAN).masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+
+    @torch.no_grad()
+    def plan(
+        self, goal: int, table: list[int], pair: tuple[int, int], *, model: int, attempts_left: int
+    ) -> list[tuple[int, int, int, float]]:
+        """Return the most probable plan that begins with a pair of slots: attempts with results and probabilities."""
+        steps: list[tuple[int, int, int, float]] = []
+        table, (one, other) = list(table), pair
+        for left in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):
+            state = torch.tensor([goal]), torch.tensor([table]), torch.tensor([model])
+            if steps:
+                values = self._values(*state, left, None)[0][0].amax(0)
+                one, other = divmod(int(values.argmax()), len(table))
+            values, results = self._values(*state, left, None)
+            result = int(results[0, int(values[0, :, one, other].argmax())])
+            pairs = torch.tensor([one]), torch.tensor([other])
+            chance = self.curve.log_probabilities(self.knowledge, torch.tensor([result]), *state[1:], pairs)
+            steps.append((table[one], table[other], result, float(chance.exp())))
+            if result == goal:
+                break
+            table.append(result)
+        return steps
+
+    def _chunks(self, rows: Tensor, number: int, slots: int) -> Iterator[Tensor]:
+        width = self._width(number)
+        wide = slots + width * (number > 2)
+        one = (width + 1) * wide * (wide + 1) // 2
+        check_memory("width", width, "candidate plans", 200 * one + 4 * width ** max(number - 1, 0))
+        yield from rows.split(max(1, SCORES // one))
+
+    def _width(self, number: int) -> int:
+        return min(self.width or WIDTHS[number], self.knowledge.num_entities) if number > 1 else 0
+
+    def _values(
+        self, goal: Tensor, table: Tensor, model: Tensor, number: int, tried: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """Return the values of expected results by pair, shape (B, 1 + W, A, A), and these results, shape (B, 1 + W).
+
+        The first result is the goal, the others are candidates.
+        """
+        slots = table.shape[1]
+        if number == 1:
+            return self._log_probabilities(goal, table, model, tried)[:, None], goal[:, None]
+        candidates = self._candidates(goal, table, model, number)
+        width = candidates.shape[1]
+        wide = torch.cat([table, candidates], dim=1)
+        # With two attempts left, two candidates can never be combined.
+        to_goal = self._log_probabilities(goal, wide, model, tried, most=slots if number == 2 else None)
+        sources = wide if number > 2 else table
+        rows = torch.arange(len(goal), device=goal.device).repeat_interleave(width)
+        past = None if tried is None else tried[rows]
+        to_candidates = self._log_probabilities(candidates.flatten(), sources[rows], model[rows], past)
+        to_candidates = to_candidates.view(len(goal), width, *sources.shape[1:], sources.shape[1])
+        missing = (candidates == self.knowledge.num_entities)[:, :, None, None]
+        to_candidates = to_candidates.masked_fill(missing, -torch.inf)
+        of_table = to_candidates[:, :, :slots, :slots]
+        new, last = slice(slots, None), to_goal[:, slots:]
+        # Each candidate with an entity on the table or itself: what does the pair make?
+        with_itself = last[:, :, new].diagonal(dim1=1, dim2=2)
+        finish = torch.maximum(last[:, :, :slots].amax(2), with_itself)
+        direct = to_goal[:, :slots, :slots].flatten(1).amax(1)
+        if number == 2:
+            after = torch.maximum(finish, direct[:, None])
+        else:
+            of_new = to_candidates[:, :, new].transpose(1, 2)  # (B, x, y, S): x with an entity makes y
+            itself = of_new[..., new].diagonal(dim1=1, dim2=3).transpose(1, 2)
+            begin = torch.maximum(of_new[..., :slots].amax(3), itself)
+            pairs = of_new[..., new].permute(0, 3, 1, 2)  # (B, a, x, y): a and x make y
+            of_pairs = of_table.flatten(2).amax(2)
+            after = _after(of_pairs, finish, direct, begin, last[:, :, new], pairs, number - 1)
+        values = torch.cat([to_goal[:, None, :slots, :slots], of_table + after[:, :, None, None]], dim=1)
+        return values, torch.cat([goal[:, None], candidates], dim=1)
+
+    def _log_probabilities(
+        self, goal: Tensor, table: Tensor, model: Tensor, tried: Tensor | None, *, most: int | None = None
+    ) -> Tensor:
+        """Return log P(goal | a, b) for pairs of slots, shape (B, A, A); -inf for empty slots and tried pairs.
+
+        With ``most``, pairs of two different slots from ``most`` on are left out, with -inf.
+        """
+        slots, empty = table.shape[1], table == self.knowledge.num_entities
+        one, other = torch.triu_indices(slots, slots, device=table.device)
+        if most is not None:
+            one, other = torch.stack([one, other])[:, (one < most) | (one == other)]
+        of_pairs = self.curve.log_probabilities(self.knowledge, goal, table, model, (one, other))
+        values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
+        values[:, one, other] = values[:, other, one] = of_pairs
+        values.masked_fill_(empty[:, :, None] | empty[:, None], -torch.inf)
+        if tried is not None:
+            values[:, : tried.shape[1], : tried.shape[2]].masked_fill_(tried, -torch.inf)
+        return values
+
+    def _candidates(self, goal: Tensor, table: Tensor, model: Tensor, number: int) -> Tensor:
+        """Return the entities that a plan may make before the goal, shape (B, W)."""
+        knowledge, size, slots = self.knowledge, self.knowledge.num_entities, table.shape[1]
+        one, other = torch.triu_indices(slots, slots, device=table.device)
+        pair = knowledge.numbers[model[:, None], table[:, one], table[:, other]].long()
+        known = torch.zeros(len(goal), size + 1, dtype=torch.bool, device=table.device)
+        known.scatter_(1, knowledge.results[model[:, None], pair].long().flatten(1), True)
+        known = known[:, :size]
+        to_goal = self._links[model, :, goal]
+        of_table = self._links[model[:, None], table.clamp(max=size - 1)]
+        of_table = of_table.masked_fill((table == size)[:, :, None], -torch.inf)
+        from_table = _best_two(of_table).maximum(KNOWN_LINK * known - 50.0 * ~known)
+        for _ in range(number - 2):
+            best, near = to_goal.topk(min(NEAR, size), dim=1)
+            over = self._links.transpose(1, 2)[model[:, None], near] + best[:, :, None] - HOP
+            made = self._links[model[:, None], from_table.topk(min(NEAR, size), dim=1).indices]
+            to_goal = to_goal.maximum(over.amax(1))
+            from_table = from_table.maximum(_best_two(torch.cat([of_table, made], dim=1)) - HOP / 4)
+        scores = to_goal + from_table + 1000.0 * known
+        at_hand = torch.cat([table, goal[:, None]], dim=1)
+        scores = nn.functional.pad(scores, (0, 1)).scatter_(1, at_hand, -torch.inf)[:, :size]
+        best, chosen = scores.topk(self._width(number), dim=1)
+        return chosen.masked_fill(best == -torch.inf, size)
+
+
+def _after(
+    begin: Tensor, finish: Tensor, direct: Tensor, steps: Tensor, last: Tensor, pairs: Tensor, number: int
+) -> Tensor:
+    """Return the log-probability of the best plan after making each candidate, same shape as ``finish``.
+
+    All arguments are log-probabilities, with W candidates in the last axes, and axes for candidates made before:
+
+    Args:
+        begin: a pair at hand makes y, shape (..., W).
+        finish: x with an entity at hand makes the goal, shape (..., W).
+        direct: a pair at hand makes the goal, shape (...).
+        steps: x with an entity at hand makes y, shape (..., W, W).
+        last: x and y make the goal, shape (..., W, W).
+        pairs: a and x make y, shape (..., W, W, W).
+        number: attempts left.
+    """
+    direct = torch.maximum(finish, direct[..., None])
+    if number == 1:
+        return direct
+    begin = torch.maximum(begin[..., None, :], steps)
+    further = torch.maximum(finish[..., None, :], last)
+    if number > 2:
+        steps = torch.maximum(steps.unsqueeze(-3), pairs)
+    after = _after(begin, further, direct, steps, last.unsqueeze(1), pairs.unsqueeze(1), number - 1)
+    return torch.maximum(direct, (begin + after).amax(-1))
+
+
+def _best_two(scores: Tensor) -> Tensor:
+    """Return the mean of the two largest scores along axis 1."""
+    return scores.topk(min(2, scores.shape[1]), dim=1).values.mean(1)

@@ -1,0 +1,140 @@
+"""The source p: the probability of the best plan whose next pair contains a slot's entity."""
+
+from collections.abc import Mapping
+from typing import ClassVar, Self
+
+import torch
+from torch import Tensor, nn
+
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.policies.sources import Label
+from wordcraft_kg.models.policies.sources.recipe import BestRecipe
+from wordcraft_kg.models.policies.sources.source import Attempts, Evidence, ScoreView, check_constants
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
+from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge_of
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.recipe_curve import KINDS, RecipeCurve
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.planning.search import KNOWN_LINK, NO_PLAN, PlanSearch
+
+P = Label(
+    "p",
+    "p",
+    "begins the best plan",
+    "plan score",
+    "Log-probability of the most probable plan whose next pair contains a slot's entity, and the selection if any.",
+)
+
+
+class BestPlan(BestRecipe):
+    """The source p, ``p_i = max_j log Q_n(e_i, e_j)``; with selection s, ``p_i = log Q_n(e_i, e_s)``.
+
+    Q is the value of a pair with n attempts left, see :mod:`wordcraft_kg.planning.search`. With one attempt left, p
+    ranks pairs by the probability that they make the goal.
+
+    Attributes:
+        curve: buffer with the settings of the search: intercepts, slope, shift and width.
+    """
+
+    label: ClassVar[Label] = P
+    reads_attempts: ClassVar[bool] = True
+    curve: Tensor
+
+    def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
+        super().__init__(num_entities, knowledge, fold_of_recipe)
+        self._search: PlanSearch | None = None
+        self.register_load_state_dict_post_hook(_forget)
+
+    @classmethod
+    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
+        whole, folded = whole_of(scorer), folds_of(scorer)
+        curve = folded.probabilities.recipes if folded is not None and folded.probabilities else None
+        if not isinstance(whole, RecipeScorer) or curve is None:
+            raise ConfigError(
+                f"`use` p needs probabilities of recipes, and {getattr(scorer, 'name', 'this scorer')} has none. Train "
+                "a recipe scorer with folds: `wordcraft-kg train-recipes` on a graph with a test part."
+            )
+        source = super().of_scorer(scorer, view)
+        assert isinstance(source, cls)
+        values = [*curve.intercepts, curve.slope, curve.shift, float(view.width)]
+        source.register_buffer("curve", torch.tensor(values, dtype=torch.float64))
+        return source
+
+    @staticmethod
+    def serves(scorer: TripleScorer) -> bool:
+        """Return whether a scorer has the probabilities of recipes that this source needs."""
+        folded = folds_of(scorer)
+        return folded is not None and folded.probabilities is not None and folded.probabilities.recipes is not None
+
+    @classmethod
+    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
+        check_constants(constants, {"curve": "values float64"}, values=KINDS + 3)
+        source = super().restored(num_entities, constants)
+        assert isinstance(source, cls)
+        source.register_buffer("curve", torch.zeros_like(constants["curve"]))
+        return source
+
+    @property
+    def search(self) -> PlanSearch:
+        """The search for plans."""
+        if self._search is None:
+            a, b, c, d, slope, shift, width = self.curve.tolist()
+            curve = RecipeCurve(intercepts=(a, b, c, d), slope=slope, shift=shift)
+            self._search = PlanSearch(self.knowledge, curve, width=int(width))
+        return self._search
+
+    def pair_scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
+        """Return log Q for all slot pairs, shape (B, A, A).
+
+        Raises:
+            ValueError: without ``attempts``.
+        """
+        if attempts is None:
+            raise ValueError("the source p needs `attempts`: the number of attempts left in each state.")
+        left, pairs = attempts
+        tried = None
+        if pairs is not None:
+            one, other = (table[:, :, None, None] == pairs[:, None, None, :, part] for part in (0, 1))
+            both = (one & other.transpose(1, 2)).any(3) & (table != self.num_entities)[:, :, None]
+            tried = both | both.transpose(1, 2)
+        return self.search.values(goal, table, model, left, tried)
+
+    @classmethod
+    def of_recipes(cls, size: int, recipes: Ids) -> Self:
+        """Return a source that plans with the given recipes alone, ids (n, 3), for a graph with ``size`` entities."""
+        nothing, links = torch.zeros(size, size), torch.zeros(size, size)
+        for part in (0, 1):
+            links[recipes[:, part].copy(), recipes[:, 2].copy()] = KNOWN_LINK
+        source = cls(size, knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links)))
+        impossible = [10 * NO_PLAN] * KINDS
+        source.register_buffer("curve", torch.tensor([*impossible, 0.0, 0.0, 0.0], dtype=torch.float64))
+        return source
+
+    def evidence(  # noqa: D102 - inherited
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        task: Tensor | None = None,
+        attempts: Attempts | None = None,
+        *,
+        limit: int = 3,
+    ) -> tuple[Evidence | None, ...]:
+        models, at_hand = self.model_of(task), [entity for entity in table[0].tolist() if entity != self.num_entities]
+        evidence = super().evidence(goal, selection, table, task, attempts, limit=limit)
+        if attempts is None:
+            return evidence
+        model, left = 0 if models is None else int(models), int(attempts[0])
+
+        def planned(slot: int, one: Evidence) -> Evidence:
+            pair = slot, at_hand.index(one.partner)
+            plan = self.search.plan(int(goal), at_hand, pair, model=model, attempts_left=left)
+            return one._replace(plan=tuple(plan))
+
+        return tuple(one and planned(slot, one) for slot, one in enumerate(evidence))
+
+
+def _forget(source: nn.Module, _: object) -> None:
+    assert isinstance(source, BestPlan)
+    source._search = None

@@ -5,8 +5,8 @@
     python benchmarks/planning.py graphs/la2 models/la2 --depths 1,2,3,4 --distractors 0,4,8 --json figures.json
 
 Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the depth. *unseen*
-counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with other
-numbers of candidates, with milliseconds per decision; ``--time`` times decisions, alone and in a batch of 256.
+counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with
+other numbers of candidates; all with milliseconds per decision. ``--time`` times decisions, alone and in a batch of 256.
 """
 
 import argparse

@@ -6,7 +6,7 @@
 
 Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the depth. *unseen*
 counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with
-other numbers of candidates; all with milliseconds per decision. ``--time`` times decisions, alone and in a batch of 256.
+other numbers of candidates, with milliseconds per decision. ``--time`` times decisions, alone and in a batch of 256.
 """
 
 import argparse

@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from quick import build, text_of
+from quick import build
 
 from wordcraft_kg.cli import ALL, command_in, make_app, manual_of
 from wordcraft_kg.cli.console import aligned
-from wordcraft_kg.cli.failures import RENAMED, with_options
+from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.runs.record import end_run, start_run
 
 HELPED = ["train-complex", "train-links", "train-agent", "score"]
@@ -46,34 +46,14 @@ def test_a_value_of_the_wrong_kind_is_misuse(refused, value):
     refused("train-complex", "kitchen", name, given, says=["Invalid value", name, f'"{given}"'], code=2)
 
 
-FORMER = [(old, new) for old, new in RENAMED.items() if not old.startswith("--") and old not in ALL]
 TRAININGS = '"train-recipes", "train-complex", "train-links", or "train-agent"'
 
 
-@pytest.mark.parametrize(("name", "nearest"), [*FORMER, ("train", TRAININGS), ("build-grap", '"build-graph"')])
-def test_a_former_or_unknown_command_is_refused_with_the_new_or_the_nearest_ones(refused, name, nearest):
+@pytest.mark.parametrize(("name", "nearest"), [("train", TRAININGS), ("build-grap", '"build-graph"')])
+def test_an_unknown_command_is_refused_with_the_nearest_ones(refused, name, nearest):
     error, *hints = refused(name, "kitchen", code=2, kind="UnknownCommandError").splitlines()
     assert error.startswith(f'error: Unknown command "{name}". Did you mean {nearest}')
     assert hints == ["`wordcraft-kg --help` lists all commands."]
-    assert name == "resume" or any(one.split()[0] == re.split('[ ",]+', f" {nearest}")[1] for one in ALL)
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        *(f"{name} --share .5" for name in ("train-complex kitchen", "train-links kitchen", "train-recipes kitchen")),
-        *("train-complex kitchen --noise=.1", "evaluate-agent kitchen --draws 2", "compare runs --draws 2"),
-        "reference kitchen --beside runs",
-    ],
-)
-def test_a_former_option_is_refused_with_the_new_one(refused, tmp_path, command):
-    name, argument, option, *_ = command.replace("=", " ").split()
-    says = f"Unknown option: {option}. Did you mean {RENAMED[option]}?\nusage: "
-    refused(*command.split(), says=says, code=2, kind="UnknownOptionError")
-    (tmp_path / "old.toml").write_text(f"[{name}]\n{option.strip('-')} = 2\n")
-    says = f"from {tmp_path / 'old.toml'}. Did you mean {RENAMED[option]}?\n"
-    refused(name, argument, "--config", tmp_path / "old.toml", says=says, code=2)
-    assert f" {RENAMED[option]} " in text_of(name, "--help")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from inspect import signature
 from types import ModuleType
 from typing import Any
 
-from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnknownOptionError, UnusedCliTokensError
+from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
 from wordcraft_kg.base.extras import missing_package
@@ -18,27 +18,6 @@ from wordcraft_kg.cli.console import Output
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
 """Option names by Python setting name, where the two differ."""
-RENAMED = {
-    "baselines": "evaluate-agent",
-    "cache": "books --cache",
-    "compare-agents": "compare",
-    "compare-links": "compare",
-    "evaluate-words": "evaluate-text",
-    "fetch": "books --fetch",
-    "human-summary": "people summary",
-    "link-models": "train-links --list-models",
-    "results": "reproduce --show",
-    "splits": "describe",
-    "resume": "to repeat the interrupted command",
-    "study": "people",
-    "sweep": "reproduce",
-    "--beside": "--external-results",
-    "--draws": "--distractor-seeds",
-    "--noise": "--label-noise",
-    "--refusals": "--max-invalid",
-    "--share": "--train-fraction",
-}
-"""New names of renamed commands and options, by former name."""
 INTERRUPTED = 130
 _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 
@@ -47,10 +26,8 @@ _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 class Manual:
     """The usage of a command, shown after a mistake in the command line.
 
-    Attributes:
-        command: the words to type, such as ``wordcraft-kg describe``.
-        function: function that runs the command.
-        module: the function's module, with ``EXAMPLES``: complete command lines.
+    ``command`` are the words to type, such as ``wordcraft-kg describe``. ``module`` is the module of the ``function``
+    that runs the command, with ``EXAMPLES``: complete command lines.
     """
 
     command: str
@@ -78,14 +55,10 @@ class Manual:
 
 @dataclass(frozen=True)
 class Failure:
-    """The failure of a command, as shown to the user.
+    """The failure of a command, as shown to the user: error class, message and exit code.
 
-    Attributes:
-        kind: the error's class name.
-        message: text with the found and expected values, and the remedy.
-        code: exit code.
-        hints: further lines for a terminal: usage and an example.
-        setting: Python name of the setting with a refused value, or empty.
+    ``hints`` are further lines for a terminal, usage and an example. ``setting`` is the Python name of the setting with
+    a refused value, or empty.
     """
 
     kind: str
@@ -148,21 +121,13 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
         name = error.argument.field_info.name
         return f"{name.upper() if manual and name in manual.places else error.argument.name} is missing."
     error.verbose = False
-    message = str(error).partition(" Available commands:")[0]
-    old = ""
-    if isinstance(error, UnknownCommandError) and error.unused_tokens:
-        old = error.unused_tokens[0]
-    elif isinstance(error, UnknownOptionError):
-        old = "--" + (error.token.keyword or error.token.value).strip("-[]")
-    return f"{message.partition(' Did you mean')[0]} Did you mean {RENAMED[old]}?" if old in RENAMED else message
+    return str(error).partition(" Available commands:")[0]
 
 
 def with_options(message: str, places: Container[str] = ()) -> str:
     """Replace Python setting names in backticks by command-line names, such as max_queries by --max-queries.
 
-    Args:
-        message: error message for Python users.
-        places: settings that the command takes as positional arguments; their names become upper case, as in GRAPH.
+    Settings in ``places`` are positional arguments of the command; their names become upper case, as in GRAPH.
     """
 
     def named(match: re.Match[str]) -> str:

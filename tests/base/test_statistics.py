@@ -18,7 +18,6 @@ from wordcraft_kg.base.statistics import (
     interval_p_value,
     paired_difference,
     resampled_means,
-    samples,
     student_interval,
     task_bootstrap,
     wilson_interval,
@@ -170,7 +169,7 @@ def test_crossed_bootstrap_draws_rows_and_columns(transposed: bool) -> None:
 def test_crossed_bootstrap_does_not_depend_on_the_chunk(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
     table = np.random.default_rng(0).random((4, 30))
     expected = crossed_bootstrap(table)
-    monkeypatch.setattr(samples, "CHUNK", chunk * 30)
+    monkeypatch.setattr("wordcraft_kg.base.statistics.CHUNK", chunk * 30)
     assert crossed_bootstrap(table) == pytest.approx(expected, abs=0.02)
 
 

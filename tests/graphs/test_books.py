@@ -10,7 +10,6 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
-from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
 from wordcraft_kg.graphs import (
     RecipeGraph,
@@ -21,7 +20,7 @@ from wordcraft_kg.graphs import (
     make_split,
     open_book,
 )
-from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, locate_book
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, cache_folder, locate_book
 from wordcraft_kg.models.scorers.features import glove_features
 
 NAME = "little-alchemy-2"

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import FetchableBook
-from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, fetch_book
+from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, cache_folder, fetch_book
+from wordcraft_kg.graphs.library import clear_cache as clear_book_cache
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import BookList
@@ -72,10 +72,8 @@ def _text(view: "BookList") -> Iterator[str]:
 def _cache(clear: bool, output: Output) -> None:
     from rich.filesize import decimal
 
-    from wordcraft_kg.base.cache import clear_cache
-
     if clear:
-        clear_cache()
+        clear_book_cache()
     places = {
         "fetched recipe books": cache_folder(),
         PYKEEN: Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data") / "pykeen",

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args, get_origin
 
-from wordcraft_kg.base.errors import UnknownSettingError
+from wordcraft_kg.base.errors import ConfigError, UnknownSettingError
 from wordcraft_kg.base.settings import MAX_SIZE, nearest, number_in, one_of, require, whole
 from wordcraft_kg.graphs.task_search import DRAWN_TASKS, MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
@@ -15,6 +15,16 @@ DistractorWeighting = Literal["use", "uniform"]
 DistractorPolicy = Literal["any", "no_shortcut", "no_train_shortcut"]
 Ambiguity = Literal["all", "last"]
 IllegalAction = Literal["waste", "raise"]
+
+
+METADATA: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}
+"""The environments' metadata for gymnasium; ``ansi`` renders the state in words."""
+
+
+def check_mode(mode: str | None) -> None:
+    """Raise a ConfigError for an unknown render mode."""
+    if mode not in (None, "ansi"):
+        raise ConfigError(f"`render_mode` {mode!r}: expected None or 'ansi'.")
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
-from wordcraft_kg.envs.config import IllegalAction
-from wordcraft_kg.envs.rendering import METADATA, check_mode
+from wordcraft_kg.envs.config import METADATA, IllegalAction, check_mode
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
@@ -22,11 +21,9 @@ Observation = dict[str, Any]
 class Discovery:
     """The state of an open-ended game: known entities and tried pairs.
 
-    Attributes:
-        base: ids known at the start, ascending.
-        reachable: number of entities that can become known, including the base.
-        known: known ids in order of discovery, as the keys of a dictionary.
-        tried: pairs ``(a, b)`` with ``a <= b`` that were combined.
+    ``base`` has the ids known at the start, ascending; ``known`` all known ids in order of discovery, as the keys of a
+    dictionary; ``tried`` the combined pairs ``(a, b)`` with ``a <= b``. ``reachable`` counts the entities that can
+    become known, including the base.
     """
 
     def __init__(self, graph: RecipeGraph, base: Iterable[Entity] | None = None):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.envs.rendering import METADATA, check_mode
+from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import Task

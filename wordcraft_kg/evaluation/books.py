@@ -1,10 +1,17 @@
 """List of the known recipe books, and the check of a recipe book."""
 
-from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.book_check import BookCheck, BookFigures, Finding, check_book, listed
-from wordcraft_kg.graphs.library import FETCHABLE, KnownBook, data_folder, known_books, locate_book, open_book
+from wordcraft_kg.graphs.library import (
+    FETCHABLE,
+    KnownBook,
+    cache_folder,
+    data_folder,
+    known_books,
+    locate_book,
+    open_book,
+)
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 

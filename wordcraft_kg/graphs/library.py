@@ -3,16 +3,16 @@
 import hashlib
 import os
 import re
+import shutil
 import time
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from http.client import HTTPException
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from wordcraft_kg.base.artefacts import sha256_of, write_atomically
-from wordcraft_kg.base.cache import cache_folder
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest
@@ -61,8 +61,7 @@ FETCHABLE = {
 }
 
 
-@dataclass(frozen=True)
-class KnownBook:
+class KnownBook(NamedTuple):
     """A recipe book's name, origin (built in, cache, data folder, to fetch) and path, None before the download."""
 
     name: str
@@ -70,8 +69,7 @@ class KnownBook:
     path: Path | None
 
 
-@dataclass(frozen=True)
-class LocatedBook:
+class LocatedBook(NamedTuple):
     """A recipe book's file, and a known book's name and base entities."""
 
     path: Path
@@ -85,6 +83,18 @@ def data_folder() -> Path | None:
     if not value:
         return None
     return Path(value).parent if Path(value).is_file() else Path(value)
+
+
+def cache_folder() -> Path:
+    """Return the folder with downloaded books, in ~/.cache or ``XDG_CACHE_HOME``; the folder may not exist yet."""
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "wordcraft-kg" / "books"
+
+
+def clear_cache() -> None:
+    """Delete all downloaded recipe books."""
+    if (folder := cache_folder()).exists():
+        shutil.rmtree(folder)
 
 
 def known_books() -> list[KnownBook]:

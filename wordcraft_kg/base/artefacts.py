@@ -46,11 +46,7 @@ def dump_json(value: Any) -> str:
 
 
 def check_file(path: Path, largest: int = LARGE_FILE) -> None:
-    """Check that a path is a regular file within a size limit, not a device, a pipe or a huge sparse file.
-
-    Raises:
-        ArtefactError: if the file is missing, is not a regular file, or has more than ``largest`` bytes.
-    """
+    """Raise ArtefactError unless a path is a regular file of at most ``largest`` bytes, not a device or a pipe."""
     if not os.path.lexists(path):
         raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.")
     if not path.is_file():
@@ -72,11 +68,7 @@ def read_large_file(path: Path) -> bytes:
 
 
 def read_json(path: Path) -> Any:
-    """Return the value in a JSON file written by this package.
-
-    Raises:
-        ArtefactError: if the file is missing, not UTF-8 or not JSON.
-    """
+    """Return the value in a JSON file written by this package; ArtefactError if missing, not UTF-8 or not JSON."""
     data = read_small_file(path)
     try:
         return json.loads(data.decode())
@@ -160,43 +152,40 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
     An existing ``out`` stays unchanged until the end, even on Ctrl-C.
     """
     check_output(out, force=force)
-    with _parents_of(out):
-        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.", suffix=TEMPORARY))
-        try:
-            os.chmod(staging, 0o777 & ~_umask())
-            yield staging
-            _replace_folder(staging, out)
-        finally:
-            shutil.rmtree(staging, ignore_errors=True)
+    with _staging(out) as staging:
+        os.chmod(staging, 0o777 & ~_umask())
+        yield staging
+        _replace_folder(staging, out)
 
 
 @contextmanager
 def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield a path in a temporary folder; the file written there becomes ``out`` if the ``with`` block succeeds.
+    """Yield a path in a temporary folder; the file written there becomes ``out`` if the ``with`` block succeeds."""
+    check_output_file(out, force=force)
+    with _staging(out) as staging:
+        yield staging / out.name
+        os.replace(staging / out.name, out)
 
-    Raises:
-        OutputExistsError: if ``out`` is a folder, or exists and ``force`` is False.
-    """
+
+def check_output_file(out: Path, *, force: bool) -> None:
+    """Raise an OutputExistsError if the file ``out`` is a folder, or exists and ``force`` is False."""
     if out.is_dir():
         raise OutputExistsError(f"'{out}' is a folder, but the output is a file. Choose another `out`.")
     if out.exists() and not force:
         raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
-    with _parents_of(out):
-        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.", suffix=TEMPORARY))
-        try:
-            yield staging / out.name
-            os.replace(staging / out.name, out)
-        finally:
-            shutil.rmtree(staging, ignore_errors=True)
 
 
 @contextmanager
-def _parents_of(out: Path) -> Iterator[None]:
-    """Make the parents of ``out``; remove new parents if the block fails."""
+def _staging(out: Path) -> Iterator[Path]:
+    """Make the parents of ``out`` and a temporary folder beside it; remove new parents if the block fails."""
     missing = [parent for parent in out.parents if not parent.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
-        yield
+        staging = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.", suffix=TEMPORARY))
+        try:
+            yield staging
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
     except BaseException:
         with suppress(OSError):  # another process wrote a file here: keep that file
             for parent in missing:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError, OutputExistsError
+from wordcraft_kg.base.artefacts import check_output_file, staged_file, write_atomically
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.progress import listening
 from wordcraft_kg.base.wording import with_visible
 from wordcraft_kg.cli.progress import Progress, Stages
@@ -100,15 +101,13 @@ def refuse_given(options: Any, about: str) -> None:
 
 
 def check_file(out: Path | None, *, force: bool) -> None:
-    """Raise an OutputExistsError before long work if the file exists and ``force`` is False."""
-    if out is not None and out.exists() and not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
+    """Raise an OutputExistsError before long work if a file cannot be written."""
+    if out is not None:
+        check_output_file(out, force=force)
 
 
 def write_file(out: Path, content: str | Iterable[str], *, force: bool) -> None:
     """Write a text file atomically; ``force`` replaces an existing file."""
-    from wordcraft_kg.base.artefacts import staged_file, write_atomically
-
     with staged_file(out, force=force) as file:
         write_atomically(file, content)
 
@@ -117,11 +116,7 @@ MOST_SEEDS = 1_000
 
 
 def read_seeds(text: str) -> list[int]:
-    """Parse a list of different seeds from numbers and ranges: 0-2,7 gives 0, 1, 2 and 7.
-
-    Raises:
-        ConfigError: for other text, or more than :data:`MOST_SEEDS` seeds.
-    """
+    """Parse a list of different seeds from numbers and ranges: 0-2,7 gives 0, 1, 2 and 7; else a ConfigError."""
     seeds: dict[int, None] = {}
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,19})(?:-(\d{1,19}))?\s*", part)

@@ -17,11 +17,7 @@ MIN_BAR = 16
 class Progress:
     """Reporter of progress for one piece of work, such as a training; within it, nested work is not shown.
 
-    Attributes:
-        what: name of the work, such as playing.
-        unit: unit of counting, such as epoch.
-        hidden: whether nothing is shown.
-        is_stage: whether the bar disappears at the end and short stages print no line.
+    ``is_stage``: the bar disappears at the end, and short stages print no line.
     """
 
     INTERVAL = 5.0  # seconds between plain lines

@@ -21,9 +21,8 @@ from wordcraft_kg.graphs import (
     open_graph,
     read_book,
 )
-from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.frames import entities_frame, triples_frame
+from wordcraft_kg.graphs.export import EXPORTERS, NAMESPACE, export_graph, triples_frame
+from wordcraft_kg.graphs.folder import OpenedGraph, entities_frame
 from wordcraft_kg.graphs.triples import triple_lines
 
 AWKWARD = [
@@ -63,7 +62,7 @@ def test_tables_hold_the_triples(source, tmp_path, format):
     else:
         pytest.importorskip("pyarrow")
         frame = pd.read_parquet(path)
-    pd.testing.assert_frame_equal(frame, triples_frame(source.graph), check_dtype=False)
+    pd.testing.assert_frame_equal(frame, triples_frame(source.graph, source.graph.triples), check_dtype=False)
 
 
 @pytest.mark.parametrize("format", ["csv", "json"])

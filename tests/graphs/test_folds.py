@@ -11,7 +11,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import SplitConfig, make_split, open_graph
-from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, make_folds
+from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
 from wordcraft_kg.graphs.splits import groups_of
 from wordcraft_kg.graphs.triples import recipe_triples
 
@@ -52,7 +52,7 @@ def test_a_task_leaves_out_a_fold_with_a_recipe_of_each_plan(depth):
     opened = open_graph("kitchen")
     folds = make_folds(opened.split, 3)
     tasks = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=0)).tasks
-    of_task = folds.of_tasks(tasks)
+    of_task = fold_of_tasks(folds.of_recipe, tasks)
     for plans, fold in zip(tasks.plans, of_task.tolist(), strict=True):
         of_plans = [{int(folds.of_recipe[row]) for row in plan} for plan in plans]
         shared = [one for one in range(3) if all(one in of_plan for of_plan in of_plans)]

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, open_graph, recipe_triples
-from wordcraft_kg.graphs.frames import entities_frame, to_networkx, triples_frame
+from wordcraft_kg.graphs.export import to_networkx, triples_frame
+from wordcraft_kg.graphs.folder import entities_frame
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys
 
 
@@ -160,16 +161,8 @@ def test_base_entities_are_those_without_a_recipe_unless_given():
 
 
 @given(graphs())
-def test_the_networkx_multigraph_holds_the_triples(graph):
-    view = to_networkx(graph)
-    assert set(view.nodes) == set(graph.entities)
-    assert {label for label, base in view.nodes(data="base") if base} == set(graph.base)
-    assert {(head, key, tail) for head, tail, key in view.edges(keys=True)} == oracles.triples(graph.recipe_labels())
-
-
-@given(graphs())
 def test_the_networkx_view_with_recipe_nodes_keeps_which_pair_makes_what(graph):
-    view = to_networkx(graph, recipe_nodes=True)
+    view = to_networkx(graph)
     nodes = [node for node, kind in view.nodes(data="kind") if kind == "recipe"]
     found = [
         Recipe.of(*(a for a, _, role in view.in_edges(node, data="role") if role == "ingredient"), result)
@@ -177,12 +170,13 @@ def test_the_networkx_view_with_recipe_nodes_keeps_which_pair_makes_what(graph):
         for _, result in view.out_edges(node)
     ]
     assert sorted(found) == graph.recipe_labels()
+    assert {label for label, base in view.nodes(data="base") if base} == set(graph.base)
     assert len(view) == graph.num_entities + graph.num_recipes
 
 
 def test_an_entity_named_like_a_recipe_node_stays_an_entity():
     graph = RecipeGraph.from_recipes([("recipe 0", "recipe 1", "recipe 2"), ("recipe 0", "recipe 2", "meal")])
-    view = to_networkx(graph, recipe_nodes=True)
+    view = to_networkx(graph)
     assert len(view) == graph.num_entities + graph.num_recipes
     assert {node for node, kind in view.nodes(data="kind") if kind == "entity"} == set(graph.entities)
 
@@ -195,7 +189,8 @@ def test_frames_have_a_row_per_entity_and_triple():
     assert entities["base"].to_dict() == {"a": True, "b": True, "c": False, "d": False, "idle": False}
     assert entities["recipes"].to_dict() == {"a": 0, "b": 0, "c": 1, "d": 1, "idle": 0}
     assert entities["uses"].to_dict() == {"a": 1, "b": 1, "c": 1, "d": 0, "idle": 0}
-    assert set(triples_frame(graph).itertuples(index=False, name=None)) == oracles.triples(graph.recipe_labels())
+    triples = triples_frame(graph, graph.triples).itertuples(index=False, name=None)
+    assert set(triples) == oracles.triples(graph.recipe_labels())
 
 
 def test_a_graph_has_a_length_and_contains_its_labels(kitchen):

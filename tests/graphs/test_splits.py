@@ -201,7 +201,7 @@ def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_co
     def by_first_letter(graph, config, rng):
         return Draw(np.where([graph.entities[i] < "m" for i in graph.recipes[:, 2]], 0, 2).astype(np.int8))
 
-    monkeypatch.setitem(SPLITS, "by-letter", SplitKind(by_first_letter, lambda graph: graph.recipes[:, 2], "by letter"))
+    monkeypatch.setitem(SPLITS, "by-letter", SplitKind(lambda graph: graph.recipes[:, 2], "by letter", by_first_letter))
     split = make_split(kitchen, SplitConfig("by-letter"))
     assert all(kitchen.entities[i] >= "m" for i in split.recipes("test")[:, 2])
     assert read_split(json.loads("".join(split.to_json())), kitchen).hash == split.hash

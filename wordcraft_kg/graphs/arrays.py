@@ -14,6 +14,13 @@ def frozen(array: Ids) -> Ids:
     return array
 
 
+def sorted_unique(rows: Ids, columns: Sequence[int]) -> Ids:
+    """Return the distinct rows, shape (n, k), sorted by the given columns, the most important first."""
+    rows = rows[np.lexsort([rows[:, column] for column in reversed(columns)])]
+    is_new = np.any(np.diff(rows, axis=0, prepend=rows[:1] - 1) != 0, axis=1)
+    return np.ascontiguousarray(rows[is_new])
+
+
 def padded(rows: Sequence[Sequence[int]], padding: int, width: int = 0) -> Ids:
     """Stack rows with different lengths into an array, padded with ``padding`` to at least ``width`` columns."""
     width = max([width, *map(len, rows)])

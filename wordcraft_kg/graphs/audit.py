@@ -11,7 +11,7 @@ from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers, rounds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook, spelling_key
+from wordcraft_kg.graphs.recipes import RecipeBook, alike_labels
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, Relation, is_in
 
@@ -79,7 +79,7 @@ class Degrees(Record):
 
 
 class AlikeLabels(Record):
-    """Groups of entity labels with the same spelling key, probably typos; at most 20 groups are listed."""
+    """Groups of entity labels that differ only by spelling, probably typos; at most 20 groups are listed."""
 
     alike: Count
     alike_labels: tuple[tuple[str, ...], ...]
@@ -125,12 +125,8 @@ class SplitSummary(Record):
 class Leakage(Record):
     """Numbers of test and training triples of a relation.
 
-    Attributes:
-        train: training triples.
-        from_test_recipes: test triples.
-        already_in_train: excluded test triples, which train or validation recipes give, too.
-        evaluated: the remaining test triples.
-        mirror_in_train: evaluated triples with (tail, relation, head) in train; 0 for combinesWith.
+    ``already_in_train`` counts the test triples that train or validation recipes give, too; these are not evaluated.
+    ``mirror_in_train`` counts evaluated triples with (tail, relation, head) in train; 0 for combinesWith.
     """
 
     train: Count
@@ -163,7 +159,8 @@ class Audit(Record, omit_defaults=True, kw_only=True):
 @stage("auditing the graph")
 def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> Audit:
     """Compute statistics for a graph and a split; the source ``book`` adds counts of omitted rows."""
-    layer = layers(graph)
+    alike = alike_labels(graph.entities)
+    combines_with, component_of = np.bincount(graph.triples[:, 1], minlength=len(RELATIONS)).tolist()
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
         merged_duplicates=None if book is None else book.merged_duplicates,
@@ -173,19 +170,14 @@ def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> A
         base=graph.base,
         base_is_inferred=graph.base_is_inferred,
         hash=graph.hash,
-        triples=_triple_counts(graph),
+        triples=TripleCounts(combines_with, component_of, len(graph.triples)),
         ambiguity=_ambiguity(graph),
-        reachability=_reachability(graph, layer),
+        reachability=_reachability(graph),
         degrees=_degrees(graph),
-        labels=_labels(graph),
+        labels=AlikeLabels(len(alike), tuple(alike[:SHOWN])),
         split=split_summary(split),
         leakage=leakage(split),
     )
-
-
-def _triple_counts(graph: RecipeGraph) -> TripleCounts:
-    combines_with, component_of = np.bincount(graph.triples[:, 1], minlength=len(RELATIONS)).tolist()
-    return TripleCounts(combines_with, component_of, len(graph.triples))
 
 
 def split_summary(split: Split) -> SplitSummary:
@@ -254,7 +246,8 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
     )
 
 
-def _reachability(graph: RecipeGraph, layer: Ids) -> Reachability:
+def _reachability(graph: RecipeGraph) -> Reachability:
+    layer = layers(graph)
     unreachable = np.flatnonzero(layer < 0)
     known = rounds(layer)
     return Reachability(
@@ -287,11 +280,3 @@ def _degrees(graph: RecipeGraph) -> Degrees:
         most_used=top(uses),
         most_recipes=top(recipes),
     )
-
-
-def _labels(graph: RecipeGraph) -> AlikeLabels:
-    groups: dict[str, list[str]] = {}
-    for label in graph.entities:
-        groups.setdefault(spelling_key(label), []).append(label)
-    alike = [tuple(labels) for labels in groups.values() if len(labels) > 1]
-    return AlikeLabels(len(alike), tuple(alike[:SHOWN]))

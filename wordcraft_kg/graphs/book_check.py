@@ -20,7 +20,7 @@ from wordcraft_kg.base.wording import counted, with_visible
 from wordcraft_kg.graphs.book_files import DELIMITERS, Fault, Table, book_name, read_book, read_bytes, unknown_base
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, spelling_key
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
 
 LISTED = 15  # lines or names in a finding, at most
 MAX_FINDINGS = 10_000
@@ -30,11 +30,8 @@ MAX_FINDINGS = 10_000
 class Finding(Record):
     """An error or a suspicious entry in a recipe book.
 
-    Attributes:
-        kind: violated rule, such as ``duplicate``.
-        severity: a ``problem`` fails the check, a ``note`` does not.
-        lines: line numbers from 1, at most 15; empty for a finding about the whole book.
-        message: description.
+    ``kind`` is the violated rule, such as ``duplicate``. A ``problem`` fails the check, a ``note`` does not. ``lines``
+    are line numbers from 1, at most 15; empty for a finding about the whole book.
     """
 
     kind: str
@@ -152,8 +149,7 @@ def check_book(
             f"no base is named, so the base is the {counted(len(graph.base), 'entity', 'entities')} without a recipe"
         )
         findings.append(_note("base", f"{message}: {listed(graph.base)}. Name the base: # base: a, b"))
-    findings += [*_commas(graph, line_of), *_invisible(graph, line_of), *_spellings(graph, line_of)]
-    findings += _idle(graph, wanted)
+    findings += [*_characters(graph, line_of), *_spellings(graph, line_of), *_idle(graph, wanted)]
     findings += [*_unreachable(graph, line_of, lines_of), *_plurals(graph, line_of), *_lonely(graph, line_of)]
     return BookCheck(_sorted(findings), _figures(graph), graph)
 
@@ -228,15 +224,11 @@ def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> list[int]:
     return sorted({line_of[label] for label in labels if label in line_of})
 
 
-def _commas(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
+def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for label in graph.entities:
         if "," in label:
             message = f"the label '{label}' contains a comma, at which other tools may split it"
             yield _problem("comma", message, _at([label], line_of))
-
-
-def _invisible(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    for label in graph.entities:
         if (visible := with_visible(label)) != label:
             message = f"'{visible}' holds an invisible character; remove it, or replace it by a space"
             yield _note("invisible", message, _at([label], line_of))
@@ -253,13 +245,9 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
 
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
-    groups: dict[str, list[str]] = {}
-    for label in graph.entities:
-        groups.setdefault(spelling_key(label), []).append(label)
-    for labels in groups.values():
-        if len(labels) > 1:
-            message = f"{' and '.join(map(repr, labels))} count as different entities; use one spelling"
-            yield _problem("spelling", message, _at(labels, line_of))
+    for labels in alike_labels(graph.entities):
+        message = f"{' and '.join(map(repr, labels))} count as different entities; use one spelling"
+        yield _problem("spelling", message, _at(labels, line_of))
 
 
 def _unreachable(

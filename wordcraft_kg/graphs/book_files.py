@@ -44,7 +44,7 @@ def read_book(
     entities without a recipe. A fourth column ``kind`` may name each recipe's kind of reasoning.
 
     Args:
-        path: the file, or a folder by :func:`~wordcraft_kg.graphs.folder.write_graph_folder`.
+        path: the file, or a graph folder.
         keep_self_results: keep recipes with the result among the ingredients.
         single_ingredient: how to read recipes with one ingredient: ``self`` repeats the ingredient, another text
             names a second ingredient, such as furnace. With None such a recipe is an error.

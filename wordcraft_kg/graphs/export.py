@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 from urllib.parse import quote
+
+import numpy as np
 
 from wordcraft_kg.base.artefacts import staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError
@@ -15,10 +16,14 @@ from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.book_files import write_book
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.frames import to_networkx, triples_frame
+from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
+
+if TYPE_CHECKING:
+    import networkx as nx
+    import pandas as pd
 
 NAMESPACE = "urn:wordcraft-kg:"
 """Prefix of IRIs in RDF: ``entity:<label>``, ``recipe:<a>+<b>=<result>``, ``relation:<name>``, ``role:ingredient``,
@@ -32,36 +37,14 @@ _GRAPHML_BYTES = 6_000  # per recipe while networkx writes, measured with 250,00
 
 
 @dataclass(frozen=True)
-class Content:
-    """Recipes and triples to export: all, train or held-out, by ``part``."""
-
-    opened: OpenedGraph
-    part: ExportPart = "full"
-
-    @cached_property
-    def graph(self) -> RecipeGraph:
-        """The recipe graph with the exported recipes only; entities and ids stay."""
-        graph, split = self.opened.graph, self.opened.split
-        if self.part == "full":
-            return graph
-        is_train = split.is_in("train")
-        kept = is_train if self.part == "partial" else ~is_train
-        exported = RecipeGraph(graph.entities, graph.recipes[kept], graph.base_ids, graph.name)
-        exported.kinds = None if graph.kinds is None else tuple(compress(graph.kinds, kept))
-        return exported
-
-    @property
-    def triples(self) -> Ids:
-        """The exported triples, shape (T, 3), sorted."""
-        return self.opened.split.unseen if self.part == "unseen" else self.opened.triples(self.part)
-
-
-@dataclass(frozen=True)
 class Exporter:
-    """An export format; writing needs ``recipe_bytes`` bytes memory per recipe, 0 if negligible."""
+    """An export format: ``write`` takes a graph, triples (T, 3) and a path.
+
+    Writing needs ``recipe_bytes`` bytes memory per recipe, 0 if negligible.
+    """
 
     about: str
-    write: Callable[[Content, Path], None]
+    write: Callable[[RecipeGraph, Ids, Path], object]
     recipe_bytes: int = 0
 
 
@@ -79,76 +62,111 @@ def export_graph(
     """
     one_of("format", format, tuple(EXPORTERS))
     one_of("part", part, get_args(ExportPart))
-    exporter = EXPORTERS[format]
-    content = Content(opened, part)
-    needed = content.graph.num_recipes * exporter.recipe_bytes
+    exporter, graph = EXPORTERS[format], opened.graph
+    if part != "full":
+        kept = opened.split.is_in("train") == (part == "partial")
+        kinds = None if graph.kinds is None else tuple(compress(graph.kinds, kept))
+        graph = RecipeGraph(graph.entities, graph.recipes[kept], graph.base_ids, graph.name)
+        graph.kinds = kinds
+    needed = graph.num_recipes * exporter.recipe_bytes
     if needed > MOST_BYTES:
         raise ConfigError(
-            f"`format` {format!r}: {content.graph.num_recipes:,} recipes would take about {needed / 2**30:.0f} GiB of "
+            f"`format` {format!r}: {graph.num_recipes:,} recipes would take about {needed / 2**30:.0f} GiB of "
             f"memory; expected at most {MOST_BYTES / 2**30:.0f}. Take nt, tsv, parquet, csv or json, which need little."
         )
     with staged_file(out, force=force) as path:
-        exporter.write(content, path)
+        exporter.write(graph, opened.split.unseen if part == "unseen" else opened.triples(part), path)
 
 
-def _book(ending: str) -> Callable[[Content, Path], None]:
-    def write(content: Content, path: Path) -> None:
-        graph = content.graph
+def _book(ending: str) -> Callable[[RecipeGraph, Ids, Path], object]:
+    def write(graph: RecipeGraph, triples: Ids, path: Path) -> None:
         recipes = graph.recipe_labels()
         book = RecipeBook.of(graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True)
-        if graph.kinds is not None:
-            book = replace(
-                book, kinds={recipe: kind for recipe, kind in zip(recipes, graph.kinds, strict=True) if kind}
-            )
+        kinds = zip(recipes, graph.kinds or (), strict=graph.kinds is not None)
         staged = path.with_name("book" + ending)
-        write_book(book, staged)
+        write_book(replace(book, kinds={recipe: kind for recipe, kind in kinds if kind}), staged)
         staged.rename(path)
 
     return write
 
 
-def _graphml(content: Content, path: Path) -> None:
+def _graphml(graph: RecipeGraph, triples: Ids, path: Path) -> None:
     import networkx as nx
 
-    nx.write_graphml(to_networkx(content.graph, recipe_nodes=True), path)
+    nx.write_graphml(to_networkx(graph), path)
 
 
-def _statements(content: Content) -> Iterator[tuple[str, str, str]]:
-    """Yield RDF statements as IRIs; labels are text, and a self pair has one ingredient."""
-    code = [quote(label, safe="") for label in content.graph.entities]
-    entities = [f"{NAMESPACE}entity:{label}" for label in code]
-    for iri, label in zip(entities, content.graph.entities, strict=True):
-        yield iri, _RDFS_LABEL, label
-    for head, relation, tail in zip(*(column.tolist() for column in content.triples.T), strict=True):
-        yield entities[head], f"{NAMESPACE}relation:{RELATIONS[relation]}", entities[tail]
-    for a, b, result in zip(*(column.tolist() for column in content.graph.recipes.T), strict=True):
-        recipe = f"{NAMESPACE}recipe:{code[a]}+{code[b]}={code[result]}"
-        yield recipe, _RDF_TYPE, f"{NAMESPACE}Recipe"
+def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
+    """Yield N-Triples; only labels are text, and a self pair has one ingredient."""
+    code = [quote(label, safe="") for label in graph.entities]
+    entities = [f"<{NAMESPACE}entity:{label}>" for label in code]
+    for iri, label in zip(entities, graph.entities, strict=True):
+        escaped = label.replace("\\", "\\\\").replace('"', '\\"')
+        yield f'{iri} <{_RDFS_LABEL}> "{escaped}" .\n'
+    for head, relation, tail in zip(*(column.tolist() for column in triples.T), strict=True):
+        yield f"{entities[head]} <{NAMESPACE}relation:{RELATIONS[relation]}> {entities[tail]} .\n"
+    for a, b, result in zip(*(column.tolist() for column in graph.recipes.T), strict=True):
+        recipe = f"<{NAMESPACE}recipe:{code[a]}+{code[b]}={code[result]}>"
+        yield f"{recipe} <{_RDF_TYPE}> <{NAMESPACE}Recipe> .\n"
         for part in dict.fromkeys((a, b)):
-            yield recipe, f"{NAMESPACE}role:ingredient", entities[part]
-        yield recipe, f"{NAMESPACE}role:result", entities[result]
+            yield f"{recipe} <{NAMESPACE}role:ingredient> {entities[part]} .\n"
+        yield f"{recipe} <{NAMESPACE}role:result> {entities[result]} .\n"
 
 
-def _nt(content: Content, path: Path) -> None:
-    def line(subject: str, predicate: str, value: str) -> str:
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return f"<{subject}> <{predicate}> " + (f'"{escaped}" .\n' if predicate == _RDFS_LABEL else f"<{value}> .\n")
+def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
+    """Convert a recipe graph to a networkx graph with entity nodes and recipe nodes.
 
-    write_atomically(path, (line(*statement) for statement in _statements(content)))
+    Entity nodes have ``kind="entity"``, ``base``, ``recipes`` (number of recipes for the entity), ``uses`` (number of
+    recipes with the entity as ingredient) and, if reachable from the base, ``layer`` (crafting rounds). A recipe has a
+    node ``recipe <index>`` with ``kind="recipe"``, and edges ``ingredient -> recipe -> result``, two for an entity
+    combined with itself; leading underscores avoid clashes with labels.
+    """
+    import networkx as nx
+
+    view = nx.MultiDiGraph(name=graph.name, hash=graph.hash)
+    in_base = np.isin(np.arange(graph.num_entities), graph.base_ids)
+    columns = (in_base, graph.recipe_counts, graph.use_counts, layers(graph))
+    for label, base, recipes, uses, layer in zip(graph.entities, *(c.tolist() for c in columns), strict=True):
+        place = {"layer": layer} if layer >= 0 else {}  # GraphML cannot hold None
+        view.add_node(label, kind="entity", base=base, recipes=recipes, uses=uses, **place)
+    prefix = "recipe "
+    while any(label.startswith(prefix) for label in graph.entities):
+        prefix = "_" + prefix
+    for index, recipe in enumerate(graph.recipe_labels()):
+        node = f"{prefix}{index}"
+        view.add_node(node, kind="recipe")
+        view.add_edge(recipe.ingredient_a, node, "ingredient_a", role="ingredient")
+        view.add_edge(recipe.ingredient_b, node, "ingredient_b", role="ingredient")
+        view.add_edge(node, recipe.result, "result", role="result")
+    return view
+
+
+def triples_frame(graph: RecipeGraph, triples: Ids) -> "pd.DataFrame":
+    """Return a data frame of ``triples`` with the label columns ``head``, ``relation`` and ``tail``."""
+    import pandas as pd
+
+    names = np.array(graph.entities, dtype=object)
+    head, relation, tail = triples.T
+    return pd.DataFrame(
+        {"head": names[head], "relation": np.array(RELATIONS, dtype=object)[relation], "tail": names[tail]}
+    )
 
 
 EXPORTERS = {
     "tsv": Exporter(
         "triples, head relation tail",
-        lambda content, path: write_atomically(path, triple_lines(content.triples, content.graph.entities)),
+        lambda graph, triples, path: write_atomically(path, triple_lines(triples, graph.entities)),
     ),
     "graphml": Exporter(
         "GraphML, with a node for each recipe between its ingredients and its result", _graphml, _GRAPHML_BYTES
     ),
-    "nt": Exporter("RDF N-Triples, with a node for each recipe", _nt),
+    "nt": Exporter(
+        "RDF N-Triples, with a node for each recipe",
+        lambda graph, triples, path: write_atomically(path, _rdf_lines(graph, triples)),
+    ),
     "parquet": Exporter(
         "triples as a Parquet table",
-        lambda content, path: triples_frame(content.graph, content.triples).to_parquet(path, index=False),
+        lambda graph, triples, path: triples_frame(graph, triples).to_parquet(path, index=False),
     ),
     "csv": Exporter("recipe book with its base, for build-graph", _book(".csv")),
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),

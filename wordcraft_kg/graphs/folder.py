@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from wordcraft_kg.base.artefacts import dump_json, read_json, staged_folder, what_is, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, RecipeFileError, SplitError
@@ -11,13 +13,16 @@ from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Audit, audit
 from wordcraft_kg.graphs.book_files import book_json, read_book, recipe_table
-from wordcraft_kg.graphs.frames import entities_frame
 from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 KG = Literal["partial", "full"]
 """Knowledge graph: triples from the train recipes, or from all recipes."""
@@ -43,6 +48,22 @@ class OpenedGraph:
     def train_sample(self, kg: TrainedOn) -> TrainSample:
         """Return recipes for training a model: the train recipes (partial), all (full) or no recipes (none)."""
         return TrainSample.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
+
+
+def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
+    """Return a row per entity: label, base, layer (crafting rounds, missing if unreachable), recipe and use counts."""
+    import pandas as pd
+
+    depth = layers(graph)
+    return pd.DataFrame(
+        {
+            "entity": graph.entities,
+            "base": np.isin(np.arange(graph.num_entities), graph.base_ids),
+            "layer": pd.Series(depth, dtype="Int64").mask(depth < 0),
+            "recipes": graph.recipe_counts,
+            "uses": graph.use_counts,
+        }
+    )
 
 
 @stage("writing the graph folder")
@@ -76,9 +97,8 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
 def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedGraph:
     """Open a recipe graph and a train/validation/test split.
 
-    Args:
-        source: a graph folder, a recipe book file, or a known book's name.
-        config: split settings for a book; ignored for a graph folder. Default: see :func:`default_split`.
+    ``source`` is a graph folder, a recipe book file, or a known book's name; ``config`` has the split settings for a
+    book, by default :func:`default_split`, and is ignored for a graph folder.
 
     Raises:
         ArtefactError: if a graph folder is incomplete, damaged or inconsistent.

@@ -26,19 +26,15 @@ SEVERAL = -2
 
 
 class Folds:
-    """A partition of a split's train recipes into K folds.
+    """A partition of a split's train recipes into K = ``count`` folds, see :func:`make_folds`.
 
     Attributes:
-        split: train/validation/test split.
-        count: K.
-        seed: random seed.
         of_recipe: shape (num_recipes,), int64: each recipe's fold from 0, :data:`OUTSIDE` outside train.
-        train_sample: recipes for training, possibly fewer than the train recipes or with wrong results; independent of
-            the folds.
+        train_sample: recipes for training, possibly fewer than the train recipes or with wrong results; by default all
+            train recipes. Independent of the folds.
     """
 
     def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, train_sample: TrainSample | None = None):
-        """Store folds of a split, see :func:`make_folds`; the default train sample is all train recipes."""
         self.split, self.count, self.seed = split, count, seed
         self.of_recipe = frozen(of_recipe)
         self.train_sample = TrainSample.of(split.graph, split.is_in("train")) if train_sample is None else train_sample
@@ -69,10 +65,6 @@ class Folds:
     def triples(self, left_out: Collection[int] = ()) -> Ids:
         """Return the triples from :meth:`recipes` outside the ``left_out`` folds, shape (T, 3), sorted."""
         return frozen(recipe_triples(self.recipes(left_out)))
-
-    def of_tasks(self, tasks: TaskSet) -> Ids:
-        """Return the fold to leave out for each crafting task, shape (N,), see :func:`fold_of_tasks`."""
-        return fold_of_tasks(self.of_recipe, tasks)
 
     @cached_property
     def hash(self) -> str:

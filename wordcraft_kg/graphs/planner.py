@@ -45,10 +45,9 @@ def rounds(layer: Ids) -> list[int]:
 
 @dataclass(frozen=True)
 class Derivation:
-    """Recipes that make an entity from the starting entities.
+    """Recipes that make an entity, ``goal``, from the starting entities.
 
     Attributes:
-        goal: the entity's label.
         steps: distinct recipes in execution order, ending in the goal; empty for a starting entity.
         cost: number of recipes if an intermediate is made anew for every use; ``len(steps) <= cost`` combinations are
             enough.
@@ -68,9 +67,7 @@ class Derivation:
 def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
     """Yield a text tree, line by line: an entity with two ingredients, then each ingredient's tree, none repeated.
 
-    Args:
-        goal: the entity's label.
-        steps: a recipe per made entity.
+    ``goal`` is the entity's label; ``steps`` has a recipe per made entity.
 
     Example:
         >>> print(Planner(open_graph("kitchen").graph).derivation("flour"))
@@ -135,12 +132,7 @@ class Planner:
                         heapq.heappush(queue, (candidate, index, result))
 
     def derivation(self, goal: Entity) -> Derivation:
-        """Return the cheapest derivation for an entity.
-
-        Raises:
-            UnknownEntityError: for an unknown entity.
-            GraphError: for an entity that cannot be made.
-        """
+        """Return the cheapest derivation for an entity; GraphError for an entity that cannot be made."""
         graph = self.graph
         target = graph.id_of(goal)
         if self.costs[target] == math.inf:

@@ -9,7 +9,7 @@ import numpy as np
 
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.graphs.arrays import Ids, frozen
+from wordcraft_kg.graphs.arrays import Ids, frozen, sorted_unique
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label
 from wordcraft_kg.graphs.triples import recipe_triples
 
@@ -44,14 +44,8 @@ class RecipeGraph:
     def __init__(self, entities: Iterable[str], recipes: Ids, base_ids: Sequence[int] | Ids, name: str = "graph"):
         """Build a graph from ids, see also :meth:`from_book` and :meth:`from_recipes`.
 
-        Args:
-            entities: labels, sorted, unique.
-            recipes: shape (num_recipes, 3), rows ``(ingredient, ingredient, result)`` in any order.
-            base_ids: ids of the base entities.
-            name: name in reports.
-
-        Raises:
-            GraphError: if labels are not sorted and unique, or an id is out of range.
+        ``entities`` are sorted, unique labels; ``recipes`` are rows ``(ingredient, ingredient, result)`` in any order,
+        shape (num_recipes, 3). Raises GraphError for other labels, or an id out of range.
         """
         self.name = name
         self.base_is_inferred = False
@@ -65,25 +59,20 @@ class RecipeGraph:
             if ids.size and not 0 <= ids.min() <= ids.max() < len(self.entities):
                 raise GraphError(f"a {what} id is outside 0 .. {len(self.entities) - 1}.")
         pairs = np.sort(recipes[:, :2], axis=1)
-        self.recipes: Ids = _unique_rows(np.column_stack([pairs, recipes[:, 2]]))
-        self.base_ids: Ids = base
-        frozen(self.recipes)
-        frozen(self.base_ids)
+        self.recipes: Ids = frozen(sorted_unique(np.column_stack([pairs, recipes[:, 2]]), (0, 1, 2)))
+        self.base_ids: Ids = frozen(base)
 
     @classmethod
     def from_book(cls, book: RecipeBook, base: Iterable[str] | None = None) -> "RecipeGraph":
         """Turn a recipe book into a graph.
 
         ``base`` lists labels of base entities; None uses the book's base or, by default, the entities without a recipe.
-
-        Raises:
-            UnknownEntityError: if a base label is not in the book.
+        Raises UnknownEntityError if a base label is not in the book.
         """
         entities = book.entities
         index = {label: i for i, label in enumerate(entities)}
-        recipes = np.fromiter(
-            (index[label] for recipe in book.recipes for label in recipe), np.int64, 3 * len(book.recipes)
-        ).reshape(-1, 3)
+        ids = (index[label] for recipe in book.recipes for label in recipe)
+        recipes = np.fromiter(ids, np.int64, 3 * len(book.recipes)).reshape(-1, 3)
         labels = book.base if base is None else sorted(set(base))
         if labels is None:
             base_ids = np.setdiff1d(np.arange(len(entities)), recipes[:, 2])
@@ -244,15 +233,11 @@ class RecipeGraph:
 
     def recipes_of(self, result: Entity) -> Ids:
         """Return the row indices of recipes that make ``result``, ascending."""
-        starts, order = self.by_result
-        i = self.id_of(result)
-        return order[starts[i] : starts[i + 1]]
+        return _member(self.by_result, self.id_of(result))
 
     def uses_of(self, entity: Entity) -> Ids:
         """Return the row indices of recipes that use ``entity`` as ingredient, ascending."""
-        starts, order = self.by_ingredient
-        i = self.id_of(entity)
-        return order[starts[i] : starts[i + 1]]
+        return _member(self.by_ingredient, self.id_of(entity))
 
     @property
     def recipe_counts(self) -> Ids:
@@ -270,11 +255,9 @@ class RecipeGraph:
         return frozen(recipe_triples(self.recipes))
 
 
-def _unique_rows(rows: Ids) -> Ids:
-    if not len(rows):
-        return rows.copy()
-    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    return np.ascontiguousarray(rows[np.concatenate([[True], np.any(np.diff(rows, axis=0) != 0, axis=1)])])
+def _member(index: tuple[Ids, Ids], key: int) -> Ids:
+    starts, order = index
+    return order[starts[key] : starts[key + 1]]
 
 
 def _group(keys: Ids, values: Ids, size: int) -> tuple[Ids, Ids]:

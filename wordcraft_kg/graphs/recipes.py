@@ -121,10 +121,16 @@ def check_label(label: Any, where: str) -> str:
     return str(label)
 
 
-def spelling_key(label: str) -> str:
-    """Return a label without differences in case, blanks, hyphens, apostrophes, points and Unicode composition."""
-    key = unicodedata.normalize("NFKC", label).casefold()
-    return "".join(char for char in key if char not in " -_'.\u2019") or key
+def alike_labels(labels: Iterable[str]) -> list[tuple[str, ...]]:
+    """Return groups of two or more labels that differ only by spelling.
+
+    Case, blanks, hyphens, apostrophes, points and Unicode composition do not count.
+    """
+    groups: dict[str, list[str]] = {}
+    for label in labels:
+        key = unicodedata.normalize("NFKC", label).casefold()
+        groups.setdefault("".join(char for char in key if char not in " -_'.\u2019") or key, []).append(label)
+    return [tuple(group) for group in groups.values() if len(group) > 1]
 
 
 def shown(value: Any) -> str:

@@ -1,6 +1,6 @@
 """Split recipes into train, validation and test parts, and derive each part's triples.
 
-Add a kind of split to :data:`SPLITS`, here or in your own code: ``SPLITS["mood"] = SplitKind(by_mood, moods, "...")``.
+Add a kind of split to :data:`SPLITS`, here or in your own code: ``SPLITS["mood"] = SplitKind(moods, "...")``.
 """
 
 import hashlib
@@ -70,15 +70,16 @@ class Draw:
 
 @dataclass(frozen=True)
 class SplitKind:
-    """A method for splitting recipes: ``draw`` assigns recipes to parts.
+    """A method for splitting recipes.
 
     ``groups`` returns each recipe's group number, shape (num_recipes,). All recipes of a group are in the same part.
-    ``uses_kinds``: the split depends on the kinds of recipes, which the graph's hash leaves out.
+    ``draw`` assigns recipes to parts; by default, :func:`by_groups`. ``uses_kinds``: the split depends on the kinds of
+    recipes, which the graph's hash leaves out.
     """
 
-    draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw]
     groups: Callable[[RecipeGraph], Ids]
     about: str
+    draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw] | None = None
     uses_kinds: bool = False
 
 
@@ -88,15 +89,14 @@ class Split:
     *full* triples come from all recipes, *partial* triples from the train recipes, *unseen* = full - partial. A test
     triple that a train recipe gives, too, is *leaked* and never evaluated.
 
+    Made by :func:`make_split` and :func:`read_split`.
+
     Attributes:
-        graph: the graph that was split.
-        config: the settings.
         parts: shape (num_recipes,), int8: 0 train, 1 validation, 2 test.
         moved_for_coverage: recipes moved to train so that every entity has a train recipe.
     """
 
     def __init__(self, graph: RecipeGraph, config: SplitConfig, draw: Draw):
-        """Store a graph and each recipe's part; see :func:`make_split` and :func:`read_split`."""
         self.graph = graph
         self.config = config
         self.parts = draw.parts
@@ -175,13 +175,8 @@ class Split:
 
     def to_json(self) -> Iterator[str]:
         """Yield ``split.json``: settings, hashes, and each part's recipes, one row with labels per line."""
-        head = {
-            "format": _SPLIT_FORMAT,
-            "graph": self.graph.hash,
-            "hash": self.hash,
-            **asdict(self.config),
-            "moved_for_coverage": self.moved_for_coverage,
-        }
+        head = {"format": _SPLIT_FORMAT, "graph": self.graph.hash, "hash": self.hash, **asdict(self.config)}
+        head["moved_for_coverage"] = self.moved_for_coverage
         dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
         yield "{\n" + "".join(f"{dump(key)}: {dump(value)},\n" for key, value in head.items())
         for index, part in enumerate(get_args(Part)):
@@ -204,7 +199,7 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
         >>> len(split.recipes("train")), len(split.recipes("test"))
         (271, 55)
     """
-    draw = SPLITS[config.kind].draw(graph, config, np.random.default_rng(config.seed))
+    draw = (SPLITS[config.kind].draw or by_groups)(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)
     needed = ["train", "test", *(["valid"] if config.valid_ratio else [])]
     empty = [part for part in needed if not np.any(draw.parts == PARTS.index(part))]
@@ -256,18 +251,16 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
 # --- split kinds -------------------------------------------------------------------------------------------------
 
 
-def _part_of_groups(num_groups: int, config: SplitConfig, rng: np.random.Generator) -> NDArray[np.int8]:
-    order = rng.permutation(num_groups)
-    num_train = round(config.train_ratio * num_groups)
-    num_valid = round(config.valid_ratio * num_groups)
-    parts = np.full(num_groups, TEST, dtype=np.int8)
+def by_groups(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+    """Assign whole groups to parts at random."""
+    names, group = np.unique(groups_of(graph, config.kind), return_inverse=True)
+    order = rng.permutation(len(names))
+    num_train = round(config.train_ratio * len(names))
+    num_valid = round(config.valid_ratio * len(names))
+    parts = np.full(len(names), TEST, dtype=np.int8)
     parts[order[:num_train]] = TRAIN
     parts[order[num_train : num_train + num_valid]] = VALID
-    return parts
-
-
-def _by_recipe_plain(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    return Draw(_part_of_groups(graph.num_pairs, config, rng)[graph.pair_of_recipe])
+    return Draw(parts[group])
 
 
 def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
@@ -275,7 +268,7 @@ def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator
 
     Source: Jiang et al. 2020, section "Link Prediction Model": "a subgraph ... containing all nodes".
     """
-    parts = _by_recipe_plain(graph, config, rng).parts.copy()
+    parts = by_groups(graph, config, rng).parts
     covered = np.zeros(graph.num_entities, dtype=bool)
     covered[graph.recipes[parts == TRAIN]] = True
     moved = 0
@@ -293,13 +286,6 @@ def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator
 
 def _goals(graph: RecipeGraph) -> Ids:
     return graph.recipes[:, 2]
-
-
-def _by_goal(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    made = np.unique(_goals(graph))
-    part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
-    part_of[made] = _part_of_groups(len(made), config, rng)
-    return Draw(part_of[_goals(graph)])
 
 
 def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
@@ -320,7 +306,13 @@ def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.G
 
 
 def _slots(graph: RecipeGraph) -> Ids:
-    """Return each recipe's group: a connected component, where links are shared (ingredient, result) pairs."""
+    """Return each recipe's group: a connected component, where links are shared (ingredient, result) pairs.
+
+    So no (ingredient, result) in a test recipe occurs in train; in a by-recipe split, 90 % of the test recipes share an
+    ingredient and the result with a train recipe. Most goals form a single group, so this split is nearly by-goal.
+    Holding out goals with several groups first was rejected: such goals are few, so seeds would share half the test
+    part.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -334,17 +326,6 @@ def _slots(graph: RecipeGraph) -> Ids:
     return np.unique(group[recipes], return_inverse=True)[1].astype(np.int64)
 
 
-def _by_slot(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out recipe groups, so that no (ingredient, result) in a test recipe occurs in train.
-
-    In a by-recipe split, 90 % of the test recipes share an ingredient and the result with a train recipe.
-    Most goals form a single group, so this split is nearly by-goal. Holding out goals with several groups
-    first was rejected: such goals are few, so seeds would share half the test part.
-    """
-    group = _slots(graph)
-    return Draw(_part_of_groups(group.max(initial=-1) + 1, config, rng)[group])
-
-
 def _kinds(graph: RecipeGraph) -> Ids:
     if graph.kinds is None:
         raise SplitError(
@@ -353,23 +334,18 @@ def _kinds(graph: RecipeGraph) -> Ids:
     return np.unique(graph.kinds, return_inverse=True)[1].astype(np.int64)
 
 
-def _by_kind(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    kind = _kinds(graph)
-    return Draw(_part_of_groups(kind.max() + 1, config, rng)[kind])
-
-
 def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
     return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
 
 
 _PAIRS: Callable[[RecipeGraph], Ids] = attrgetter("pair_of_recipe")
 SPLITS = {
-    "by-recipe": SplitKind(_by_recipe, _PAIRS, "pairs are held out, every entity stays in train"),
-    "by-recipe-plain": SplitKind(_by_recipe_plain, _PAIRS, "pairs are held out, train may lack entities"),
-    "by-slot": SplitKind(_by_slot, _slots, "the ingredients of each result are held out"),
-    "by-goal": SplitKind(_by_goal, _goals, "goals are held out"),
-    "by-goal-terminals": SplitKind(_by_goal_terminals, _goals, "goals that nothing needs stay in train"),
-    "by-kind": SplitKind(_by_kind, _kinds, "kinds of reasoning are held out; the book names them", uses_kinds=True),
-    "none": SplitKind(_none, _PAIRS, "full graph only"),
+    "by-recipe": SplitKind(_PAIRS, "pairs are held out, every entity stays in train", _by_recipe),
+    "by-recipe-plain": SplitKind(_PAIRS, "pairs are held out, train may lack entities"),
+    "by-slot": SplitKind(_slots, "the ingredients of each result are held out"),
+    "by-goal": SplitKind(_goals, "goals are held out"),
+    "by-goal-terminals": SplitKind(_goals, "goals that nothing needs stay in train", _by_goal_terminals),
+    "by-kind": SplitKind(_kinds, "kinds of reasoning are held out; the book names them", uses_kinds=True),
+    "none": SplitKind(_PAIRS, "full graph only", _none),
 }
 """Methods of splitting recipes, by name."""

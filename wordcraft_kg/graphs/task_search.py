@@ -35,8 +35,7 @@ class PlanSearch:
     ``graph.recipes`` with needed results.
 
     Attributes:
-        graph: the recipe graph.
-        rows: the recipes as Python lists, for fast access to single recipes.
+        rows: the graph's recipes as Python lists, for fast access to single recipes.
         recipes_of: usable recipes by result as (pair number, ingredient, ingredient), none that uses its own result.
     """
 
@@ -133,7 +132,7 @@ def make_tasks(
 
     Args:
         graph: the recipe graph; plans may use all recipes.
-        depth: fewest attempts that make the goal, 1 to 5.
+        depth: 1 to 5.
         split: defines the parts; required for any part but ``all``.
         part: ``all``, ``train``, ``valid`` or ``test``.
         weighting: draw a task's last recipe among all recipes (task), or by goal first (goal).

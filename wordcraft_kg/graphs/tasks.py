@@ -27,14 +27,10 @@ TaskWeighting = Literal["task", "goal"]
 
 @dataclass(frozen=True)
 class Task:
-    """A crafting task, by labels: make a goal from starting ingredients.
+    """A crafting task, by labels: make a goal from starting ingredients (sorted) in ``depth`` attempts or more.
 
-    Attributes:
-        goal: entity to make.
-        start: starting ingredients, sorted, without the goal.
-        depth: fewest attempts (combinations) that make the goal.
-        plans: all plans with ``depth`` attempts, each as recipes in execution order; an attempt may contribute two
-            recipes if both results are needed.
+    ``plans`` are all plans with ``depth`` attempts, each as recipes in execution order; an attempt may contribute two
+    recipes if both results are needed.
     """
 
     goal: str
@@ -45,12 +41,10 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class TaskSet:
-    """Crafting tasks at one depth, as arrays; equal if the content is equal.
+    """Crafting tasks at one depth in a part of a split, as arrays; equal if the content is equal.
 
     Attributes:
-        graph: the recipe graph.
         depth: fewest attempts that make the goal.
-        part: train, validation or test part of a split, or ``all``.
         goals: shape (N,), entity ids.
         starts: shape (N, depth + 1), starting ingredient ids, ascending, padded with ``num_entities``.
         plans: each task's shortest plans, as rows in ``graph.recipes``.
@@ -121,11 +115,7 @@ class TaskSet:
 
 
 def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) -> frozenset[str]:
-    """Execute a plan and return the labels of all entities at hand afterwards.
-
-    Raises:
-        TaskError: if an ingredient is not at hand, or a recipe is not in the graph.
-    """
+    """Execute a plan and return the labels of all entities at hand afterwards; TaskError for an impossible step."""
     at_hand = {graph.entities[graph.id_of(entity)] for entity in start}
     for recipe in plan:
         missing = {recipe.ingredient_a, recipe.ingredient_b} - at_hand

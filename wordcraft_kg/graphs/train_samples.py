@@ -27,9 +27,7 @@ _STREAM = 0xD05E  # separates this random stream from all streams with the same 
 class TrainSample:
     """The recipes for training a model, possibly with wrong results.
 
-    Attributes:
-        graph: the recipe graph.
-        results: shape (num_recipes,), int64: each recipe's result id in training, -1 for a recipe outside the sample.
+    ``results``, shape (num_recipes,), has each recipe's result id in training, -1 for a recipe outside the sample.
     """
 
     graph: RecipeGraph
@@ -105,16 +103,9 @@ def draw_train_sample(
     recipes. No recipe in the book gives a wrong recipe's componentOf triples, so the sample reveals nothing about the
     test part; combinesWith triples stay right.
 
-    Args:
-        split: split with the train recipes.
-        train_fraction: fraction of the train recipes to keep.
-        label_noise: fraction of the kept recipes to give a wrong result.
-        seed: random seed.
-        of_recipe: each recipe's cross-fitting fold, shape (num_recipes,); wrong results come from the same fold.
-            Default: one fold.
-
-    Raises:
-        ConfigError: for too few recipes.
+    ``train_fraction`` is the fraction of the train recipes to keep, ``label_noise`` the fraction of the kept recipes to
+    give a wrong result. ``of_recipe`` is each recipe's cross-fitting fold, shape (num_recipes,), by default a single
+    fold; wrong results come from the same fold. Raises ConfigError for too few recipes.
 
     Example:
         >>> train_sample = draw_train_sample(open_graph("kitchen").split, train_fraction=0.5, label_noise=0.2)

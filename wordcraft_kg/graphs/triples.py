@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.arrays import Ids, sorted_unique
 
 COMBINES_WITH = 0
 """Id of the relation ``combinesWith``: head and tail are the ingredients of a recipe; symmetric."""
@@ -30,11 +30,7 @@ def recipe_triples(recipes: Ids) -> Ids:
     heads = np.concatenate([a, b, a, b])
     tails = np.concatenate([b, a, result, result])
     relations = np.repeat([COMBINES_WITH, COMPONENT_OF], 2 * len(recipes))
-    order = np.lexsort((tails, heads, relations))
-    triples = np.column_stack([heads, relations, tails])[order]
-    if not len(triples):
-        return triples
-    return np.ascontiguousarray(triples[np.concatenate([[True], np.any(np.diff(triples, axis=0) != 0, axis=1)])])
+    return sorted_unique(np.column_stack([heads, relations, tails]), (1, 0, 2))
 
 
 def triple_keys(triples: Ids, num_entities: int) -> Ids:

@@ -15,13 +15,8 @@ def scorer_card(
 ) -> str:
     """Return the model card (Markdown text) for a scorer, a model that scores triples or recipes.
 
-    Args:
-        opened: graph and split, described before the first of the ``points``.
-        title: heading.
-        about: purpose and training data.
-        points: facts, one per line.
-        closing: caveats about the metrics.
-        usage: example code lines that use ``scorer``.
+    The graph and split come before the first of the ``points`` (facts, one per line); ``closing`` has caveats about the
+    metrics, ``usage`` example code lines that use ``scorer``.
     """
     graph, split = opened.graph, opened.split.config
     where = f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; split `{split.kind}`, seed {split.seed}"

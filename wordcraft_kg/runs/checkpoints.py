@@ -40,9 +40,7 @@ class Checkpoint(Generic[P]):
 class Checkpoints(Generic[P]):
     """The checkpoints in a run folder: tensors ``checkpoints/epoch-N.safetensors`` with JSON records ``epoch-N.json``.
 
-    Attributes:
-        folder: the folder ``checkpoints``.
-        last: number of the last saved or loaded checkpoint, if any.
+    ``last`` is the number of the last saved or loaded checkpoint, if any.
     """
 
     def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
@@ -103,11 +101,7 @@ class Checkpoints(Generic[P]):
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def read(self, number: int) -> Checkpoint[P]:
-        """Load the checkpoint with the given number.
-
-        Raises:
-            ArtefactError: if the checkpoint is missing or damaged.
-        """
+        """Load the checkpoint with the given number; ArtefactError if missing or damaged."""
         from wordcraft_kg.base.tensors import read_tensors
 
         path = self.folder / f"{self.unit}-{number}.json"

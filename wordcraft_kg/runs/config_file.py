@@ -126,8 +126,7 @@ def _twin_of(source: str) -> tuple[str, str]:
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """Read command (the table name) and settings from ``config.toml``, with paths relative to the working folder.
 
-    Raises:
-        ArtefactError: if the file is missing, or not TOML with one table.
+    Raises ArtefactError if the file is missing, or not TOML with one table.
     """
 
     def from_here(path: str) -> str:

@@ -21,9 +21,7 @@ T = TypeVar("T")
 class RunFiles:
     """Verified access to the files of a run: each method raises ArtefactError for a missing, changed or damaged file.
 
-    Attributes:
-        folder: run folder.
-        run: content of ``run.json``, with the expected hashes.
+    ``run`` is the content of ``run.json``, with the expected hashes.
     """
 
     folder: Path
@@ -55,9 +53,6 @@ class RunFiles:
 
     def graph(self, source: str | OpenedGraph) -> OpenedGraph:
         """Return the graph and split that the run was trained on.
-
-        Args:
-            source: opened graph, path or book name.
 
         Raises:
             ArtefactError: if the graph is missing.

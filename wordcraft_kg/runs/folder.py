@@ -9,7 +9,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Generic, TypeVar, Unpack
+from typing import Any, Generic, TypeVar
 
 from wordcraft_kg.base.artefacts import (
     check_output,
@@ -24,7 +24,7 @@ from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
-from wordcraft_kg.runs.record import RUN_FILE, RunFacts, RunRecord, Status, end_run, read_run, resume_run, start_run
+from wordcraft_kg.runs.record import RUN_FILE, RunRecord, Status, end_run, read_run, resume_run, start_run
 
 _BEGUN = ".begun-by-wordcraft-kg"
 """Marks a new folder until the first record; after an earlier kill, the folder can be removed."""
@@ -50,11 +50,7 @@ class RunKind(Generic[P]):
     progress: type[P]
 
     def read_record(self, folder: Path) -> RunRecord:
-        """Read the run record (``run.json``) in a folder, and check the kind.
-
-        Raises:
-            ArtefactError: if the file is missing or damaged, or the run has another kind.
-        """
+        """Read the run record in a folder; ArtefactError if missing or damaged, or if the run has another kind."""
         expected = f"a run of {' or '.join(self.commands)}"
         record = read_run(folder, expected)
         if record.kind not in self.commands:
@@ -70,8 +66,6 @@ class RunFolder(Generic[P]):
     """A locked run folder in which this process trains, from :func:`new_run` or :func:`resumed_run`.
 
     Attributes:
-        path: run folder.
-        checkpoints: saves and loads checkpoints.
         interrupted: event that the first Ctrl-C sets.
         is_live: whether this process has recorded the run as running in ``run.json``.
     """
@@ -88,16 +82,11 @@ class RunFolder(Generic[P]):
         assert self._record is not None, "begin the run first"
         return self._record
 
-    def begin(
-        self, config: RunConfig, *, inputs: Mapping[str, str], files: Sequence[str] = (), **facts: Unpack[RunFacts]
-    ) -> None:
+    def begin(self, config: RunConfig, *, inputs: Mapping[str, str], files: Sequence[str] = (), **facts: Any) -> None:
         """Write ``config.toml``, and write ``run.json`` with the status ``running``.
 
-        Args:
-            config: all settings; ``seed``, ``device`` and ``threads`` are recorded.
-            inputs: training data hashes by name.
-            files: names of further files in the folder that training never changes.
-            facts: optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
+        ``inputs`` are training data hashes by name; ``files`` names further files that training never changes;
+        ``facts`` are optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
         """
         config.write(self.path)
         hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
@@ -228,11 +217,7 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
 
 
 def check_run_output(out: Path, *, force: bool) -> None:
-    """Check that training may write to ``out``: the path is free, or holds an unfinished run that can be resumed.
-
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-    """
+    """Raise OutputExistsError unless ``out`` is free for training, or holds an unfinished run; ``force`` replaces."""
     with suppress(ArtefactError):  # without a run, or damaged
         if read_run(out).status != "done":
             return
@@ -241,11 +226,7 @@ def check_run_output(out: Path, *, force: bool) -> None:
 
 
 def check_new_run(out: Path, *, force: bool) -> None:
-    """Check that ``out`` is free for a new run: missing, empty, or left by a run that was killed at the start.
-
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-    """
+    """Raise OutputExistsError unless ``out`` is missing, empty, or left by a run killed at the start, or ``force``."""
     if not _is_beginning(out) or (_aside(out).exists() and not force):
         check_output(out, force=force)
 
@@ -267,12 +248,8 @@ def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
 def locked(folder: Path, use: str = "trained") -> Iterator[None]:
     """Lock an existing folder against other processes in this block, until this process ends at the latest.
 
-    Args:
-        folder: folder to lock.
-        use: past participle for the error, such as trained.
-
     Raises:
-        ArtefactError: if another process holds the lock.
+        ArtefactError: if another process holds the lock; the message says that the folder is being ``use``.
     """
     try:
         import fcntl

@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,38 +11,34 @@ from typing import Any
 @contextmanager
 def first_interrupt() -> Iterator[threading.Event]:
     """Yield an event that the first Ctrl-C sets; the second Ctrl-C stops at once."""
-    requested = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield requested
-        return
-    before = signal.getsignal(signal.SIGINT)
+    requested, before = threading.Event(), signal.getsignal(signal.SIGINT)
 
     def request(signum: int, frame: Any) -> None:
         requested.set()
         signal.signal(signal.SIGINT, before)
 
-    signal.signal(signal.SIGINT, request)
-    try:
+    with _handling(signal.SIGINT, request):
         yield requested
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
 def sigterm_as_interrupt() -> Iterator[None]:
     """Treat SIGTERM (the stop signal of cluster and service managers) as Ctrl-C in this block."""
+    with _handling(signal.SIGTERM, signal.default_int_handler):
+        yield
+
+
+@contextmanager
+def _handling(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Handle a signal in this block; nothing changes outside the main thread, which cannot set handlers."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-
-    def stop(signum: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
+    before = signal.signal(number, handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(number, before)
 
 
 def interruption_message(folder: Path, unit: str, number: int) -> str:

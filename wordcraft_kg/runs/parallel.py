@@ -63,14 +63,8 @@ def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
 def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, is_long: bool) -> None:
     """Run all jobs, in parallel processes if the jobs are long and there are enough CPU cores.
 
-    Args:
-        jobs: jobs to run.
-        threads: CPU threads per job.
-        note: called with job number and number of finished steps; in parallel, also regularly without arguments.
-        is_long: whether parallel processes are worth the start-up time.
-
-    Raises:
-        TrainingError: if a process dies.
+    ``threads`` is the number of CPU threads per job. ``note`` is called with job number and number of finished steps;
+    in parallel, also regularly without arguments. Raises TrainingError if a process dies.
     """
     workers = min(len(jobs), max(cores() // threads, 1))
     if is_long and workers > 1:

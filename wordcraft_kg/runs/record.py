@@ -6,10 +6,11 @@ import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal, TypedDict, Unpack
+from typing import Any, Literal
 
 from msgspec.structs import replace
 
@@ -79,15 +80,6 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     resumed: tuple[Resumption, ...] = ()
 
 
-class RunFacts(TypedDict, total=False):
-    """Optional fields of :class:`RunRecord`, as keyword arguments of :func:`start_run`."""
-
-    kg: TrainedOn | None
-    cross_fitted: int
-    trackers: tuple[str, ...]
-    missing_words: tuple[str, ...]
-
-
 def start_run(
     folder: Path,
     kind: str,
@@ -96,9 +88,12 @@ def start_run(
     device: str = "cpu",
     threads: int = 1,
     inputs: Mapping[str, str] | None = None,
-    **facts: Unpack[RunFacts],
+    **facts: Any,
 ) -> RunRecord:
-    """Write and return a ``running`` run record, without host name, user name or environment variables."""
+    """Write and return a ``running`` run record, without host name, user name or environment variables.
+
+    ``facts`` are the optional fields of :class:`RunRecord`.
+    """
     run = RunRecord(
         format="wordcraft-kg run 1",
         kind=kind,
@@ -149,15 +144,10 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
 
 
 def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
-    """Read the run record of a finished run.
-
-    Args:
-        folder: run folder.
-        expected: expected kind of run in words, for the error message.
-        result: name of an output file that the run must have.
+    """Read the run record of a finished run, with the errors of :func:`read_run`.
 
     Raises:
-        ArtefactError: if the run is missing or unfinished, or has no output ``result``.
+        ArtefactError: if the run is unfinished, or has no output file ``result``.
     """
     run = read_run(folder, expected)
     if run.status != "done":
@@ -199,10 +189,8 @@ def _now() -> str:
 def _versions() -> dict[str, str]:
     versions = {"wordcraft-kg": version("wordcraft-kg"), "python": platform.python_version()}
     for package in _PACKAGES:
-        try:
+        with suppress(PackageNotFoundError):  # optional
             versions[package] = version(package)
-        except PackageNotFoundError:  # optional
-            continue
     return versions
 
 

@@ -123,11 +123,7 @@ def tracking(
 ) -> Iterator[Log]:
     """Open trackers, yield a function that logs metrics to all trackers, and close the trackers.
 
-    Args:
-        run: run folder in training.
-        trackers: result of :func:`checked_trackers`.
-        settings: all settings by name.
-        step: number of epochs or steps before the run was resumed.
+    ``trackers`` is the result of :func:`checked_trackers`; ``step`` counts epochs or steps before the run was resumed.
     """
     opened: list[Tracker] = []
 

@@ -27,13 +27,7 @@ class Training(ABC, Generic[C, P, T]):
     """Base class for trainers: one training, with settings ``C``, checkpoint progress ``P`` and outcome ``T`` (types).
 
     :func:`train` calls the methods in definition order; for a resumed run, without :meth:`prepare` and :meth:`begin`.
-
-    Attributes:
-        kind: command names, progress unit and record types of the trainer's runs.
-        config_type: settings class.
-        decided: names of settings that the training chooses if None.
-        config: settings, including the chosen values.
-        opened: graph and split.
+    ``decided`` names the settings that the training chooses if None; ``config`` includes the chosen values.
     """
 
     kind: ClassVar[RunKind[Any]]
@@ -183,20 +177,14 @@ def train_seeds(
 ) -> Iterator[tuple[int, T]]:
     """Train once per seed, in the run folders ``parent/seed-N``; keep finished runs and resume interrupted runs.
 
-    Args:
-        trainer: trainer class.
-        configs: settings by seed.
-        parent: folder for all run folders.
-        force: train all seeds again.
-        trackers: metric trackers, by name or as objects.
-        progress: returns the progress callback for a seed.
+    ``configs`` are the settings by seed; ``progress`` returns the progress callback for a seed; the other arguments and
+    the errors are those of :func:`train`.
 
     Yields:
         Each seed with the outcome.
 
     Raises:
         OutputExistsError: if ``parent`` is a run.
-        ConfigError: if a seed was trained with other settings or data.
     """
     if (parent / RUN_FILE).exists():
         raise OutputExistsError(

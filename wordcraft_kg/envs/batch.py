@@ -30,7 +30,7 @@ class Step(NamedTuple):
     Attributes:
         reward: float32, including shaped rewards.
         over: whether the step ended the episode.
-        outcome: int8, index into :data:`OUTCOMES`, the names of outcomes.
+        outcome: int8, index into :data:`OUTCOMES`.
         by_plan: whether the goal was made by the last pair of one of the task's plans.
         illegal: whether the action chose an empty slot.
         task: index into the world's tasks.
@@ -114,9 +114,8 @@ class State(NamedTuple):
             expected = tuple(getattr(self, name).shape)
             if name not in saved or tuple(saved[name].shape) != expected:
                 raise ConfigError(f"this is the state of another engine: '{name}' should have shape {expected}.")
-        copies: dict[str, Any] = {
-            name: self.engine.arrays.array(np.array(saved[name], dtype=np.int64)) for name in _SAVED
-        }
+        array = self.engine.arrays.array
+        copies: dict[str, Any] = {name: array(np.array(saved[name], dtype=np.int64)) for name in _SAVED}
         # Episodes drawn ahead are drawn again: they depend only on seed, environment and episode.
         ahead = Ahead(self.ahead.draws, self.keys, copies["episode"])
         return self._replace(ahead=ahead, age=0, **copies)
@@ -156,9 +155,6 @@ class BatchEngine:
     When an episode ends, the environment begins the next episode.
 
     Attributes:
-        world: graph, tasks and settings.
-        num_envs: number of environments, N.
-        num_slots: number of slots on the table.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
         arrays: array operations by NumPy or torch.
         pairs: function from two arrays of ids to pair numbers; ``num_pairs`` for pairs without a result.

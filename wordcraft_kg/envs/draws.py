@@ -105,8 +105,7 @@ class Draws:
     def _distractors(self, keys: Array, tasks: Array, starts: Array) -> Array:
         """Draw distractors by weight without replacement, skipping refused candidates.
 
-        Returns:
-            shape (num_distractors, R); the id of nothing if allowed entities run out.
+        The result has shape (num_distractors, R), with the id of nothing if allowed entities run out.
         """
         config = self.world.config
         wanted = config.num_distractors

@@ -33,11 +33,7 @@ class EvaluationTables:
         self._draws = Draws(world, arrays_of("cpu"))
 
     def table(self, task: int, distractor_seed: int = 0) -> list[int]:
-        """Return the ids on a task's starting table in slot order, by task index and distractor seed.
-
-        Raises:
-            ConfigError: for an unknown task, or a distractor seed out of range.
-        """
+        """Return the ids on a task's starting table in slot order, by task index and distractor seed."""
         amount, draws = len(self.world.tasks), self._draws
         whole("task", task, 0, amount - 1)
         whole("distractor_seed", distractor_seed, 0, MAX_SIZE)

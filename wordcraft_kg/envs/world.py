@@ -57,12 +57,10 @@ _TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
 class World:
     """A recipe graph, a split and environment settings, with the tasks and look-up tables derived from them; immutable.
 
-    Variants of a world share everything that the changed settings do not affect.
+    Variants of a world share everything that the changed settings do not affect. All recipes of the graph apply in
+    every part.
 
     Attributes:
-        graph: the recipe graph; all recipes apply in every part.
-        split: the train, valid and test recipes.
-        config: the environment settings.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
         max_results: largest number of results of a pair.
         max_distractors: largest number of distractors that the graph's entities allow for every task.

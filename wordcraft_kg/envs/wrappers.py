@@ -47,11 +47,8 @@ class FeatureObservation(_Ids):
         self.vectors = np.concatenate([vectors, np.zeros((1, vectors.shape[1]), dtype=np.float32)])
         width = vectors.shape[1]
         shapes = {"goal": (width,), "selection": (width,), "table": (world.num_slots, width), "attempts_left": (1,)}
-        boxes: dict[str, spaces.Space[Any]] = {
-            key: spaces.Box(-np.inf, np.inf, shape, np.float32) for key, shape in shapes.items()
-        }
-        known = _id_spaces(env)
-        self.observation_space = spaces.Dict({**known, **boxes})
+        boxes = {key: spaces.Box(-np.inf, np.inf, shape, np.float32) for key, shape in shapes.items()}
+        self.observation_space = spaces.Dict({**_id_spaces(env), **boxes})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Replace the ids in an observation by vectors."""
@@ -61,12 +58,13 @@ class FeatureObservation(_Ids):
 
 
 class SlotSource(Protocol):
-    """Interface of a source: a function that scores slots, see :mod:`wordcraft_kg.models.policies.sources`."""
+    """Interface of a source: a function that scores slots, see :mod:`wordcraft_kg.models.policies.sources`.
+
+    ``name`` names the scores in observations.
+    """
 
     @property
-    def name(self) -> str:
-        """Name of the scores in observations."""
-        ...
+    def name(self) -> str: ...  # noqa: D102
 
     graph_hash: str
 
@@ -165,8 +163,8 @@ class VectorKGScoreObservation(VectorWrapper):
 
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Choose a slot in each environment."""
-        observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        return self._with_scores(observations), rewards, terminated, truncated, infos
+        observations, *rest = self.env.step(actions)
+        return self._with_scores(observations), *rest
 
     def _with_scores(self, observations: dict[str, Any]) -> dict[str, Any]:
         task = self.env.unwrapped.state.task  # type: ignore[attr-defined]

@@ -23,35 +23,22 @@ from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
 def make_training_loop(config: LinkSettings, factory: TriplesFactory, num_entities: int | None = None) -> TrainingLoop:
-    """Build a PyKEEN model from settings, and return the training loop that holds the model.
+    """Build a PyKEEN model, and return the training loop that holds the model; ConfigError if PyKEEN cannot.
 
     If the factory has outside triples, ``num_entities`` counts the graph's entities, which have the first ids.
-
-    Raises:
-        ConfigError: if PyKEEN has no such model, or cannot build the model with these settings.
     """
     if isinstance(config, ComplExConfig):
         return _complex_loop(config, factory, num_entities)
     return _pykeen_loop(config, factory)
 
 
-def is_factored(name: str) -> bool:
-    """Return whether ComplEx embeddings can represent a PyKEEN model's scores without a table of all scores.
-
-    Raises:
-        ConfigError: if PyKEEN has no such model.
-    """
-    return issubclass(model_class(name), (ComplExN3, DistMult))
-
-
 def check_table_fits(model: str, num_entities: int) -> None:
-    """Check that a PyKEEN model needs no table of all scores, or that the table is small enough.
+    """Raise ConfigError if a PyKEEN model needs a table of all scores that is too large, or PyKEEN has no such model.
 
-    Raises:
-        ConfigError: if the table is too large, or PyKEEN has no such model.
+    ComplEx embeddings can represent the scores of ComplEx and DistMult, without a table.
     """
     needed = table_bytes(num_entities)
-    if not is_factored(model) and needed > TABLE_LIMIT:
+    if not issubclass(model_class(model), (ComplExN3, DistMult)) and needed > TABLE_LIMIT:
         raise ConfigError(
             f"`model` {model!r} needs a score table, {needed / 2**30:,.1f} GiB for {num_entities:,} entities; "
             f"expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models that need no table: distmult, and ComplEx "
@@ -62,11 +49,8 @@ def check_table_fits(model: str, num_entities: int) -> None:
 def scorer_kind(config: LinkSettings, num_entities: int) -> str:
     """Return the file format for a model's scorer: ``complex`` (embeddings) or ``table`` (all scores).
 
-    ComplEx is saved as embeddings. Any other model is saved as a score table, or above the size limit as embeddings if
-    :func:`is_factored`.
-
-    Raises:
-        ConfigError: if the table is too large and the model is not factored.
+    ComplEx is saved as embeddings. Any other model is saved as a score table, or above the size limit as embeddings,
+    with the errors of :func:`check_table_fits`.
     """
     if isinstance(config, ComplExConfig):
         return ComplExScorer.kind
@@ -84,7 +68,8 @@ def scorer_tensors(
     """
     kind = scorer_kind(config, model.num_entities)
     if kind == TableScorer.kind:
-        return kind, _all_scores(model)
+        scores = all_scores(model, torch.arange(model.num_entities), range(len(RELATIONS)))
+        return kind, {"scores": scores} | {f"pykeen.{name}": value.cpu() for name, value in model.state_dict().items()}
     return kind, with_popularity(_embeddings(model, num_entities), triples, getattr(config, "popularity", None) or 0.0)
 
 
@@ -126,11 +111,7 @@ def _embeddings(model: Model, num_entities: int | None) -> dict[str, torch.Tenso
 
 
 def model_class(name: str) -> type[Model]:
-    """Return the PyKEEN model class with a given name, except for ComplEx, which has its own training command.
-
-    Raises:
-        ConfigError: if the name is unknown (the error lists the nearest names), ComplEx, or a model without embeddings.
-    """
+    """Return the PyKEEN model class with a given name; ConfigError for ComplEx, which has its own training command."""
     if name.lower() == "complex":
         raise ConfigError(
             f"`model` {name!r}: ComplEx is trained with the paper's objective, by `wordcraft-kg train-complex`. For "
@@ -181,8 +162,3 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
         optimizer_kwargs={"lr": config.learning_rate},
         **({} if is_softmax else {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}),
     )
-
-
-def _all_scores(model: Model) -> dict[str, torch.Tensor]:
-    scores = all_scores(model, torch.arange(model.num_entities), range(len(RELATIONS)))
-    return {"scores": scores} | {f"pykeen.{name}": value.cpu() for name, value in model.state_dict().items()}

@@ -40,8 +40,7 @@ AfterEpoch = Callable[[int], None]
 def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
     """Return the settings with the number of cross-fitting folds decided: as given, or a default for the graph.
 
-    Raises:
-        ConfigError: if the given number is impossible for the split.
+    Raises ConfigError if the given number is impossible for the split.
     """
     given, kind = settings.folds, opened.split.config.kind
     count = FOLDS if given is None else given
@@ -107,10 +106,7 @@ def train_folds(
     ``settings`` are the main model's, with the final number of ``epochs``. ``outside`` triples are in
     every fold's training. ``seconds``, the duration of the main
     training, decides on parallel processes. ``after_epoch`` is called with the finished and total epochs over all
-    folds; may raise to end the training.
-
-    Raises:
-        TrainingError: if a loss becomes infinite or not a number, or a process dies.
+    folds; may raise to end the training. Raises TrainingError if a loss is not finite, or a process dies.
     """
     settings = replace(settings, eval_every=0, patience=0, folds=0)
     graph = folds.split.graph

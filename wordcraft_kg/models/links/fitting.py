@@ -36,11 +36,7 @@ def train_epochs(
     *,
     is_resumed: bool = False,
 ) -> None:
-    """Train to the last epoch, or until the callback stops the loop.
-
-    Raises:
-        TrainingError: if the loss becomes infinite or not a number.
-    """
+    """Train to the last epoch, or until the callback stops the loop; TrainingError if the loss is not finite."""
     try:
         loop.train(
             factory,
@@ -64,12 +60,8 @@ def fit(
 ) -> Model:
     """Return a model trained without a run folder; equal settings and triples give the same model as a run.
 
-    ``after_epoch`` is called with each epoch number and may raise to end the training. ``num_entities`` as in
+    ``after_epoch`` is called with each epoch number and may raise to end the training. ``num_entities`` and errors as in
     :func:`make_training_loop`.
-
-    Raises:
-        ConfigError: if PyKEEN cannot build the model.
-        TrainingError: if the loss becomes infinite or not a number.
     """
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
         loop = make_training_loop(settings, factory, num_entities)
@@ -96,10 +88,8 @@ QUIET = 20.0
 class Epochs(TrainingCallback):
     """PyKEEN callback for a training in a run folder: validates, logs, saves checkpoints and stops the training.
 
-    Random numbers in epoch ``n`` depend on (seed, n) alone, so a checkpoint needs no generator state.
-
-    Attributes:
-        so_far: progress so far: trace (metrics per epoch), seconds and best epoch.
+    Random numbers in epoch ``n`` depend on (seed, n) alone, so a checkpoint needs no generator state. ``so_far`` is the
+    progress: trace (metrics per epoch), seconds and best epoch.
     """
 
     def __init__(

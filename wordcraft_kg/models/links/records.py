@@ -9,13 +9,10 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """A line of ``trace.jsonl``: metrics after an epoch.
+    """A line of ``trace.jsonl``: metrics after an epoch, a number from 1.
 
-    Attributes:
-        epoch: number from 1.
-        loss: mean loss over the batches.
-        valid_mrr: mean reciprocal rank (MRR) on the validation triples; None if not validated.
-        seconds: duration, including validation.
+    ``loss`` is the mean over the batches; ``valid_mrr`` is the mean reciprocal rank (MRR) on the validation triples, if
+    validated; ``seconds`` include the validation.
     """
 
     epoch: int
@@ -40,7 +37,6 @@ class Choice(Record, frozen=True, kw_only=True):
         popularity: chosen weight of the training counts of entities in the scores.
         mrr: MRR on the held-out triples with these weights.
         frequency_mrr: MRR on the same triples with the frequency rule, which ranks entities by training counts.
-        candidates: all candidates.
         folds: number of random samples of held-out recipes.
         epochs: epochs per training.
         queries: number of held-out queries over all folds.
@@ -88,21 +84,13 @@ class OutsideSummary(Record, frozen=True, kw_only=True):
 
 
 class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """Content of ``metrics.json``: metrics from the training of a link predictor.
+    """Content of ``metrics.json``: metrics from the training of a link predictor; settings, counts and MRRs.
 
     Attributes:
-        kg: training graph: partial or full.
-        train_fraction: fraction of the train recipes used for training.
-        label_noise: fraction of these recipes with a wrong result.
-        triples: number of training triples.
-        epochs: number of epochs.
-        best_epoch: best epoch by validation MRR, if validated.
+        best_epoch: best epoch by validation MRR, ``valid_mrr``, if validated.
         seconds: duration of all epochs.
-        seconds_per_epoch: mean duration per epoch.
-        parameters: number of model parameters.
         loss: last epoch's loss.
-        valid_mrr: best epoch's validation MRR.
-        train_mrr: filtered MRR on the training triples: memory, not prediction.
+        train_mrr: filtered MRR on the training triples, or a sample: memory, not prediction.
         train_mrr_triples: number of triples ranked for ``train_mrr``.
         outside: numbers of triples from outside the book, if any.
         choice: chosen regularisation, if any.

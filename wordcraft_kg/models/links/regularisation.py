@@ -137,10 +137,8 @@ def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None
     """Split the train recipes again into a train and a test part, with the same kind of split.
 
     ``held_out`` is the share of pairs, or goals, in the new test part; ``recipes`` (n, 3) are by default all train
-    recipes. The new split's graph contains only these recipes, with the same entity ids.
-
-    Raises:
-        SplitError: if a part is empty.
+    recipes. The new split's graph contains only these recipes, with the same entity ids. Raises SplitError if a part is
+    empty.
     """
     recipes = split.recipes("train") if recipes is None else recipes
     graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)

@@ -43,11 +43,6 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     def __init__(
         self, model: ERModel, *args: Any, num_own: int | None = None, outside_weight: float = 1.0, **kwargs: Any
     ) -> None:
-        """Check the model, and set up the loop with PyKEEN's arguments.
-
-        Raises:
-            ConfigError: for a loss other than cross entropy, or a model without single embeddings.
-        """
         if not isinstance(model.loss, CrossEntropyLoss):
             raise ConfigError(
                 f"this loop computes a cross entropy; the model has {type(model.loss).__name__}. "

@@ -40,12 +40,9 @@ CHOICE = "choice.json"
 
 @dataclass(frozen=True)
 class TrainedLinks:
-    """Outcome of :func:`train_links`.
+    """Outcome of :func:`train_links`: model folder, last trained epoch, and the content of ``metrics.json``.
 
-    Attributes:
-        folder: model folder.
-        epoch: last trained epoch, with a checkpoint if interrupted.
-        metrics: content of ``metrics.json``; None if interrupted (the same call resumes the run).
+    ``metrics`` are None if interrupted; then the epoch has a checkpoint, and the same call resumes the run.
     """
 
     folder: Path
@@ -68,12 +65,8 @@ def train_links(
 ) -> TrainedLinks:
     """Train a link predictor into a model folder, or resume an interrupted run with the same settings.
 
-    ``out`` is by default ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` except for ComplEx; ``force`` trains anew.
-    ``trackers`` are tensorboard, wandb or your own :class:`~wordcraft_kg.runs.trackers.Tracker`. ``progress`` is called
-    after each epoch; True shows a bar.
-
-    Raises:
-        WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.
+    ``out`` is by default ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` except for ComplEx. ``progress`` is called
+    after each epoch. Further arguments and errors are those of :func:`~wordcraft_kg.runs.training.train`.
 
     Example:
         >>> trained = train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=2)), "models/kitchen")
@@ -86,10 +79,8 @@ def train_links(
 class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     """Trainer for link predictors.
 
-    Attributes:
-        train_sample: training recipes.
-        folds: cross-fitting folds, if any, equal for all models on a split.
-        outside: triples from outside the book, if any.
+    The cross-fitting ``folds``, if any, are equal for all models on a split; ``outside`` are triples from outside the
+    book, if any.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(LinksConfig.commands, "links", unit="epoch", progress=LinkProgress)
@@ -97,11 +88,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     decided = ("folds", "n3", "popularity", "negatives")
 
     def __init__(self, config: LinksConfig, opened: OpenedGraph):
-        """Decide all settings that depend on the graph, and draw the training recipes.
-
-        Raises:
-            ConfigError: if the settings do not fit the graph or machine.
-        """
+        """Decide all settings that depend on the graph, and draw the training recipes."""
         folders = getattr(config.settings, "with_", ())
         for folder in folders:
             check_same_split(folder, opened)
@@ -142,9 +129,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
             if report:
-                report(
-                    0, settings.epochs * (1 + (settings.folds or 0)), {"choosing settings, percent": 100 * done / total}
-                )
+                everything = settings.epochs * (1 + (settings.folds or 0))
+                report(0, everything, {"choosing settings, percent": 100 * done / total})
 
         choice = choose(self.opened, settings, after_epoch, recipes=self.train_sample.recipes, outside=self.outside)
         if choice:
@@ -153,11 +139,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         self.config = replace(self.config, settings=settings.fixed())
 
     def fit(  # noqa: D102 - inherited
-        self,
-        run: RunFolder[LinkProgress],
-        report: Progress | None,
-        log: Log,
-        checkpoint: Checkpoint[LinkProgress] | None,
+        self, run: RunFolder[LinkProgress], report: Progress | None, log: Log, checkpoint: Checkpoint[Any] | None
     ) -> TrainedLinks:
         settings, files = self.config.settings, RunFiles(run.path, run.record)
         choice = files.record(CHOICE, Choice) if CHOICE in run.record.inputs else None

@@ -69,11 +69,7 @@ class NeighbourScorer(TableScorer):
     """
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any):
-        """Score all triples of a graph from known triples, ids of shape (T, 3).
-
-        Raises:
-            ConfigError: if the graph has too many entities.
-        """
+        """Score all triples from known triples, ids of shape (T, 3); ConfigError for a graph too large for tables."""
         size = graph.num_entities
         check_table("the neighbour rule", size)
         links = torch.zeros(len(RELATIONS), size, size)

@@ -96,8 +96,7 @@ class RelationCurves(Record, frozen=True, kw_only=True):
         known_share: c, the known share among all true triples that a fold's model has not seen.
         scores: score quantiles for the model trained on all folds, ascending.
         rank_log_odds: each quantile's percentile rank, as log-odds.
-        distinct: curve for pairs of different entities.
-        itself: curve for self pairs (equal entities).
+        distinct: curve for pairs of different entities; ``itself``: curve for self pairs.
     """
 
     known_share: Share

@@ -32,12 +32,8 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 class Fold(Record, frozen=True, kw_only=True):
     """A model trained without one fold, and its ranking metrics.
 
-    Attributes:
-        trained_on: hash of the training triples, see :func:`~wordcraft_kg.graphs.triples.triples_hash`.
-        triples: number of training triples.
-        queries: number of ranking queries on the fold's unseen triples, all or a sample.
-        mrr: filtered MRR on these queries; None without queries.
-        in_sample_mrr: MRR on the same queries by the model trained on all folds.
+    ``trained_on`` is the hash of the training ``triples``. ``mrr`` is the filtered MRR on ``queries`` for the fold's
+    unseen triples, all or a sample; ``in_sample_mrr`` the MRR on the same queries by the model trained on all folds.
     """
 
     trained_on: Hash
@@ -50,10 +46,7 @@ class Fold(Record, frozen=True, kw_only=True):
 class FoldsRecord(Record, frozen=True, kw_only=True):
     """The file ``folds.json``: a model folder's folds, and the model trained without each fold.
 
-    Attributes:
-        seed: random seed that assigns recipes to folds.
-        hash: hash for split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
-        folds: a record per fold.
+    ``seed`` assigned recipes to folds; ``hash`` is :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
     """
 
     format: Literal["wordcraft-kg folds 1"] = "wordcraft-kg folds 1"
@@ -98,7 +91,7 @@ class CrossFitted(Scorer):
         record: fold seed, hash and metrics.
         of_recipe: each recipe's fold, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes
             outside train.
-        probabilities: maps scores to probabilities; None in folders from older versions.
+        probabilities: maps scores to probabilities; None before a model folder is written.
         train_results: training results if some recipes were left out or made wrong, see
             :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None for unchanged train recipes.
     """

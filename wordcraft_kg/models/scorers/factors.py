@@ -153,8 +153,7 @@ class ComplExScorer(_Bilinear):
         dim, rows = tensors["entity_real"].shape[-1], {"entity": size, "relation": len(RELATIONS)}
         check_shapes(tensors, {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")})
 
-    def tensors(self) -> dict[str, Tensor]:
-        """Return the embeddings' real and imaginary parts by name."""
+    def tensors(self) -> dict[str, Tensor]:  # noqa: D102 - inherited
         parts = {"entity": self.entity, "relation": self.relation}
         return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
 

@@ -117,8 +117,7 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
         train_results.shape != tensors[OF_RECIPE].shape or train_results.is_floating_point()
     ):
         raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")
-    # Folders from earlier versions have no calibration.
-    probabilities = files.record(CALIBRATION, Probabilities) if CALIBRATION in files.run.outputs else None
+    probabilities = files.record(CALIBRATION, Probabilities)
     results = None if train_results is None else train_results.numpy()
     return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities, results)
 
@@ -143,9 +142,7 @@ def stored(scorer: TripleScorer) -> StoredScorer:
     """Return an equal scorer that can be written to a folder, without models for left-out folds.
 
     Scorers outside :class:`StoredScorer` become a score table, or matrix factors if the table would be too large.
-
-    Raises:
-        ConfigError: if neither is possible, or a score is not finite.
+    Raises ConfigError if neither is possible, or a score is not finite.
     """
     scorer, size = whole_of(scorer), len(scorer.entities)
     result: StoredScorer

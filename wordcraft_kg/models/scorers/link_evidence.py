@@ -30,11 +30,9 @@ RECIPES = 3
 class LinkWitness(Record):
     """A training link that supports a scored link: same relation, and the same head or the same tail.
 
-    Attributes:
-        weight: similarity to the scored link, 1 for equality.
-        share: weight relative to the sum over all supporting links.
-        recipes: training recipes with this link, at most :data:`RECIPES`.
-        more: number of further recipes.
+    ``weight`` is the similarity to the scored link, 1 for equality; ``share`` the weight relative to the sum over all
+    supporting links. ``recipes`` are training recipes with this link, at most :data:`RECIPES`, and ``more`` counts the
+    rest.
     """
 
     head: str
@@ -69,14 +67,9 @@ class LinkReason(Record):
 
 
 class LinkEvidence:
-    """Finds the training links, with their recipes, that support a scored link.
+    """Finds the training links, with their training recipes (n, 3), that support a scored link.
 
-    Attributes:
-        roles: entity similarities by the scorer's scores.
-        recipes: shape (n, 3), training recipes.
-
-    Raises:
-        ConfigError: if the scorer has neither factors nor a small enough table.
+    The scorer needs factors, or a small enough table; otherwise a ConfigError.
 
     Example:
         >>> model = open_model("models/kitchen")

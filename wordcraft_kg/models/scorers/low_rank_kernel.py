@@ -61,11 +61,7 @@ class SparseSimilarity:
 
     @classmethod
     def of(cls, recipes: Ids, num_entities: int, vectors: NDArray[np.floating] | None = None) -> "SparseSimilarity":
-        """Return the entity similarities from recipes (n, 3) and optional word vectors (E, D).
-
-        Raises:
-            ConfigError: if the vectors do not fit the entities.
-        """
+        """Return the entity similarities from recipes (n, 3) and optional word vectors (E, D)."""
         check_vectors(vectors, num_entities)
         known = profiles(recipes, num_entities)
         is_shared = np.bincount(known.indices, minlength=known.shape[1]) > 1

@@ -1,28 +1,21 @@
 """The interface through which environments, policies and reports use any scorer."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 if TYPE_CHECKING:
-    import numpy as np
     import torch
 
-    EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | torch.Tensor
-    """Entities by id or label: one, a sequence, or an array or tensor of ids of any shape."""
-    RelationIds = int | str | torch.Tensor
-    """Relations by id or label, or a tensor of ids."""
+    from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds
 
 
 @runtime_checkable
 class TripleScorer(Protocol):
     """Interface for scorers, which score triples in a recipe graph; higher means more plausible, on any scale.
 
-    Attributes:
-        graph_hash: the recipe graph's content hash.
-        entities: entity labels in id order.
+    ``graph_hash`` is the recipe graph's content hash; ``entities`` are its labels in id order.
     """
 
     graph_hash: str

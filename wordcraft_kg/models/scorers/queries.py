@@ -52,9 +52,7 @@ class Query(_Slots):
     def of(cls, head: str, relation: str, tail: str, entities: Collection[str], *, line: int | None = None) -> "Query":
         """Make a query from typed labels; :data:`OPEN` or an empty string leaves a slot open, unless it is a label.
 
-        Raises:
-            UnknownEntityError: for an unknown entity or relation, with the nearest names.
-            ConfigError: if both head and tail are open.
+        Raises UnknownEntityError for an unknown name, ConfigError if both head and tail are open.
         """
         slots = _slots((head, tail), entities)
         if slots == [None, None]:
@@ -82,12 +80,7 @@ class RecipeQuery(_Slots):
 
     @classmethod
     def of(cls, a: str, b: str, result: str, entities: Collection[str], *, line: int | None = None) -> "RecipeQuery":
-        """Make a query from typed labels; open slots as in :meth:`Query.of`.
-
-        Raises:
-            UnknownEntityError: for an unknown entity, with the nearest labels.
-            ConfigError: if several labels are open.
-        """
+        """Make a query from typed labels, as :meth:`Query.of` does; ConfigError if several labels are open."""
         slots = _slots((a, b, result), entities)
         if slots.count(None) > 1:
             shown = f"{slots[0] or '_'} + {slots[1] or '_'} = {slots[2] or '_'}"

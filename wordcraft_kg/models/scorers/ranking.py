@@ -81,16 +81,14 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
     Filtered: further true answers in ``known`` do not compete. Ties get the realistic rank (mean of best and worst), so
     a constant scorer ranks like chance.
 
-    ``triples`` (T, 3) are ranked; ``known`` (K, 3) are all true triples from train and test recipes.
+    ``triples`` (T, 3) are ranked; ``known`` (K, 3) are all true triples from train and test recipes. A score that is
+    not finite raises an ArtefactError.
 
     Returns:
         2 T rows, first all tail queries, then all head queries, in the given order. Columns: head, relation, tail
         (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates (number of
         competing entities, including the true entity), score (for the true entity), top (best candidate) and confidence
         (softmax share for ``top``).
-
-    Raises:
-        ArtefactError: if a score is not finite.
     """
     num_entities = len(scorer.entities)
     parts: list[pd.DataFrame] = []

@@ -73,10 +73,6 @@ class RecipeScorer(StoredScorer):
         knowledge: feature arrays and the recipe ranker.
         recipes: shape (n, 3), training recipes.
         link_rankers: link ranker weights by relation, for entities outside the graph.
-
-    Raises:
-        KeyError: if a tensor is missing.
-        ValueError: if a tensor has a shape or type that does not fit the entities.
     """
 
     kind: ClassVar[str] = "recipes"
@@ -106,11 +102,7 @@ class RecipeScorer(StoredScorer):
         return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
 
     def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
-        """Score recipes, two ingredients in any order and a result; float32, in nats.
-
-        Raises:
-            UnknownEntityError: for an unknown label or id.
-        """
+        """Score recipes, two ingredients in any order and a result; float32, in nats."""
         ids = torch.broadcast_tensors(*(self.entity_ids(part) for part in (ingredients, others, results)))
         a, b, result = (part.reshape(-1) for part in ids)
         scores = [
@@ -124,9 +116,6 @@ class RecipeScorer(StoredScorer):
 
         A train recipe supports itself. The recipe score depends on further features, see
         :data:`~wordcraft_kg.models.scorers.pair_features.FEATURES`.
-
-        Raises:
-            UnknownEntityError: for an unknown label.
         """
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
         supports = self.knowledge.supporting_recipes(a, b, goal, limit=limit)

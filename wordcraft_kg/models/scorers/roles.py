@@ -39,11 +39,7 @@ class EntityRoles:
 
     @classmethod
     def of(cls, scorer: TripleScorer) -> "EntityRoles":
-        """Compute each entity's vectors, one per role, from a scorer's table or factors.
-
-        Raises:
-            ConfigError: if the graph is too large and the scorer has no factors.
-        """
+        """Compute each entity's vectors from a scorer's factors, or from the table; ConfigError for a large graph."""
         size = len(scorer.entities)
         units, lengths = [], []
         for relation in range(len(RELATIONS)):

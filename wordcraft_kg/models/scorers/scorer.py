@@ -16,17 +16,16 @@ if TYPE_CHECKING:
     from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 
 EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | Tensor
+"""Entities by id or label: one, a sequence, or an array or tensor of ids of any shape."""
 RelationIds = int | str | Tensor
+"""Relations by id or label, or a tensor of ids."""
 
 
 class Scorer(ABC):
     """Base class for scorers, which rate how plausible triples are: stores labels and converts labels to ids.
 
-    Attributes:
-        entities: entity labels in id order.
-        graph_hash: the recipe graph's content hash.
-        device: torch device for computation and results.
-        name: name in reports.
+    ``entities`` are the labels in id order, ``graph_hash`` is the recipe graph's content hash. Results are on the torch
+    device ``device``.
     """
 
     def __init__(self, entities: Sequence[str], graph_hash: str, device: str | torch.device = "cpu", name: str = ""):
@@ -51,11 +50,7 @@ class Scorer(ABC):
         """Score broadcastable int64 ids within range; float32."""
 
     def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> Tensor:
-        """Score triples, float32; ids or labels (a single value, a sequence or a tensor) broadcast.
-
-        Raises:
-            UnknownEntityError: for an unknown label or id.
-        """
+        """Score triples, float32; ids or labels broadcast. Raises UnknownEntityError for an unknown label or id."""
         return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
 
     def table(self, relation: int | str) -> Tensor:
@@ -106,9 +101,7 @@ class Scorer(ABC):
 class StoredScorer(Scorer):
     """A scorer that a model folder can store as named tensors.
 
-    Attributes:
-        kind: the scorer class's name in ``vocabulary.json`` and key in
-            :data:`~wordcraft_kg.models.scorers.folder.SCORERS`.
+    ``kind`` is the name in ``vocabulary.json``, and the key in :data:`~wordcraft_kg.models.scorers.folder.SCORERS`.
     """
 
     kind: ClassVar[str]

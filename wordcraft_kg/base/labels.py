@@ -28,27 +28,21 @@ def folded(text: str) -> str:
     return " ".join(re.sub("[-_]", " ", unicodedata.normalize("NFKC", text).casefold()).split())
 
 
-def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, by_beginning: bool = True) -> int:
+def read_label(written: str, labels: Sequence[str], *, by_number: bool = True) -> int:
     """Return the index of the label that a text names.
 
     The first matching rule decides: number from 1; exact label; case-insensitive label; label without article, quotes
     and punctuation; singular or plural; label prefix.
 
-    Args:
-        written: the text by a person or model.
-        labels: distinct labels.
-        by_number: accept a label's number, counted from 1.
-        by_beginning: accept the beginning of a label.
-
-    Raises:
-        ActionError: if no label or several labels fit.
+    ``labels`` are distinct; without ``by_number``, numbers are not accepted. Raises ActionError if no label or several
+    labels fit.
 
     Example:
         >>> labels = ["water", "fire", "fire brigade", "berry"]
         >>> read_label("The Water", labels), read_label("berries", labels), read_label("fire", labels)
         (0, 3, 1)
     """
-    meant = _meant(written, labels, by_number=by_number, by_beginning=by_beginning)
+    meant = _meant(written, labels, by_number=by_number)
     if len(meant) == 1:
         return meant[0]
     text = " ".join(written.split())
@@ -58,9 +52,7 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True, b
         more = f" and {len(meant) - _MOST_CHOICES} more" if len(meant) > _MOST_CHOICES else ""
         remedy = "Write more of the name" + ", or the number" * by_number
         raise ActionError(f"'{_shown(text)}' is ambiguous: {shown}{more}. {remedy}.")
-    forms = [f"1 to {len(labels)}"] * by_number
-    forms += ["an item name"] + ["the start of a name"] * by_beginning
-    expected = "expected " + (", ".join(forms[:-1]) + ", or " + forms[-1] if len(forms) > 1 else forms[0])
+    expected = f"expected {f'1 to {len(labels)}, ' * by_number}an item name, or the start of a name"
     if not text:
         raise ActionError(f"no answer: {expected}.")
     raise ActionError(f"unknown item {_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}")
@@ -155,7 +147,7 @@ def last_line(message: str) -> str:
     return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
 
 
-def _meant(written: str, labels: Sequence[str], *, by_number: bool = True, by_beginning: bool = True) -> list[int]:
+def _meant(written: str, labels: Sequence[str], *, by_number: bool = True) -> list[int]:
     text = " ".join(written.split())
     if not text:
         return []
@@ -163,7 +155,7 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool = True, by_be
         place = int(text) - 1
         if place < len(labels):
             return [place]
-    return _index(tuple(labels))._places(text, by_beginning=by_beginning)
+    return _index(tuple(labels))._places(text, by_beginning=True)
 
 
 def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:

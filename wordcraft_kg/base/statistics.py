@@ -1,8 +1,7 @@
 """Confidence intervals for success rates, and statistics that compare agents trained with several seeds.
 
-Common arguments: ``level`` is the confidence, between 0 and 1; ``draws`` is the number of resamples, from 1; ``seed``
-fixes the resampling. Every function raises a ConfigError for scores that are empty, not finite or misshapen, and for
-settings out of range.
+Intervals have a confidence of 95 % unless stated otherwise; ``draws`` is the number of resamples, and ``seed`` fixes
+the resampling. Every function raises a ConfigError for scores that are empty, not finite or misshapen.
 """
 
 import math
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.settings import MAX_SIZE, one_of, refuse, whole
+from wordcraft_kg.base.settings import one_of
 
 Interval = tuple[float, float, float]
 """An estimate and its interval: value, lower bound, upper bound."""
@@ -23,6 +22,8 @@ Scores = NDArray[np.float64]
 RESAMPLES = 2_000
 """Bootstrap resamples, and with seed 0 the same everywhere: a metric has the same interval in every report."""
 CHUNK = 2**20  # values held at once while resampling, 8 MB
+_LEVEL = 0.95
+_Z = NormalDist().inv_cdf((1 + _LEVEL) / 2)
 
 
 def bootstrap(values: Scores, clusters: NDArray[np.int64], *, resamples: int = RESAMPLES, seed: int = 0) -> Scores:
@@ -41,22 +42,10 @@ def bootstrap(values: Scores, clusters: NDArray[np.int64], *, resamples: int = R
     return means
 
 
-def interval(means: Scores, level: float = 0.95) -> tuple[float, float]:
+def interval(means: Scores, level: float = _LEVEL) -> tuple[float, float]:
     """Return the percentile interval (lower and upper bound) at confidence ``level`` from bootstrap means."""
     low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
-
-
-def generator(level: float, draws: int, seed: int) -> tuple[int, np.random.Generator]:
-    """Check the settings for a bootstrap; return the number of draws and a random generator for the seed."""
-    check_level(level)
-    return whole("draws", draws, 1, MAX_SIZE), np.random.default_rng(whole("seed", seed, 0))
-
-
-def check_level(level: float) -> None:
-    """Raise a ConfigError unless the confidence level is above 0 and below 1."""
-    if not 0 < level < 1:
-        raise refuse("level", level, "more than 0 and less than 1, such as 0.95")
 
 
 def finite(name: str, values: ArrayLike) -> Scores:
@@ -99,7 +88,7 @@ def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None 
 # --- success rates over tasks ----------------------------------------------------------------------------------------
 
 
-def wilson_interval(successes: float, n: int, level: float = 0.95) -> tuple[float, float]:
+def wilson_interval(successes: float, n: int) -> tuple[float, float]:
     """Return Wilson's score interval for a success probability: lower and upper bound.
 
     The interval contains the probabilities p that a two-sided normal test does not reject,
@@ -112,19 +101,15 @@ def wilson_interval(successes: float, n: int, level: float = 0.95) -> tuple[floa
     """
     if not 0 <= successes <= n or n < 1:
         raise ConfigError(f"{successes} successes of {n}: expected at least one trial, and 0 to {n} successes.")
-    check_level(level)
-    z = NormalDist().inv_cdf((1 + level) / 2)
-    middle = successes + z**2 / 2
-    half = z * math.sqrt(successes * (n - successes) / n + z**2 / 4)
+    middle = successes + _Z**2 / 2
+    half = _Z * math.sqrt(successes * (n - successes) / n + _Z**2 / 4)
     # The bounds at k = 0 and k = n are exact; rounding must not change these bounds.
-    low = (middle - half) / (n + z**2) if successes else 0.0
-    high = (middle + half) / (n + z**2) if successes < n else 1.0
+    low = (middle - half) / (n + _Z**2) if successes else 0.0
+    high = (middle + half) / (n + _Z**2) if successes < n else 1.0
     return low, high
 
 
-def task_bootstrap(
-    successes: ArrayLike, *, level: float = 0.95, draws: int = RESAMPLES, seed: int = 0
-) -> tuple[float, float]:
+def task_bootstrap(successes: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0) -> tuple[float, float]:
     """Return a bootstrap interval for a mean success rate; ``successes`` has shape (N tasks, D attempts), 0 and 1.
 
     Attempts at one task are correlated, so whole tasks are resampled (cluster bootstrap): with a task's rate
@@ -135,7 +120,7 @@ def task_bootstrap(
 
     Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson 1927.
     """
-    draws, rng = generator(level, draws, seed)
+    rng = np.random.default_rng(seed)
     table = by_task("successes", successes, "(tasks, attempts)")
     wrong = table[(table != 0) & (table != 1)]
     if wrong.size:
@@ -143,13 +128,11 @@ def task_bootstrap(
     totals, tasks = np.unique(table.sum(axis=1), return_counts=True)
     n, attempts = table.shape
     if len(totals) == 1:
-        return wilson_interval(n * float(totals[0]) / attempts, n, level)
-    return interval(rng.multinomial(n, tasks / n, size=draws) @ totals / (n * attempts), level)
+        return wilson_interval(n * float(totals[0]) / attempts, n)
+    return interval(rng.multinomial(n, tasks / n, size=draws) @ totals / (n * attempts))
 
 
-def paired_difference(
-    x: ArrayLike, y: ArrayLike, *, level: float = 0.95, draws: int = RESAMPLES, seed: int = 0
-) -> Interval:
+def paired_difference(x: ArrayLike, y: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0) -> Interval:
     """Return the mean difference between two players' success on the same tasks, and its bootstrap interval.
 
     With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Tasks are resampled in
@@ -159,20 +142,17 @@ def paired_difference(
 
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter 13.
     """
-    draws, rng = generator(level, draws, seed)
-    a, b = finite("x", x), finite("y", y)
+    rng, a, b = np.random.default_rng(seed), finite("x", x), finite("y", y)
     if a.ndim != 2 or b.ndim != 2 or len(a) != len(b):
         raise ConfigError(
             f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the same tasks."
         )
     values, tasks = np.unique(a.mean(axis=1) - b.mean(axis=1), return_counts=True)
     means = rng.multinomial(len(a), tasks / len(a), size=draws) @ values / len(a)
-    return float(values @ tasks / len(a)), *interval(means, level)
+    return float(values @ tasks / len(a)), *interval(means)
 
 
-def crossed_bootstrap(
-    scores: ArrayLike, *, level: float = 0.95, draws: int = RESAMPLES, seed: int = 0
-) -> tuple[float, float]:
+def crossed_bootstrap(scores: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0) -> tuple[float, float]:
     """Return the interval of a mean over seeds and tasks, ``scores`` of shape (S seeds, K tasks), resampling both.
 
     Every run plays the same tasks, so rows and columns are resampled whole and independently:
@@ -184,7 +164,7 @@ def crossed_bootstrap(
 
     Source: Owen 2007, "The pigeonhole bootstrap".
     """
-    draws, rng = generator(level, draws, seed)
+    rng = np.random.default_rng(seed)
     table = by_task("scores", scores, "(seeds, tasks)")
     size, number = table.shape
     means = np.empty(draws)
@@ -194,7 +174,7 @@ def crossed_bootstrap(
         by_column = rng.multinomial(size, np.full(size, 1 / size), size=count) @ table
         drawn = np.take_along_axis(by_column, rng.integers(number, size=(count, number)), 1)
         means[start : start + count] = drawn.sum(1)
-    return interval(means / (size * number), level)
+    return interval(means / (size * number))
 
 
 # --- several seeds ---------------------------------------------------------------------------------------------------
@@ -204,9 +184,7 @@ FEWEST_PAIRS = 3
 """Fewest seeds for a p-value: two seeds say nothing about variation between seeds."""
 
 
-def student_interval(
-    scores: ArrayLike, *, level: float = 0.95, within: tuple[float, float] = (0.0, 1.0)
-) -> tuple[float, float] | None:
+def student_interval(scores: ArrayLike, *, within: tuple[float, float] = (0.0, 1.0)) -> tuple[float, float] | None:
     """Return Student's t interval for the mean score over seeds, shape (S,); None for a single seed.
 
     ``mean ± t_(S-1) s / sqrt(S)``, with the scores' sample deviation s, cut to the possible values ``within``. A
@@ -217,12 +195,11 @@ def student_interval(
     """
     from scipy.stats import t
 
-    check_level(level)
     values = finite("scores", scores).ravel()
     if len(values) == 1:
         return None
     mean, (lowest, highest) = float(values.mean()), within
-    half = float(t.ppf((1 + level) / 2, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5)
+    half = float(t.ppf((1 + _LEVEL) / 2, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5)
     return max(mean - half, lowest), min(mean + half, highest)
 
 
@@ -231,7 +208,7 @@ def resampled_means(scores: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0)
 
     Whole rows (runs) are drawn with replacement, so a run's K values stay together.
     """
-    draws, rng = generator(0.95, draws, seed)
+    rng = np.random.default_rng(seed)
     table = by_task("scores", scores, "(runs, values)")
     size = len(table)
     return np.asarray(rng.multinomial(size, np.full(size, 1 / size), size=draws) @ table / size)
@@ -243,8 +220,8 @@ def resampled_means(scores: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0)
 _FEWEST = 3  # points: any two lie on a line
 
 
-def interval_p_value(value: float, interval: tuple[float, float], *, level: float = 0.95) -> float:
-    """Compute the two-sided p-value for "the true value is 0" from an estimate and its interval.
+def interval_p_value(value: float, interval: tuple[float, float]) -> float:
+    """Compute the two-sided p-value for "the true value is 0" from an estimate and its 95 % interval.
 
     An interval is ``2 z`` standard errors wide, so ``p = 2 (1 - Phi(|value| / (width / 2 z)))``. For a bootstrap
     interval this is Wald's test with the bootstrap's standard error: about .05 where a 95 % interval just reaches 0,
@@ -253,9 +230,7 @@ def interval_p_value(value: float, interval: tuple[float, float], *, level: floa
 
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", section 12.
     """
-    check_level(level)
-    z = NormalDist().inv_cdf((1 + level) / 2)
-    error = (interval[1] - interval[0]) / (2 * z)
+    error = (interval[1] - interval[0]) / (2 * _Z)
     if error == 0:
         return 1.0 if value == 0 else 0.0
     return 2 * NormalDist().cdf(-abs(value) / error)
@@ -285,7 +260,6 @@ def correlation(
     y: ArrayLike,
     kind: Literal["pearson", "spearman"] = "pearson",
     *,
-    level: float = 0.95,
     draws: int = RESAMPLES,
     seed: int = 0,
 ) -> Interval | None:
@@ -299,7 +273,7 @@ def correlation(
 
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", section 6.5.
     """
-    draws, rng = generator(level, draws, seed)
+    rng = np.random.default_rng(seed)
     one_of("kind", kind, ("pearson", "spearman"))
     a, b = finite("x", x), finite("y", y)
     if a.ndim != 1 or a.shape != b.shape:
@@ -314,7 +288,7 @@ def correlation(
         drawn_a, drawn_b = rankdata(drawn_a, axis=1), rankdata(drawn_b, axis=1)
     varied = (np.ptp(drawn_a, axis=1) > 0) & (np.ptp(drawn_b, axis=1) > 0)
     values = _pearson(drawn_a[varied], drawn_b[varied])
-    return float(values[0]), *interval(values[1:] if len(values) > 1 else values, level)
+    return float(values[0]), *interval(values[1:] if len(values) > 1 else values)
 
 
 def _pearson(x: Scores, y: Scores) -> Scores:

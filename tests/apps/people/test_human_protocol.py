@@ -109,16 +109,16 @@ def test_the_header_and_an_answer_have_nothing_about_people(protocol: HumanProto
     assert list(as_values(answer)) == ["part", "number", "goal", "table", "actions", "made", "success", "seconds"]
 
 
-@given(st.integers(1, 10_000), st.data(), st.sampled_from([0.5, 0.9, 0.95, 0.999]))
-def test_the_wilson_interval_is_scipys(n: int, data: st.DataObject, level: float):
+@given(st.integers(1, 10_000), st.data())
+def test_the_wilson_interval_is_scipys(n: int, data: st.DataObject):
     successes = data.draw(st.integers(0, n))
-    expected = tuple(binomtest(successes, n).proportion_ci(level, method="wilson"))
-    low, high = wilson_interval(successes, n, level)
+    expected = tuple(binomtest(successes, n).proportion_ci(0.95, method="wilson"))
+    low, high = wilson_interval(successes, n)
     assert (low, high) == pytest.approx(expected, abs=1e-12)
     assert 0 <= low <= successes / n <= high <= 1
 
 
-@pytest.mark.parametrize(("successes", "n", "level"), [(0, 0, 0.95), (-1, 3, 0.95), (4, 3, 0.95), (1, 3, 0), (1, 3, 1)])
-def test_a_rate_that_cannot_be_is_refused(successes: int, n: int, level: float):
+@pytest.mark.parametrize(("successes", "n"), [(0, 0), (-1, 3), (4, 3)])
+def test_a_rate_that_cannot_be_is_refused(successes: int, n: int):
     with pytest.raises(ConfigError, match="expected"):
-        wilson_interval(successes, n, level)
+        wilson_interval(successes, n)

@@ -62,7 +62,6 @@ class LabelIndex:
     """An index of entity labels for many texts; case, articles and plurals may differ."""
 
     def __init__(self, labels: Sequence[str]):
-        """Index ``labels``, which must be distinct."""
         # A text much longer than any label names none, and would take long to compare.
         self._longest = _MOST_AROUND + 4 * max(map(len, labels), default=0)
         self._exact = {label: place for place, label in enumerate(labels)}

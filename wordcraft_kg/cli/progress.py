@@ -26,7 +26,6 @@ class Progress:
     _named: ClassVar[set[str]] = set()  # work on plain lines of this session
 
     def __init__(self, what: str, *, unit: str = "", hidden: bool = False, is_stage: bool = False):
-        """Prepare a reporter; nothing is shown yet."""
         self.what, self.unit, self.hidden, self.is_stage = what, unit, hidden, is_stage
         self._bar: Any = None
 
@@ -115,7 +114,6 @@ class Stages:
     INTERVAL = 0.1  # seconds between two steps on display
 
     def __init__(self) -> None:
-        """Begin before the first stage."""
         self._now: Progress | None = None
         self._began = self._shown = 0.0
 

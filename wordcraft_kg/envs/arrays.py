@@ -44,10 +44,6 @@ class Arrays:
         """Return an array with the same value everywhere."""
         return np.full(shape, value, dtype=dtype)
 
-    def empty(self, shape: tuple[int, ...]) -> Array:
-        """Return an uninitialised int64 array."""
-        return np.empty(shape, dtype=np.int64)
-
     def cast(self, values: Array, dtype: str) -> Array:
         """Convert an array to a data type, such as ``float32``."""
         return values.astype(dtype)
@@ -92,9 +88,6 @@ class _TorchArrays(Arrays):
 
     def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
         return self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)
-
-    def empty(self, shape: tuple[int, ...]) -> Array:
-        return self.torch.empty(shape, dtype=self.torch.int64, device=self.device)
 
     def cast(self, values: Any, dtype: str) -> Array:
         return values.to(getattr(self.torch, dtype))

@@ -170,15 +170,9 @@ class BatchEngine:
     def __init__(self, world: World, num_envs: int, *, device: str = "cpu", first_env: int = 0):
         """Prepare N environments.
 
-        Args:
-            world: graph, tasks and settings.
-            num_envs: number of environments, 1 or more.
-            device: ``cpu``, or a torch device such as ``cuda``; ``torch:cpu`` runs the code for devices on the CPU.
-            first_env: number of the first environment, which seeds the random draws: two engines for environments 0 to
-                63 and 64 to 127 draw the same episodes as one engine for 128.
-
-        Raises:
-            ConfigError: for a number out of range, or a missing device.
+        ``device`` is ``cpu``, or a torch device such as ``cuda``; ``torch:cpu`` runs the code for devices on the CPU.
+        ``first_env``, the number of the first environment, seeds the random draws: two engines for environments 0 to 63
+        and 64 to 127 draw the same episodes as one engine for 128.
         """
         self.num_envs = whole("num_envs", num_envs, 1, MAX_SIZE)
         self.first_env = whole("first_env", first_env, 0)
@@ -263,9 +257,7 @@ class BatchEngine:
     def step(self, state: State, actions: Array) -> tuple[State, Step]:
         """Choose a slot in each environment; the next episode begins in the step that ends an episode.
 
-        Args:
-            state: the state before the action, which stays unchanged.
-            actions: slots, shape (N,), integers; checked on the CPU only.
+        ``actions`` are slots, integers of shape (N,), checked on the CPU only. ``state`` stays unchanged.
 
         Raises:
             ActionError: for a number that is not a slot, or for an empty slot if ``illegal_action`` is ``raise``.

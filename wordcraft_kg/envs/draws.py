@@ -40,7 +40,6 @@ class Draws:
     """
 
     def __init__(self, world: World, arrays: Arrays):
-        """Prepare the look-up tables for a world."""
         self.world, self.arrays, tasks = world, arrays, world.tasks
         self.width = world.config.depth + 1 + world.config.num_distractors
         self._starts, self._goals, self._made = (
@@ -65,7 +64,7 @@ class Draws:
         half = -(-count // 2)
         draws = self.arrays.array((np.arange(first, first + half) * _STRIDE)[:, None])
         hashed = mixed(keys[None, :] + draws)
-        numbers = self.arrays.empty((2 * half, len(keys)))
+        numbers = self.arrays.full((2 * half, len(keys)), 0)
         numbers[::2] = (hashed >> 33) & _LAST_31_BITS
         numbers[1::2] = hashed & _LAST_31_BITS
         return numbers[:count]

@@ -28,7 +28,6 @@ class EvaluationTables:
     """
 
     def __init__(self, world: World):
-        """Prepare drawing for the tasks and settings of a world."""
         self.world = world
         self._draws = Draws(world, arrays_of("cpu"))
 

@@ -27,11 +27,7 @@ class Discovery:
     """
 
     def __init__(self, graph: RecipeGraph, base: Iterable[Entity] | None = None):
-        """Prepare a game on a graph; ``base`` (known ids or labels) replaces the graph's base entities.
-
-        Raises:
-            ConfigError: for an unknown entity, or a base from which nothing can be made.
-        """
+        """Prepare a game on a graph; ``base`` (known ids or labels) replaces the graph's base entities."""
         try:
             if isinstance(base, str):  # one label, not its letters
                 base = [base]
@@ -120,7 +116,6 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         illegal_action: IllegalAction = "waste",
         render_mode: str | None = None,
     ):
-        """Open the graph; see the class for the arguments."""
         check_mode(render_mode)
         one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode

@@ -28,7 +28,6 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     """
 
     def __init__(self, num_envs: int, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
-        """Prepare N environments; ``graph`` and ``settings`` are as for the single environment."""
         if render_mode is not None:
             raise ConfigError(f"`render_mode` {render_mode!r}: expected None; many environments are not rendered.")
         self.render_mode = None

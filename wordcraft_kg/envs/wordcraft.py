@@ -107,12 +107,6 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     metadata = METADATA
 
     def __init__(self, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
-        """Open the graph and prepare its tasks.
-
-        Raises:
-            ConfigError: for an unknown setting, a value out of range, or settings next to a world.
-            TaskError: if the graph has no task for these settings.
-        """
         check_mode(render_mode)
         self.render_mode = render_mode
         self.world = World.of(graph, settings)

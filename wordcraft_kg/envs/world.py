@@ -73,12 +73,7 @@ class World:
     """
 
     def __init__(self, graph: "GraphLike | World", config: WordCraftConfig):
-        """Open the graph, or share another world's graph, and make the tasks.
-
-        Raises:
-            ConfigError: for too many distractors, or if a policy on train recipes meets a graph without a split.
-            TaskError: if the graph has no task for these settings.
-        """
+        """Open the graph, or share another world's graph, and make the tasks; TaskError if there is none."""
         opened = graph if isinstance(graph, World) else open_world_graph(graph)
         self.graph: RecipeGraph = opened.graph
         self.split: Split = opened.split

@@ -180,7 +180,6 @@ class TaskObservation(_Ids):
     """
 
     def __init__(self, env: gym.Env[Any, Any]):
-        """Wrap a single environment."""
         super().__init__(env)
         world = _world(env)
         self._is_known = world.config.part in ("train", "all")
@@ -203,7 +202,6 @@ class TextObservation(_Masked):
     MAX_LENGTH = 100_000
 
     def __init__(self, env: gym.Env[Any, Any]):
-        """Wrap a single environment, crafting or open-ended."""
         super().__init__(env)
         self._is_open = isinstance(env.unwrapped, OpenEndedEnv)
         self._graph = env.unwrapped.graph if isinstance(env.unwrapped, OpenEndedEnv) else _world(env).graph

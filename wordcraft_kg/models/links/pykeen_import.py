@@ -4,11 +4,11 @@ import torch
 from pykeen.models import Model
 from pykeen.triples import TriplesFactory
 
-from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
+from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.pykeen_bridge import all_scores
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.factors import TableScorer
 
 
@@ -49,8 +49,7 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
                 f"the model's {name} do not match '{graph.name}': {', '.join(problems)}. Train the model on "
                 f"dataset='wordcraft', dataset_kwargs={{'graph': {opened.source!r}}}."
             )
-    if table_bytes(graph.num_entities) > TABLE_LIMIT:
-        raise ConfigError(f"a score table is too large for {graph.num_entities:,} entities.")
+    check_table("a PyKEEN model", graph.num_entities)
     entities = torch.tensor([factory.entity_to_id[label] for label in graph.entities])
     scores = all_scores(model, entities, [factory.relation_to_id[name] for name in RELATIONS])
     return TableScorer(scores, graph.entities, graph.hash, name=type(model).__name__)

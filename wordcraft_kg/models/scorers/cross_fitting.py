@@ -86,8 +86,9 @@ class CrossFitted(Scorer):
     ``supporting_recipes`` and ``recipes``. Agents that learn on train tasks need :meth:`left_out`;
     :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` chooses the fold that contains a task's recipes.
 
+    Made from ``whole`` and ``folds``: a function per fold that returns the scorer trained without this fold.
+
     Attributes:
-        whole: scorer trained on all train recipes.
         record: fold seed, hash and metrics.
         of_recipe: each recipe's fold, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes
             outside train.
@@ -105,7 +106,6 @@ class CrossFitted(Scorer):
         probabilities: Probabilities | None = None,
         train_results: Ids | None = None,
     ):
-        """Combine ``whole`` with ``folds``: one function per fold that returns the scorer trained without this fold."""
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
         self._whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))

@@ -110,7 +110,8 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> Non
         twin, path = _twin_of(path)
         return twin + (os.path.relpath(path, folder) if os.path.exists(path) else path)
 
-    lines = (f"{key} = {toml_value(value)}" for key, value in moved(settings, relative).items() if value is not None)
+    given = {key: value for key, value in moved(settings, relative).items() if value is not None}
+    lines = (f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in given.items())  # TOML, as JSON
     text = "\n".join([f"[{command}]", *lines]) + "\n"
     path = folder / CONFIG_FILE
     if not path.is_file() or path.read_bytes() != text.encode():
@@ -157,8 +158,3 @@ def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str
         elif (spec := FeatureSpec.parse(value)).is_path:
             result[key] = spec.prefix + change(spec.source)
     return result
-
-
-def toml_value(value: Any) -> str:
-    """Return a string or number in TOML syntax (equal to JSON with unescaped Unicode)."""
-    return json.dumps(value, ensure_ascii=False)

@@ -60,8 +60,8 @@ def fit(
 ) -> Model:
     """Return a model trained without a run folder; equal settings and triples give the same model as a run.
 
-    ``after_epoch`` is called with each epoch number and may raise to end the training. ``num_entities`` and errors as in
-    :func:`make_training_loop`.
+    ``after_epoch`` is called with each epoch number and may raise to end the training. ``num_entities`` and errors as
+    in :func:`make_training_loop`.
     """
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
         loop = make_training_loop(settings, factory, num_entities)

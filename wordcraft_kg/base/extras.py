@@ -17,11 +17,7 @@ PACKAGES = {
 
 
 def check_extra(extra: str) -> None:
-    """Check that all packages of an extra are installed, without importing the packages.
-
-    Raises:
-        MissingExtraError: if a package is missing; the message has the command to install the packages.
-    """
+    """Raise MissingExtraError, with the command to install them, unless all packages of an extra are installed."""
     missing = [name for name in PACKAGES[extra] if find_spec(name) is None]
     if missing:
         raise missing_extra(extra, missing)

@@ -13,9 +13,8 @@ SHUFFLED = "shuffled:"
 class FeatureSpec:
     """A parsed specification for entity features, such as ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
 
-    Attributes:
-        source: a name in :data:`NAMES`, or the path to a file or folder with vectors.
-        prefix: ``shuffled:`` (assign vectors to random entities), as often as written; empty without shuffling.
+    ``source`` is a name in :data:`NAMES`, or the path to a file or folder with vectors. ``prefix`` is ``shuffled:``
+    (assign vectors to random entities), as often as written; empty without shuffling.
     """
 
     source: str

@@ -33,11 +33,7 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
-    """Parse JSON bytes as a record of type ``kind``; ``path`` names the source in error messages.
-
-    Raises:
-        ArtefactError: naming ``path`` and the field, if the bytes are not JSON or do not fit the record.
-    """
+    """Parse JSON bytes as a record of type ``kind``; an ArtefactError names ``path`` and the field that is wrong."""
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -56,11 +52,7 @@ def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
 
 
 def as_record(values: Any, kind: type[T], path: Path | str) -> T:
-    """Convert plain values, such as a TOML table, to ``kind``: a record or a dataclass of settings.
-
-    Raises:
-        ArtefactError: naming ``path`` and the field, if a value does not fit.
-    """
+    """Convert plain values to ``kind``, a record or a settings dataclass, with the errors of :func:`parse_record`."""
     try:
         return msgspec.convert(values, kind)
     except msgspec.ValidationError as error:
@@ -81,19 +73,13 @@ def as_lines(records: Iterable[Any]) -> list[str]:
 def as_values(record: Any) -> Any:
     """Return a record as plain JSON values: dictionaries, lists, strings and numbers.
 
-    Raises:
-        TypeError: for a value without a JSON form, such as a NumPy number.
-        ValueError: if a number is not finite.
+    A value without a JSON form, such as a NumPy number, is a TypeError; a number that is not finite a ValueError.
     """
     return json.loads(json.dumps(msgspec.to_builtins(record), allow_nan=False))
 
 
 def checked_values(record: Record) -> Any:
-    """Return a record as plain JSON values (see :func:`as_values`), after checking each field's type and bounds.
-
-    Raises:
-        ValueError: naming the invalid field.
-    """
+    """Return a record as plain JSON values, see :func:`as_values`; a ValueError names a field out of bounds."""
     values = as_values(record)
     msgspec.convert(values, type(record))
     return values

@@ -64,11 +64,7 @@ def positive(name: str, value: Any) -> float:
 def check_memory(name: str, value: int, what: str, needed: int) -> None:
     """Raise a :class:`ConfigError` if a setting's value needs more memory than this process may use.
 
-    Args:
-        name: name of the setting.
-        value: the setting's value.
-        what: name for the data in memory, for the error message.
-        needed: number of bytes, at least.
+    ``what`` names the data in memory, for the error message; ``needed`` is the number of bytes, at least.
     """
     available = memory()
     if needed > available:

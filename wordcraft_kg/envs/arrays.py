@@ -19,10 +19,8 @@ Array = NDArray[Any]
 class Arrays:
     """Array operations on the CPU, by NumPy; a subclass provides the same operations by torch on a device.
 
-    Attributes:
-        xp: the module ``numpy``, or ``torch`` in the subclass.
-        on_device: whether arrays are on a device. Reading a value there waits for pending work, so all rows are
-            computed, and masks select the valid rows.
+    ``xp`` is the module, ``numpy`` or ``torch``. Reading a value ``on_device`` waits for pending work, so there all
+    rows are computed, and masks select the valid rows.
     """
 
     xp: Any = np

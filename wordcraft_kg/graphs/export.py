@@ -54,11 +54,8 @@ def export_graph(
 ) -> None:
     """Write a graph to the file ``out`` in a format of :data:`EXPORTERS`.
 
-    ``part`` selects recipes and triples, never entities.
-
-    Raises:
-        ConfigError: for an unknown format or part, or if writing needs over 4 GiB memory.
-        OutputExistsError: if ``out`` exists and ``force`` is False.
+    ``part`` selects recipes and triples, never entities. Raises ConfigError for an unknown format or part, or if
+    writing needs over 4 GiB memory.
     """
     one_of("format", format, tuple(EXPORTERS))
     one_of("part", part, get_args(ExportPart))

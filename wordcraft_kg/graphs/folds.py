@@ -102,10 +102,8 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
 def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     """Partition the train recipes at random into ``count`` folds with about equally many ingredient pairs.
 
-    By-goal, by-slot and by-kind splits partition goals, recipe groups and kinds instead of pairs.
-
-    Raises:
-        ConfigError: for fewer than two folds, or more folds than train pairs (goals, groups, kinds).
+    By-goal, by-slot and by-kind splits partition goals, recipe groups and kinds instead of pairs. Raises ConfigError
+    for fewer than two folds, or more folds than train pairs (goals, groups, kinds).
 
     Example:
         >>> folds = make_folds(open_graph("kitchen").split, 5)

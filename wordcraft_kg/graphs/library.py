@@ -112,8 +112,7 @@ def known_books() -> list[KnownBook]:
 def locate_book(name_or_path: str | Path) -> LocatedBook:
     """Find a recipe book by path or name; a file or graph folder takes precedence.
 
-    Raises:
-        RecipeFileError: for an unknown book, a book to download first, or a changed published book.
+    Raises RecipeFileError for an unknown book, a book to download first, or a changed published book.
     """
     path = Path(name_or_path)
     if made_up := MADE_UP.fullmatch(str(name_or_path)):
@@ -166,11 +165,7 @@ def open_book(
 
 @stage("downloading")
 def fetch_book(name: str) -> Path:
-    """Download a published recipe book into the cache once; return the path.
-
-    Raises:
-        FetchError: for an unknown name, a failed download, or a file with an unexpected SHA-256.
-    """
+    """Download a published recipe book into the cache once, and return the path; FetchError if that fails."""
     book = FETCHABLE.get(name)
     if book is None:
         raise FetchError(

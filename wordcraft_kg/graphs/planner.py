@@ -47,10 +47,8 @@ def rounds(layer: Ids) -> list[int]:
 class Derivation:
     """Recipes that make an entity, ``goal``, from the starting entities.
 
-    Attributes:
-        steps: distinct recipes in execution order, ending in the goal; empty for a starting entity.
-        cost: number of recipes if an intermediate is made anew for every use; ``len(steps) <= cost`` combinations are
-            enough.
+    ``steps`` are distinct recipes in execution order, ending in the goal; empty for a starting entity. ``cost`` is the
+    number of recipes if an intermediate is made anew for every use; ``len(steps) <= cost`` combinations are enough.
     """
 
     goal: str

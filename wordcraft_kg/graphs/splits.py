@@ -221,9 +221,7 @@ def groups_of(graph: RecipeGraph, kind: str) -> Ids:
 def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> Split:
     """Rebuild a graph's split from parsed ``split.json``; errors name the file by ``where``.
 
-    Raises:
-        GraphMismatchError: if the split was made for a different graph.
-        ArtefactError: if the content is damaged or edited.
+    Raises GraphMismatchError for another graph's split, ArtefactError if the content is damaged or edited.
     """
     try:
         if content["format"] != _SPLIT_FORMAT:

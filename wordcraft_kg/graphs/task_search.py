@@ -32,11 +32,8 @@ class PlanSearch:
 
     An attempt combines an ingredient pair, numbered as in ``graph.pair_of_recipe``. A *way* is a set of attempts, as
     pair numbers, that makes a goal in some order. A *plan* is a way in order of execution: the rows in
-    ``graph.recipes`` with needed results.
-
-    Attributes:
-        rows: the graph's recipes as Python lists, for fast access to single recipes.
-        recipes_of: usable recipes by result as (pair number, ingredient, ingredient), none that uses its own result.
+    ``graph.recipes`` with needed results. ``recipes_of`` has the usable recipes by result as (pair number, ingredient,
+    ingredient), none that uses its own result.
     """
 
     def __init__(self, graph: RecipeGraph, usable: NDArray[np.bool_] | None = None):

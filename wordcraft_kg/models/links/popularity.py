@@ -33,13 +33,8 @@ def with_popularity(embeddings: dict[str, torch.Tensor], triples: Ids, weight: f
     ``Re[-i (s + i y_h/s)(s - i y_t/s)] = y_h - y_t``, together ``f_h + g_t``. Any s > 0 is correct;
     ``s^2 = max |x| / 2`` keeps the cancelling terms as small as the sum.
 
-    Args:
-        embeddings: ``entity_real``, ``entity_imag`` (E, d), ``relation_real``, ``relation_imag`` (R, d).
-        triples: shape (T, 3).
-        weight: 0 or more.
-
-    Returns:
-        embeddings with d + 6 dimensions; unchanged if the weight is 0.
+    ``embeddings`` are ``entity_real``, ``entity_imag`` (E, d), ``relation_real`` and ``relation_imag`` (R, d); the
+    result has d + 6 dimensions. A weight of 0 changes nothing.
     """
     if not weight:
         return embeddings

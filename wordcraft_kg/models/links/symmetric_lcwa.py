@@ -124,11 +124,9 @@ def sampled_cross_entropy(
     ``mean_b [ log( exp s_b + Σ_j exp(s_bj - log m_j) ) - s_b ]``, summed over all sampled j except the true entity. If
     every entity is sampled once and expected once (``m_j = 1``), the result is the cross entropy over all entities.
 
-    Args:
-        true: true entities' scores, shape (B,).
-        sampled: sampled entities' scores, shape (B, S).
-        log_expected: log of each sampled entity's expected count in the sample, shape (S,).
-        is_true: True where the sampled entity is the true entity, shape (B, S).
+    ``true`` and ``sampled`` are the entities' scores, shapes (B,) and (B, S); ``log_expected``, shape (S,), is the log
+    of each sampled entity's expected count in the sample; ``is_true``, shape (B, S), marks the true entity in the
+    sample.
 
     Source: Bengio and Senecal 2008, importance sampling; Jean et al. 2015, one sample for many queries.
     """

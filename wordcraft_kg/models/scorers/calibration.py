@@ -245,11 +245,9 @@ def known_share(folds: Folds, relation: int) -> float:
 def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
     """Fit a probability curve to score histograms, or only the base rate if the scores are uninformative.
 
-    Args:
-        true: shape (K, B), true triples, counted by fold and bin of rank log-odds (see :class:`Curve`).
-        others: shape (K, B), remaining triples, including unknown true triples.
-        share: share of ``true`` among all true triples, from :func:`known_share`.
-        slopes: number of segments with separate slopes.
+    ``true`` and ``others``, shape (K, B), are true and remaining triples (which include unknown true triples), counted
+    by fold and bin of rank log-odds, see :class:`Curve`. ``share`` is the share of ``true`` among all true triples,
+    from :func:`known_share`; ``slopes`` is the number of segments with separate slopes.
     """
     known, total = float(true.sum()), float(true.sum() + others.sum())
     shift = math.log1p(-share)

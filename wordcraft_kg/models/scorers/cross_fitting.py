@@ -179,9 +179,7 @@ class CrossFitted(Scorer):
     def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
         """Return the training triples for the model without a given fold, shape (T, 3).
 
-        Raises:
-            LeakError: if the fold's model was not trained on the recipes outside the fold.
-            GraphMismatchError: if the number of recipes differs.
+        Raises LeakError if the fold's model was not trained on the recipes outside the fold.
         """
         recipes = self.train_sample(graph).among(seen_by_models(self.of_recipe)[1 + fold])
         triples = recipe_triples(recipes)

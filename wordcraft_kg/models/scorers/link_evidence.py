@@ -47,12 +47,9 @@ class LinkWitness(Record):
 class LinkReason(Record):
     """The evidence for a scored link: training recipes with the link, and similar training links.
 
-    Attributes:
-        learned_from: training recipes with this link, at most :data:`RECIPES`; if any, the scorer was trained on the
-            link.
-        more: number of further recipes.
-        evidence: total weight over all supporting links, listed or not.
-        witnesses: supporting links, largest weight first.
+    ``learned_from`` are training recipes with this link, at most :data:`RECIPES`, and ``more`` counts the rest; if any,
+    the scorer was trained on the link. ``evidence`` is the total weight over all supporting links, listed among the
+    ``witnesses`` (largest weight first) or not.
     """
 
     learned_from: tuple[Recipe, ...]

@@ -57,13 +57,10 @@ _WORDS_POWER = 4
 
 
 class Support(NamedTuple):
-    """A known recipe that supports another recipe, with its weight.
+    """A known recipe that supports another recipe: ids for both ingredients and the result, and its weight.
 
-    Attributes:
-        recipe: ids for both ingredients and the result.
-        weight: recipe similarity, 1 for equality: the product of entity similarities for both ingredients (in the
-            better order) and the result.
-        share: weight relative to the sum over all supporting recipes.
+    The weight is the recipe similarity, 1 for equality: the product of entity similarities for both ingredients (in the
+    better order) and the result. ``share`` is relative to the sum over all supporting recipes.
     """
 
     recipe: tuple[int, int, int]

@@ -101,11 +101,8 @@ def parse_query(
 
     A triple is ``head relation [tail]``; a query without tail ranks all tails. A recipe is ``a + b``, ``a + b c`` or
     ``a + b = c``, in any number of arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split. A
-    query may name the entities in ``allowed``, by default ``entities``.
-
-    Raises:
-        UnknownEntityError: for an unknown entity or relation, with the nearest names.
-        ConfigError: if the arguments are neither triple nor recipe, or several entities are open.
+    query may name the entities in ``allowed``, by default ``entities``. Raises UnknownEntityError for an unknown name,
+    ConfigError if the arguments are neither triple nor recipe, or several entities are open.
     """
     allowed = entities if allowed is None else allowed
     pieces = [] if any(word in RELATIONS for word in words) else list(_pieces(words, entities))
@@ -146,10 +143,7 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
     """Read queries from a CSV or TSV file: triples, or recipes below the header ingredient_a, ingredient_b, result.
 
     The header is optional for triples. A tab in the first line means unquoted TSV, as in a graph folder's ``triples/``;
-    otherwise the file is CSV. Blank lines are skipped.
-
-    Raises:
-        QueryFileError: if the file is unreadable or a line is wrong, with the line number.
+    otherwise the file is CSV. Blank lines are skipped. A QueryFileError names a wrong line.
     """
     rows = list(_rows(path))
     header = rows[0][1] if rows and rows[0][1] in (HEADER, _RECIPE_HEADER) else None

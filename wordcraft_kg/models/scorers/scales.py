@@ -29,9 +29,6 @@ def scaled_table(
     (over heads, for each tail) or ``none``. Self edges have equal head and tail: ``keep`` all scores, keep only
     ``observed`` pairs (training triples, shape (T, 3)), or ``drop`` all. Dropped scores become the mean over pairs of
     different entities.
-
-    Raises:
-        ConfigError: for an unknown scale or kind of self edges, or for ``self_edges`` ``observed`` without triples.
     """
     one_of("scale", scale, get_args(Scale))
     one_of("self_edges", self_edges, get_args(SelfEdges))
@@ -84,10 +81,7 @@ def scaled_factors(
     """Return scaled scores for a relation as factors, without a table; arguments as in :func:`scaled_table`.
 
     With X and Y the factors, scores sum to ``Σ x · Σ y`` and squared scores to the sum over all entries in ``XᵀX *
-    YᵀY``, both without self pairs.
-
-    Raises:
-        ConfigError: for a scale that needs a table, or for ``self_edges`` ``observed`` without triples.
+    YᵀY``, both without self pairs. Raises ConfigError for a scale that needs a table.
     """
     one_of("scale", scale, FACTORED_SCALES)
     one_of("self_edges", self_edges, get_args(SelfEdges))

@@ -9,7 +9,6 @@ import pytest
 import wordcraft_kg as wk
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.cli.failures import with_options
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs.export import export_graph
 from wordcraft_kg.graphs.folder import write_graph_folder
@@ -145,9 +144,3 @@ def test_an_error_says_what_was_found_what_was_expected_and_what_to_do(
     with pytest.raises(WordCraftKGError) as raised:
         CALLS[name]()
     assert f"{raised.value.kind}: {raised.value}" == EXPECTED[name]
-
-
-def test_the_command_line_names_options_in_the_place_of_settings():
-    text = "`num_distractors` 3, `graph` 'x', `learning_rate` 0: expected `wordcraft-kg books`"
-    shown = "--distractors 3, GRAPH 'x', --learning-rate 0: expected `wordcraft-kg books`"
-    assert with_options(text, ["graph"]) == shown

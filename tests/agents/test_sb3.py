@@ -182,26 +182,6 @@ def test_a_deterministic_prediction_is_the_best_slot(algorithm):
 
 
 @both
-@every_kind
-def test_entropies_are_finite_and_a_gradient_reaches_all_parameters(algorithm, kind):
-    model, seen = make_model(algorithm, make_network(**KINDS[kind])), states()
-    assert (seen["action_mask"] == 0).any()
-    actions = torch.as_tensor(seen["action_mask"]).argmax(1)
-    masks = {"action_masks": seen["action_mask"]} if algorithm == "MaskablePPO" else {}
-    values, log_probs, entropy = model.policy.evaluate_actions(tensors(seen), actions, **masks)
-    expected, _ = outputs_of(model.policy.network, seen)
-    torch.testing.assert_close(entropy, torch.special.entr(expected).sum(1))
-    assert torch.isfinite(entropy).all()
-    assert (entropy > 0).any()
-    (values.square().mean() - log_probs.mean() - entropy.mean()).backward()
-    for name, parameter in model.policy.named_parameters():
-        assert parameter.grad is not None, name
-        assert torch.isfinite(parameter.grad).all(), name
-        assert parameter.grad.count_nonzero() > 0, name
-    assert not any(buffer.requires_grad for buffer in model.policy.buffers())
-
-
-@both
 def test_a_saved_model_predicts_the_same_and_trains_on(algorithm, tmp_path):
     model, seen = make_model(algorithm), states()
     untrained, _ = outputs_of(model.policy.network, seen)

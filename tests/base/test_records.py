@@ -70,11 +70,6 @@ def test_good_values_pass_the_check_and_the_schema():
     assert (schema["$id"], schema["title"]) == ("urn:table", "table")
 
 
-def test_a_record_cannot_be_changed():
-    with pytest.raises(AttributeError):
-        ROW.name = "b"
-
-
 def test_a_field_is_named_in_quotes_because_backticks_are_for_settings():
     with pytest.raises(ArtefactError) as of_bytes:
         parse_record(b'{"name": 1, "counts": []}', Row, "row.json")

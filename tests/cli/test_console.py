@@ -144,12 +144,6 @@ def test_every_example_is_one_of_our_commands_and_parses(name, example):
     assert named == name or any(other.startswith(f"wordcraft-kg {name}") for _, other in EXAMPLES)
 
 
-def test_the_help_begins_with_the_recommended_path(run):
-    lines = [line.strip() for line in run("--help").out.partition("╭")[0].splitlines()]
-    path = [line.split()[1] for line in lines if line.startswith("wordcraft-kg ")]
-    assert path == ["build-graph", "train-recipes", "evaluate-links", "train-agent", "explain", "explore"]
-
-
 @pytest.mark.parametrize(
     ("rows", "numbers", "lines"),
     [
@@ -162,11 +156,6 @@ def test_the_help_begins_with_the_recommended_path(run):
 )
 def test_tables_have_aligned_columns_and_no_empty_ones(rows, numbers, lines):
     assert aligned(rows, numbers=numbers) == lines
-
-
-def test_help_is_wrapped_for_the_terminal_not_for_the_source_file(run):
-    text = run("check-book", "--help").out
-    assert "Default: the book's base, or else entities without a recipe." in text
 
 
 def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_path):

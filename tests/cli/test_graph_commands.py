@@ -1,6 +1,5 @@
 """The commands of graphs and recipe books as a user runs them: output, exit codes, and a disk left as it was."""
 
-import errno
 import io
 import json
 import os
@@ -209,12 +208,6 @@ def test_a_line_of_twenty_megabytes_is_refused_in_a_short_message(run, out, home
     assert contents(out) == before
 
 
-def test_a_book_too_small_to_split_is_refused_and_says_how_to_go_on(not_built, run, book, home):
-    path = book("tiny.csv", TABLE + "a,b,c\n")
-    not_built(path, says="the test part of a by-recipe split of 1 recipe in 1 group is empty")
-    assert run("build-graph", path, "--split", "none", "--out", home / "tiny").code == 0
-
-
 def test_an_output_that_exists_is_kept_until_it_is_forced(refused, run, out):
     before = contents(out)
     command = ("build-graph", "kitchen", "--out", out / "earlier")
@@ -243,27 +236,6 @@ def test_an_output_that_is_not_ours_or_a_file_is_never_replaced(refused, out, pa
     before = contents(out)
     refused("build-graph", "kitchen", "--out", out / path, *options, says=says)
     assert contents(out) == before
-
-
-def test_an_output_in_a_read_only_folder_is_refused(run, out):
-    out.chmod(0o555)
-    try:
-        if os.access(out, os.W_OK):
-            pytest.skip("this user may write into read-only folders")
-        outcome = run("build-graph", "kitchen", "--out", out / "new")
-    finally:
-        out.chmod(0o755)
-    assert outcome.code == 1
-    assert outcome.kind == "PermissionError"
-    assert [path.name for path in out.iterdir()] == ["earlier"]
-
-
-def test_a_full_disk_leaves_nothing_half_written(not_built, monkeypatch):
-    def full(*arguments):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "disk")
-
-    monkeypatch.setattr("wordcraft_kg.graphs.folder.entities_frame", full)
-    not_built("kitchen", says="error: 'disk': No space left on device. Nothing was changed.")
 
 
 def interrupt(*arguments):

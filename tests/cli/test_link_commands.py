@@ -8,7 +8,7 @@ import tomllib
 import msgspec
 import numpy as np
 import pytest
-from quick import QUICK, TINY, build, same, text_of
+from quick import QUICK, TINY, same, text_of
 
 from wordcraft_kg.cli.progress import Progress
 from wordcraft_kg.evaluation import links
@@ -88,15 +88,6 @@ def test_a_models_own_config_file_trains_the_same_model_again(run, trained, tmp_
     assert run("train-complex", trained / "graph", *options).code == 0
     for name in (WEIGHTS, "vocabulary.json"):
         assert same(name, tmp_path / "again", trained / "one")
-
-
-def test_a_model_trained_from_a_script_file_is_the_commands_model(trained, tmp_path):
-    from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-    from wordcraft_kg.models.links.training import train_links
-
-    config = LinksConfig(str(trained / "graph"), ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0))
-    assert same(WEIGHTS, train_links(config, tmp_path / "model").folder, trained / "one")
-    assert not same(WEIGHTS, trained / "two", trained / "one")
 
 
 @pytest.mark.parametrize(
@@ -202,19 +193,6 @@ def test_a_report_that_exists_is_refused_without_force(refused, run, workshop):
     assert report.read_text() == "mine"
     assert run("evaluate-links", workshop / "one", "--force").code == 0
     assert json.loads(report.read_text())["queries"] > 0
-
-
-def test_a_graph_that_has_moved_is_found_with_graph(refused, run, workshop):
-    (workshop / "graph").rename(workshop / "moved")
-    refused("evaluate-links", workshop / "one", says="--graph", kind="ArtefactError")
-    assert run("evaluate-links", workshop / "one", "--graph", workshop / "moved").code == 0
-
-
-@pytest.mark.parametrize("command", ["evaluate-links {0}/one", "compare {0}/one {0}/two"])
-def test_a_graph_built_again_with_another_split_is_refused(refused, workshop, command):
-    build(workshop / "graph", seed=1)
-    refused(*command.format(workshop).split(), says="split", kind="GraphMismatchError")
-    assert not (workshop / "one" / "report").exists()
 
 
 def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run, trained, tmp_path, monkeypatch):

@@ -68,13 +68,6 @@ def test_score_says_which_recipes_give_each_triple(printed, run, trained):
         assert printed("score", trained / "one", *triple)["known"] == part
 
 
-def test_validation_triples_are_marked(printed, run, tmp_path):
-    build(tmp_path / "graph", train_ratio=0.8, valid_ratio=0.1)
-    run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "model")
-    triple = next(triple for triple, part in parts_of(tmp_path / "graph").items() if part == "valid")
-    assert printed("score", tmp_path / "model", *triple)["known"] == "valid"
-
-
 def test_score_says_how_probable_triples_outside_training_are(printed, run, world, tmp_path):
     model, scorer = world / "scorer", load_scorer(world / "scorer")
     assert isinstance(scorer, CrossFitted)

@@ -341,20 +341,6 @@ def test_a_restored_state_goes_on_with_the_same_episodes(kitchen_opened, device,
     np.testing.assert_equal(other.saved(), one.saved())
 
 
-def test_environments_that_all_end_at_once_go_on_the_same_across_what_is_prepared(kitchen_opened, device):
-    first = batch(kitchen_opened, 4, 1, device=device, num_distractors=3)
-    empty, step = empty_slots(first), first.engine.step
-    for ended in range(14, 19):
-        one = first
-        for _ in range(ended):
-            one, _ = step(one, empty)
-        other = first.restored(one.saved())
-        for _ in range(40):
-            (one, _), (other, _) = step(one, empty), step(other, empty)
-            assert one.table.tolist() == other.table.tolist()
-            assert one.task.tolist() == other.task.tolist()
-
-
 def test_a_posed_episode_can_be_restored_too(kitchen_opened, device):
     first = batch(kitchen_opened, 5, 2, device=device, part="test", num_distractors=3)
     posed = first.engine.pose(np.arange(5), 4, seed=2)

@@ -101,7 +101,6 @@ EDITS = {
     "label in one recipe": ("graph.json", '"earth", "pig"]', '"earth", "pug"]', r"recipes\[0\]: 'pug' is not among"),
     "base": ("graph.json", '"base": ["animal", ', '"base": [', CHANGED),
     "name": ("graph.json", '"name": "kitchen"', '"name": {"a": 1}', r"its name is .'a': 1.; expected a text"),
-    "kind of split": ("split.json", '"by-recipe"', '"by-recipe-plain"', CHANGED),
     "ratio": ("split.json", '"train_ratio": 0.8', '"train_ratio": 0.7', CHANGED),
 }
 
@@ -142,20 +141,4 @@ def test_a_missing_split_and_the_split_of_another_graph_are_refused(folder):
     text = "".join(make_split(other, SplitConfig("none")).to_json())
     (folder / "split.json").write_text(text, encoding="utf-8")
     with pytest.raises(GraphMismatchError, match=rf"belongs to graph {other.hash[:12]} but the folder's graph is"):
-        open_graph(folder)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (lambda parts: parts["test"].append(parts["train"].pop()), rf"split\.json {CHANGED}"),
-        (lambda parts: parts["train"].append(parts["test"][0]), r"split\.json is damaged"),
-    ],
-    ids=["moved to another part", "in two parts"],
-)
-def test_a_recipe_out_of_its_place_in_the_split_is_noticed(folder, change, says):
-    content = json.loads((folder / "split.json").read_text(encoding="utf-8"))
-    change(content)
-    (folder / "split.json").write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(ArtefactError, match=says):
         open_graph(folder)

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from wordcraft_kg.graphs import Planner, RecipeGraph, SplitConfig, layers, make_split, open_book, read_book, rounds
+from wordcraft_kg.graphs import Planner, RecipeGraph, SplitConfig, layers, make_split, read_book, rounds
 from wordcraft_kg.graphs.audit import Spread, audit
 from wordcraft_kg.graphs.triples import triple_lines
 
@@ -111,27 +111,3 @@ def test_little_alchemy_2_is_reached_in_sixteen_rounds_with_time_and_not_without
     layer = layers(alchemy, ["air", "earth", "fire", "water"])
     assert (max(layer), rounds(layer)[-1]) == (16, 697)
     assert alchemy.labels(np.flatnonzero(layer < 0)) == ("archeologist", "ruins", "time")
-
-
-def test_little_alchemy_2_by_name_has_the_five_base_entities(alchemy_home, alchemy):
-    graph = RecipeGraph.from_book(open_book("little-alchemy-2"))
-    assert graph.base == ("air", "earth", "fire", "time", "water")
-    assert graph == alchemy
-    assert graph.name == "little-alchemy-2"
-
-
-@pytest.mark.parametrize("kind", ["by-recipe", "by-recipe-plain", "by-slot", "by-goal", "by-goal-terminals"])
-def test_no_evaluated_triple_of_little_alchemy_2_is_in_train(alchemy, kind):
-    result = audit(alchemy, make_split(alchemy, SplitConfig(kind)))
-    for row in result.leakage.values():
-        assert row.evaluated == row.from_test_recipes - row.already_in_train > 0
-    assert result.leakage["combinesWith"].mirror_in_train == 0
-    assert result.split.leaked_triples > 0
-
-
-def test_terminals_of_little_alchemy_2_are_trained_on(alchemy):
-    split = make_split(alchemy, SplitConfig("by-goal-terminals"))
-    terminal = np.flatnonzero((alchemy.use_counts == 0) & (alchemy.recipe_counts > 0))
-    assert len(terminal) == 171
-    assert set(terminal) <= set(split.recipes("train")[:, 2])
-    assert len(np.unique(split.recipes("test")[:, 2])) == 697 - round(0.8 * 697)

@@ -238,11 +238,6 @@ def test_self_results_are_dropped_and_counted_unless_kept(read):
     assert dropped.base == ("a", "fire", "x")  # entities of a dropped row and listed entities count
 
 
-def test_the_same_recipe_twice_is_merged_and_counted(read):
-    book = read(TABLE + "a,b,c\nb,a,c\na,b,d\n")
-    assert (book.recipes, book.merged_duplicates) == ((Recipe("a", "b", "c"), Recipe("a", "b", "d")), 1)
-
-
 def test_entities_of_the_official_layout_that_no_recipe_mentions_are_idle(read):
     entry = {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}, "lone": {"recipes": []}}
     book = read(json.dumps({"entities": entry}), "book.json")

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
-import msgspec
 import numpy as np
 import pytest
 import torch
@@ -17,7 +16,6 @@ from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
-from wordcraft_kg.agents.players import recipe_oracle
 from wordcraft_kg.agents.records import MetricsRow
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
@@ -34,7 +32,7 @@ from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.reports.agent_pictures import slot_rows
 from wordcraft_kg.reports.agent_report import make_agent_report
-from wordcraft_kg.reports.pages import Report, render, write_report
+from wordcraft_kg.reports.pages import Report, render
 
 AgentReport = Report[AgentsView]
 
@@ -163,13 +161,6 @@ def test_confusions_name_what_was_needed_and_what_was_picked(agents, entry, worl
     assert [row.episodes for row in entry.confusions] == sorted(counts.values(), reverse=True)[: len(entry.confusions)]
 
 
-def test_the_last_pair_of_an_episode_that_made_the_goal_makes_it(world):
-    found = Evaluator(world, distractor_seeds=2)(recipe_oracle)
-    for task in range(len(world.tasks)):
-        pair = world.graph.labels(found.last[task, 0].tolist())
-        assert world.tasks.goals[task] in world.graph.results(*pair)
-
-
 def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, report, entry):
     facts = entry.provenance["plain-1"]
     run = agents[1].run
@@ -220,15 +211,6 @@ def test_the_page_is_whole_needs_no_network_and_escapes_names(agents):
     assert "://" not in page.replace("http://www.w3.org", "")
     assert "<b>odd" not in page
     assert "&lt;b&gt;odd &amp; name" in page
-
-
-def test_it_is_written_whole_or_not_at_all(report, tmp_path):
-    write_report(report, tmp_path / "report")
-    assert {path.name for path in (tmp_path / "report").iterdir()} == {"index.html", "report.json"}
-    broken = replace(report, view=msgspec.structs.replace(report.view, part="exam"))
-    with pytest.raises(ValueError, match="exam"):
-        write_report(broken, tmp_path / "broken")
-    assert not (tmp_path / "broken").exists()
 
 
 def test_agents_of_another_split_or_depth_cannot_be_compared(agents):

@@ -20,7 +20,7 @@ from wordcraft_kg.agents.agent_folder import AGENTS
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
+from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import LinksTraining, train_links
 from wordcraft_kg.runs.checkpoints import Checkpoints
@@ -196,13 +196,6 @@ def test_an_existing_run_is_replaced_on_demand_only(trainer, tmp_path, whole):
     trainer.train(tmp_path / "run", seed=1, force=True)
     assert learned(tmp_path / "run") != whole
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-def test_an_unfinished_run_is_kept_from_another_seed(trainer, tmp_path):
-    folder = interrupted(trainer, tmp_path / "run")
-    with pytest.raises(ConfigError, match="`seed` 0, and this command has 1"):
-        trainer.train(folder, seed=1)
-    assert read_run(folder).status == "interrupted"
 
 
 def disk_full(monkeypatch: pytest.MonkeyPatch, number: int) -> None:

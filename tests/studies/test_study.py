@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError
@@ -59,8 +57,3 @@ def test_points_are_crossed_with_the_grid_and_keep_their_order():
 def test_what_is_wrong_with_points_and_claims_is_named(extra, said):
     with pytest.raises(ConfigError, match=said):
         parse_study(SMALL + extra, "mine.toml")
-
-
-def test_studies_lie_in_the_package_so_that_a_wheel_has_them():
-    package = Path(__file__).parents[2] / "wordcraft_kg" / "studies" / "builtin"
-    assert sorted(path.stem for path in package.glob("*.toml")) == built_in()

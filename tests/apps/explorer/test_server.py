@@ -66,10 +66,6 @@ def test_every_page_of_the_menu_has_its_view_as_json(client: TestClient, explore
             assert answer.json() == as_values(page.view(explored, page.state()))
 
 
-def test_a_page_that_was_kept_is_the_same(client: TestClient):
-    assert client.get("/entities?sort=uses").content == client.get("/entities?sort=uses").content
-
-
 @pytest.mark.parametrize("address", ["/home", "/nothing", "/search?q=a", "/files/explorer.css", "/entity/nothing"])
 def test_every_answer_has_the_security_headers(client: TestClient, address: str):
     answer = client.get(address)

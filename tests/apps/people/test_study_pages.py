@@ -132,10 +132,6 @@ def test_a_yes_that_is_sent_twice_begins_one_session(browser: Browser):
     assert browser.answers.stored().people == 1
 
 
-def test_each_first_page_has_a_code_of_its_own(browser: Browser):
-    assert len({browser.new_code() for _ in range(20)}) == 20
-
-
 def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: Browser, code: str):
     assert f">{code}<" in browser.page
     assert "The second selection is final" in browser.page

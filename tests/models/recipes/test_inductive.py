@@ -73,15 +73,6 @@ def test_new_entities_leave_the_scores_of_the_others_as_they_are(folder, scorer)
     torch.testing.assert_close(after, before, rtol=1e-3, atol=1e-2 * float(before.std()))
 
 
-def test_many_new_entities_leave_the_scores_of_the_others_as_they_are(scorer):
-    size, amount = len(scorer.entities), 120
-    generator = torch.Generator().manual_seed(1)
-    text = cosines(torch.randn(size + amount, DIMENSIONS, generator=generator))
-    few = extended(scorer, ["first"], text[: size + 1, : size + 1])
-    many = extended(scorer, ["first", *(f"new {i}" for i in range(amount - 1))], text)
-    assert_tables_agree(few, many, size + 1)
-
-
 def test_the_order_of_new_entities_does_not_matter(folder, scorer):
     one, other = wider(folder, scorer, NEW), wider(folder, scorer, NEW[::-1])
     for label in NEW:

@@ -122,20 +122,6 @@ def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
     assert slots == [(0, 1), (9, 8), (4, 4), (2, 0)]
 
 
-def test_a_session_without_javascript(open_page: OpenPage, study: Served):
-    page = open_page(java_script_enabled=False)
-    begin(page, study)
-    for place in range(4):
-        thing(page, 2).click()
-        page.get_by_role("link", name="Undo").click()
-        thing(page, place).click()
-        thing(page, place).click()
-        if place < 2:
-            page.locator("a.next").click()
-    assert page.url.endswith("/end")
-    assert [line.actions for line in study.lines()] == [(line.table[i],) * 2 for i, line in enumerate(study.lines())]
-
-
 def test_a_double_click_is_one_pick(page: Any, study: Served):
     thing(page, 3).dblclick()
     page.wait_for_url("**first=4")

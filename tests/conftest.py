@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 import torch
+from graph_folders import write_graph
 from hypothesis import settings
 
 from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
-from wordcraft_kg.graphs import RecipeGraph, open_book, open_graph
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, open_book, open_graph
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES
 
@@ -108,7 +108,8 @@ def kitchen() -> RecipeGraph:
 
 
 @pytest.fixture(scope="session")
-def kitchen_opened() -> OpenedGraph:
+def opened_kitchen() -> OpenedGraph:
+    """The kitchen with its default split, 80 % train and no validation part."""
     return open_graph("kitchen")
 
 
@@ -130,6 +131,17 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
         return folder
 
     return made_once
+
+
+@pytest.fixture(scope="session")
+def parted_folder(made_once: MadeOnce) -> Path:
+    """A graph folder of the kitchen with a validation part; read only."""
+    return made_once("parted/kitchen", lambda out: write_graph(out, train_ratio=0.7, valid_ratio=0.15))
+
+
+@pytest.fixture(scope="session")
+def parted_kitchen(parted_folder: Path) -> OpenedGraph:
+    return open_graph(parted_folder)
 
 
 @pytest.fixture(scope="session")

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from wordcraft_kg.graphs import SPLITS, open_graph
 from wordcraft_kg.graphs.export import EXPORTERS
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.splits import SPLITS
 
 
 def graph_folders_and_exports() -> None:

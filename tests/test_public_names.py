@@ -55,7 +55,19 @@ def test_the_reference_has_every_public_name():
     assert [name for name in IN_ORDER if f"::: wordcraft_kg.{name}\n" not in page] == []
 
 
-def test_importing_the_package_imports_neither_torch_nor_pykeen_nor_gymnasium():
-    code = "import sys, wordcraft_kg\nprint({'torch', 'pykeen', 'gymnasium', 'pandas'} & set(sys.modules))"
+VECTOR = "gym.make_vec('WordCraft-v0', num_envs=2, vectorization_mode='vector_entry_point', graph='kitchen').reset()"
+LIGHT = {
+    "import sys, wordcraft_kg": {"torch", "pykeen", "gymnasium", "pandas"},
+    "import wordcraft_kg.models": {"torch", "pykeen"},
+    "import gymnasium as gym; gym.make('WordCraft-v0', graph='kitchen').reset()": {"torch", "pykeen"},
+    VECTOR: {"torch", "pykeen"},
+    "from wordcraft_kg.models.scorers.features import make_features as m; m('glove', ['sea'])": {"torch"},
+    "import wordcraft_kg.studies.ray_workers": {"ray"},
+}
+"""Steps of one process, and what is not imported after each."""
+
+
+def test_what_only_some_need_is_imported_by_them_alone():
+    code = "\n".join(f"{step}\nprint({heavy} & {{*sys.modules}})" for step, heavy in LIGHT.items())
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
+    assert done.stdout.splitlines() == ["set()"] * len(LIGHT)

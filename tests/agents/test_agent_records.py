@@ -14,8 +14,7 @@ from wordcraft_kg.agents.records import read_episodes
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.graphs import SplitConfig, open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy, read_policy, write_constants
 from wordcraft_kg.models.scorers.folder import load_scorer

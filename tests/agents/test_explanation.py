@@ -18,10 +18,7 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.graphs.triples import recipe_triples
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, recipe_triples
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.sources.registry import make_sources

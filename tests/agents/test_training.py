@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from graph_folders import write_graph
 from refusals import refuses
 from resumption import resume
 
@@ -18,8 +19,7 @@ from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import _warn_of_self_pairs, train_agent
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
+from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
 
@@ -165,9 +165,8 @@ def test_training_leaves_global_generators_and_thread_counts_as_they_were(config
 
 
 def test_without_held_out_recipes_only_train_tasks_are_evaluated(config, tmp_path):
-    book = open_book("kitchen")
-    write_graph_folder(tmp_path / "graph", book, make_split(RecipeGraph.from_book(book), SplitConfig("none")))
-    trained = train_agent(replace(config, graph=str(tmp_path / "graph")), tmp_path / "run")
+    graph = str(write_graph(tmp_path / "graph", kind="none"))
+    trained = train_agent(replace(config, graph=graph), tmp_path / "run")
     assert list(trained.summary.success) == ["train"]
 
 

@@ -3,7 +3,8 @@
 import json
 
 import pytest
-from quick import QUICK, SMALL, TINY, build, succeed
+from graph_folders import write_graph
+from quick import QUICK, SMALL, TINY, succeed
 
 
 @pytest.fixture(scope="session")
@@ -11,7 +12,7 @@ def trained(made_once):
     """A folder with a graph, two models of its partial graph, one of its full graph, and two seeds; read only."""
 
     def make(root):
-        build(root / "graph")
+        write_graph(root / "graph")
         train = ("train-complex", root / "graph", *QUICK)
         succeed(
             (*train, "--out", root / "one"),
@@ -28,7 +29,7 @@ def world(made_once):
     """A folder with a graph, a scorer with folds, and runs: two unguided seeds, a guided one, more attempts."""
 
     def make(root):
-        build(root / "graph")
+        write_graph(root / "graph")
         train = ("train-agent", root / "graph", *SMALL, "--distractors", 2)
         succeed(
             ("train-complex", root / "graph", "--dim", 8, "--epochs", 5, "--out", root / "scorer", "--quiet"),

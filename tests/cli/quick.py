@@ -1,20 +1,13 @@
-"""Settings of trainings that take a moment, graph folders and plain helpers for the tests of commands."""
+"""Settings of trainings that take a moment and plain helpers for the tests of commands."""
 
 import io
 from contextlib import redirect_stdout
 
 from wordcraft_kg.cli import main
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
 
 TINY = ("--dim", "8", "--epochs", "4", "--folds", "0", "--quiet")
 QUICK = (*TINY, "--n3", "0.1")
 SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoint-every", 800, "--quiet")
-
-
-def build(folder, **settings):
-    """Write the kitchen's graph folder with a split."""
-    book = open_book("kitchen")
-    write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(**settings)), force=True)
 
 
 def succeed(*commands):

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from quick import build
+from graph_folders import write_graph
 
 from wordcraft_kg.cli import ALL, command_in, make_app, manual_of
 from wordcraft_kg.cli.console import aligned
@@ -227,7 +227,7 @@ def test_a_command_of_two_words_takes_its_options_from_a_table_in_a_table(refuse
 def folders(tmp_path_factory):
     """A folder of each kind, by name; a run's has nothing but its record."""
     root = tmp_path_factory.mktemp("folders")
-    build(root / "graph")
+    write_graph(root / "graph")
     for name, kind in (("agent", "train-agent"), ("model", "train-complex")):
         (root / name).mkdir()
         end_run(root / name, start_run(root / name, kind), "done")

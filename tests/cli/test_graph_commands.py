@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from quick import build, contents
+from graph_folders import write_graph
+from quick import contents
 
 from wordcraft_kg.graphs import SPLITS, SplitConfig, library, make_split, open_book, open_graph
 from wordcraft_kg.graphs.library import DATA_VARIABLE
@@ -59,7 +60,7 @@ def book(home):
 @pytest.fixture(scope="module")
 def kitchen_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("graphs") / "kitchen"
-    build(folder)
+    write_graph(folder)
     return folder
 
 

@@ -12,9 +12,7 @@ from quick import QUICK, TINY, same, text_of
 
 from wordcraft_kg.cli.progress import Progress
 from wordcraft_kg.evaluation import links
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs import RELATIONS, Split, open_graph
 from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
 METRICS = ("mrr", "hits@1", "hits@3", "hits@10")

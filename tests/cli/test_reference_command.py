@@ -4,7 +4,7 @@ import json
 
 import msgspec
 import pytest
-from quick import build
+from graph_folders import write_graph
 
 from wordcraft_kg.agents.config import TaskConfig
 from wordcraft_kg.agents.outcomes import Success
@@ -108,7 +108,7 @@ def test_figures_that_the_pack_lacks_are_measured_and_the_rest_is_not(printed, r
     assert "of depth 2" not in rows
     assert next(iter(rows)) == "random"
     assert "has no figures for 2 distractors" in run(*TWO[:3], "4,2").out
-    build(tmp_path / "graph", seed=5)
+    write_graph(tmp_path / "graph", seed=5)
     values = printed("reference", tmp_path / "graph", "--distractors", "1")
     assert (values["pack"], values["measured"]) == (None, [1])
     assert reference.play_of(TaskConfig(distractor_policy="no_shortcut"), "test") is None

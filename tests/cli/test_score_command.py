@@ -5,11 +5,10 @@ import functools
 import numpy as np
 import pytest
 import torch
-from quick import QUICK, build
+from graph_folders import write_graph
+from quick import QUICK
 
-from wordcraft_kg.graphs import open_book
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs import RELATIONS, open_book, open_graph
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 
@@ -104,7 +103,7 @@ def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run
 
 
 def test_without_its_graph_a_model_still_scores_but_not_new_only(printed, refused, run, trained, tmp_path, caplog):
-    build(tmp_path / "graph")
+    write_graph(tmp_path / "graph")
     run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "one")
     (tmp_path / "graph").rename(tmp_path / "moved")
     query = ("score", tmp_path / "one", "_", "componentOf", "bread")

@@ -5,7 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from quick import SMALL, TINY, build, contents, same, succeed
+from graph_folders import write_graph
+from quick import SMALL, TINY, contents, same, succeed
 
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.base.errors import ConfigError
@@ -106,7 +107,7 @@ def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_wri
     ],
 )
 def test_a_seed_with_other_settings_or_data_is_not_taken_for_the_same(refused, world, trained, tmp_path, options, says):
-    build(tmp_path / "other", seed=1)
+    write_graph(tmp_path / "other", seed=1)
     words = options.format(trained=trained, other=tmp_path / "other").split()
     graph = [] if words[0].startswith("--") else [words.pop()]
     command = ("train-agent", *(graph or [world / "graph"]), *AGENT, *words, "--seeds", "0-1", "--out")

@@ -3,9 +3,10 @@
 import json
 
 import pytest
+from graph_folders import write_graph
 
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.graphs import Recipe, SplitConfig, make_split, open_book, write_graph_folder
+from wordcraft_kg.graphs import Recipe, open_graph
 from wordcraft_kg.graphs.tasks import replay
 
 # Each depth-2 task of this book has one plan, so the text below can be read off the book.
@@ -86,8 +87,7 @@ def test_without_options_the_tasks_are_those_of_the_environment_without_settings
 
 
 def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
-    split = make_split(kitchen, SplitConfig("by-goal", seed=3))
-    write_graph_folder(home / "graph", open_book("kitchen"), split)
-    held_out = {recipe.result for recipe in kitchen.recipe_labels(split.recipes("test"))}
-    values = shown(home / "graph", "--part", "test", "--limit", 10_000)
+    folder = write_graph(home / "graph", kind="by-goal", seed=3)
+    held_out = {recipe.result for recipe in kitchen.recipe_labels(open_graph(folder).split.recipes("test"))}
+    values = shown(folder, "--part", "test", "--limit", 10_000)
     assert {task["goal"] for task in values["shown"]} == held_out

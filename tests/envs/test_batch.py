@@ -14,8 +14,7 @@ from wordcraft_kg.envs.batch import OUTCOMES, BatchEngine
 from wordcraft_kg.envs.config import RewardConfig, WordCraftConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import SHORTCUT_TRIES, World
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 
 DEVICES = ("cpu", "torch:cpu")
 SEEN = ("goal", "task", "selection", "attempts_left", "table")
@@ -108,8 +107,8 @@ def device(request):
 
 
 @pytest.mark.parametrize("part", ["train", "test"])
-def test_a_batch_on_the_kitchen_agrees_in_every_part(kitchen_opened, part):
-    twins = Twins(kitchen_opened, 8, seed=5, part=part, depth=2, num_distractors=6, reward="official")
+def test_a_batch_on_the_kitchen_agrees_in_every_part(opened_kitchen, part):
+    twins = Twins(opened_kitchen, 8, seed=5, part=part, depth=2, num_distractors=6, reward="official")
     assert twins.run(100, np.random.default_rng(1))["goal"] > 5
 
 
@@ -124,9 +123,9 @@ def test_a_batch_does_step_for_step_what_the_readable_environment_does(ambiguous
     assert depth == 1 or ambiguity == "last" or count["other way"] > 0
 
 
-def test_torch_arrays_give_the_same_as_numpy_arrays(kitchen_opened):
+def test_torch_arrays_give_the_same_as_numpy_arrays(opened_kitchen):
     settings = {"depth": 2, "num_distractors": 6, "reward": "official", "task_weighting": "goal"}
-    one, other = (batch(kitchen_opened, 16, 3, device=device, **settings) for device in DEVICES)
+    one, other = (batch(opened_kitchen, 16, 3, device=device, **settings) for device in DEVICES)
     rng = np.random.default_rng(0)
     goals = 0
     for turn in range(200):
@@ -155,14 +154,14 @@ def episodes(state, steps, rng_of):
     return seen
 
 
-def test_results_do_not_depend_on_how_many_run_side_by_side(kitchen_opened):
-    few, many = (batch(kitchen_opened, n, 7, num_distractors=5) for n in (3, 1_500))
+def test_results_do_not_depend_on_how_many_run_side_by_side(opened_kitchen):
+    few, many = (batch(opened_kitchen, n, 7, num_distractors=5) for n in (3, 1_500))
     rngs = [[np.random.default_rng(i) for i in range(1_500)] for _ in range(2)]
     assert episodes(few, 60, rngs[0]) == episodes(many, 60, rngs[1])[:3]
 
 
-def test_two_engines_of_a_half_each_see_what_a_whole_one_sees(kitchen_opened):
-    world = World(kitchen_opened, WordCraftConfig(num_distractors=5))
+def test_two_engines_of_a_half_each_see_what_a_whole_one_sees(opened_kitchen):
+    world = World(opened_kitchen, WordCraftConfig(num_distractors=5))
     whole, low, high = (batch(world, n, 7, first_env=first) for n, first in ((7, 0), (3, 0), (4, 3)))
     rngs = [[np.random.default_rng(i) for i in range(7)] for _ in range(2)]
     assert episodes(whole, 60, rngs[0]) == episodes(low, 60, rngs[1]) + episodes(high, 60, rngs[1][3:])
@@ -175,11 +174,11 @@ def test_two_engines_of_a_half_each_see_what_a_whole_one_sees(kitchen_opened):
         BatchEngine(world, 4, first_env=-1)
 
 
-def test_the_seed_decides_the_tasks_and_global_random_states_are_left_alone(kitchen_opened):
+def test_the_seed_decides_the_tasks_and_global_random_states_are_left_alone(opened_kitchen):
     np.random.seed(0)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(0)
     before = np.random.get_state()[1].copy(), torch.get_rng_state().clone()  # noqa: NPY002
-    one, same, other = (batch(kitchen_opened, 64, seed, num_distractors=2) for seed in (1, 1, 2))
+    one, same, other = (batch(opened_kitchen, 64, seed, num_distractors=2) for seed in (1, 1, 2))
     assert len(set(one.task.tolist())) > 40
     np.testing.assert_array_equal(one.table, same.table)
     assert (one.table != other.table).any()
@@ -200,12 +199,12 @@ def drawn_tables(world, tables, at_once=500):
 
 @pytest.mark.parametrize("part", ["train", "test", "all"])
 @pytest.mark.parametrize("depth", [1, 2])
-def test_tables_hold_the_start_and_distractors_that_may_lie_there(kitchen_opened, part, depth):
-    graph, split = kitchen_opened.graph, kitchen_opened.split
+def test_tables_hold_the_start_and_distractors_that_may_lie_there(opened_kitchen, part, depth):
+    graph, split = opened_kitchen.graph, opened_kitchen.split
     held_out = {}
     for a, b, result in split.recipes("test").tolist():
         held_out.setdefault(result, []).append((a, b))
-    world = World(kitchen_opened, WordCraftConfig(part=part, depth=depth, num_distractors=7))
+    world = World(opened_kitchen, WordCraftConfig(part=part, depth=depth, num_distractors=7))
     for task, table in drawn_tables(world, 2_000):
         start = {entity for entity in world.tasks.starts[task].tolist() if entity < graph.num_entities}
         made = {entity for entity in world.tasks.intermediates[task].tolist() if entity < graph.num_entities}
@@ -236,10 +235,10 @@ def pairs_to(goal, have, recipes, attempts):
 @pytest.mark.parametrize("tables", [50, pytest.param(500, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("depth", "attempts"), [(1, 1), (1, 2), (2, 2)])
 @pytest.mark.parametrize("policy", ["no_shortcut-all", "no_train_shortcut-test", "no_train_shortcut-train"])
-def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opened, depth, attempts, tables, policy):
+def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, opened_kitchen, depth, attempts, tables, policy):
     policy, part = policy.split("-")
     # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any distractors.
-    opened = ambiguous if attempts == 1 else kitchen_opened
+    opened = ambiguous if attempts == 1 else opened_kitchen
     settings = {"num_distractors": 3, "distractor_policy": policy, "max_attempts": attempts}
     world = World(opened, WordCraftConfig(part=part, depth=depth, **settings))
     recipes = opened.graph.recipes if policy == "no_shortcut" else opened.split.recipes("train")
@@ -257,12 +256,12 @@ def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, kitchen_opene
 
 
 @pytest.mark.parametrize("weighting", ["use", "uniform"])
-def test_both_engines_draw_distractors_from_the_same_distribution(kitchen_opened, weighting):
+def test_both_engines_draw_distractors_from_the_same_distribution(opened_kitchen, weighting):
     """First two distractors drawn, as a set: exact probabilities of drawing without replacement, by a chi-square."""
     from scipy.stats import chisquare
 
     settings = {"part": "test", "num_distractors": 2, "distractor_weighting": weighting}
-    env = WordCraftEnv(kitchen_opened, **settings)
+    env = WordCraftEnv(opened_kitchen, **settings)
     weights = env.world.distractor_weights.astype(float)
     start = set(env.tasks.starts[0].tolist()) - {env.world.nothing}
     weights[[*start, env.tasks.goals[0]]] = 0
@@ -285,8 +284,8 @@ def test_both_engines_draw_distractors_from_the_same_distribution(kitchen_opened
         assert chisquare(counts, frequencies).pvalue > 1e-3
 
 
-def test_the_place_on_the_table_says_nothing(kitchen_opened):
-    world = World(kitchen_opened, WordCraftConfig(part="all", num_distractors=4))
+def test_the_place_on_the_table_says_nothing(opened_kitchen):
+    world = World(opened_kitchen, WordCraftConfig(part="all", num_distractors=4))
     goal = int(np.argmax([len(set(row)) == 2 for row in world.tasks.starts.tolist()]))
     posed = BatchEngine(world, 6_000).pose(np.full(6_000, goal), seed=2)
     places = np.bincount((posed.table == world.tasks.starts[goal, 0]).argmax(1), minlength=6)
@@ -294,8 +293,8 @@ def test_the_place_on_the_table_says_nothing(kitchen_opened):
 
 
 @pytest.mark.parametrize("weighting", ["task", "goal"])
-def test_tasks_are_drawn_by_their_weights(kitchen_opened, weighting):
-    state = batch(kitchen_opened, 20_000, 4, part="test", task_weighting=weighting)
+def test_tasks_are_drawn_by_their_weights(opened_kitchen, weighting):
+    state = batch(opened_kitchen, 20_000, 4, part="test", task_weighting=weighting)
     counts = np.bincount(state.task, minlength=len(state.world.tasks))
     expected = state.world.tasks.weights(weighting) * 20_000
     assert np.abs(counts - expected).max() < 5 * np.sqrt(expected.max())
@@ -314,9 +313,9 @@ def played(state, rng, steps):
     return state, rows
 
 
-def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_from_there(kitchen_opened, device):
+def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_from_there(opened_kitchen, device):
     settings = {"depth": 2, "num_distractors": 4, "reward": "official"}
-    state = batch(kitchen_opened, 6, 3, device=device, **settings)
+    state = batch(opened_kitchen, 6, 3, device=device, **settings)
     kept, states = [], []
     for turn in range(90):  # each environment uses up more episodes than are prepared at a time
         states.append(state)
@@ -330,10 +329,10 @@ def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_f
 
 @pytest.mark.parametrize(("device", "after"), [*product(DEVICES, DEVICES)])
 @pytest.mark.parametrize("steps", [0, 1, 16, 40])
-def test_a_restored_state_goes_on_with_the_same_episodes(kitchen_opened, device, after, steps):
+def test_a_restored_state_goes_on_with_the_same_episodes(opened_kitchen, device, after, steps):
     settings = {"depth": 2, "num_distractors": 4, "reward": "official", "task_weighting": "goal"}
-    state, _ = played(batch(kitchen_opened, 6, 3, device=device, **settings), np.random.default_rng(0), steps)
-    other, _ = played(batch(kitchen_opened, 6, 3, device=after, **settings), np.random.default_rng(5), 7)
+    state, _ = played(batch(opened_kitchen, 6, 3, device=device, **settings), np.random.default_rng(0), steps)
+    other, _ = played(batch(opened_kitchen, 6, 3, device=after, **settings), np.random.default_rng(5), 7)
     other = other.restored(state.saved())
     np.testing.assert_equal(other.saved(), state.saved())
     (one, rows), (other, same) = (played(each, np.random.default_rng(1), 60) for each in (state, other))
@@ -341,8 +340,8 @@ def test_a_restored_state_goes_on_with_the_same_episodes(kitchen_opened, device,
     np.testing.assert_equal(other.saved(), one.saved())
 
 
-def test_a_posed_episode_can_be_restored_too(kitchen_opened, device):
-    first = batch(kitchen_opened, 5, 2, device=device, part="test", num_distractors=3)
+def test_a_posed_episode_can_be_restored_too(opened_kitchen, device):
+    first = batch(opened_kitchen, 5, 2, device=device, part="test", num_distractors=3)
     posed = first.engine.pose(np.arange(5), 4, seed=2)
     one, _ = first.engine.step(posed, first.engine.arrays.array(np.zeros(5, dtype=np.int64)))
     other = first.restored(one.saved())
@@ -350,8 +349,8 @@ def test_a_posed_episode_can_be_restored_too(kitchen_opened, device):
     assert played(one, np.random.default_rng(0), 30)[1] == played(other, np.random.default_rng(0), 30)[1]
 
 
-def test_a_saved_state_is_a_copy_when_taken_and_when_restored(kitchen_opened, device):
-    state = batch(kitchen_opened, 6, 3, device=device, depth=2, num_distractors=3, reward="official")
+def test_a_saved_state_is_a_copy_when_taken_and_when_restored(opened_kitchen, device):
+    state = batch(opened_kitchen, 6, 3, device=device, depth=2, num_distractors=3, reward="official")
     saved, again = state.saved(), state.saved()
     other = state.restored(saved)
     for array in saved.values():
@@ -361,10 +360,10 @@ def test_a_saved_state_is_a_copy_when_taken_and_when_restored(kitchen_opened, de
     np.testing.assert_equal(state.saved(), again)
 
 
-def test_a_state_of_another_engine_is_refused(kitchen_opened, device):
-    state = batch(kitchen_opened, 4, device=device, num_distractors=3)
-    more = batch(kitchen_opened, 5, 1, num_distractors=3).saved()
-    wider = batch(kitchen_opened, 4, 1, num_distractors=4).saved()
+def test_a_state_of_another_engine_is_refused(opened_kitchen, device):
+    state = batch(opened_kitchen, 4, device=device, num_distractors=3)
+    more = batch(opened_kitchen, 5, 1, num_distractors=3).saved()
+    wider = batch(opened_kitchen, 4, 1, num_distractors=4).saved()
     wrong = {"goal": (more, r"\(4,\)"), "wide": (wider, rf"\(4, {state.engine.num_slots + 1}\)")}
     for name, (saved, shape) in wrong.items():
         with pytest.raises(ConfigError, match=f"state of another engine: '{name}' should have shape {shape}"):
@@ -377,8 +376,8 @@ def test_a_state_of_another_engine_is_refused(kitchen_opened, device):
             state.restored({**own, name: own[name][:1]})
 
 
-def test_a_posed_episode_ends_and_stays(kitchen_opened):
-    engine = batch(kitchen_opened, 50, part="test", num_distractors=3).engine
+def test_a_posed_episode_ends_and_stays(opened_kitchen):
+    engine = batch(opened_kitchen, 50, part="test", num_distractors=3).engine
     tasks = np.arange(50) % len(engine.world.tasks)
     state = engine.pose(tasks)
     starts = engine.world.tasks.starts[tasks]
@@ -394,8 +393,8 @@ def test_a_posed_episode_ends_and_stays(kitchen_opened):
         engine.step_once(state, np.zeros(50, dtype=np.int64))
 
 
-def test_an_episode_that_is_over_stays_while_others_go_on(kitchen_opened):
-    engine = batch(kitchen_opened, 2, part="all", depth=2, num_distractors=3).engine
+def test_an_episode_that_is_over_stays_while_others_go_on(opened_kitchen):
+    engine = batch(opened_kitchen, 2, part="all", depth=2, num_distractors=3).engine
     state = engine.pose(np.array([0, 1]))
     for _ in range(2):  # the first environment loses both attempts, the second picks and picks
         state, _ = engine.step_once(state, np.array([engine.num_slots - 1, 0]))
@@ -405,8 +404,8 @@ def test_an_episode_that_is_over_stays_while_others_go_on(kitchen_opened):
     assert not any((step.over[0], step.illegal[0], after.attempts_left[0]))
 
 
-def test_drawn_episodes_follow_posed_ones(kitchen_opened, device):
-    engine = batch(kitchen_opened, 20, device=device, num_distractors=3).engine
+def test_drawn_episodes_follow_posed_ones(opened_kitchen, device):
+    engine = batch(opened_kitchen, 20, device=device, num_distractors=3).engine
     state = engine.pose(np.arange(20))
     for _ in range(40):
         state, step = engine.step(state, empty_slots(state))
@@ -418,16 +417,16 @@ def test_drawn_episodes_follow_posed_ones(kitchen_opened, device):
             assert len(entities) == len(set(entities)) == len(start) + 3
 
 
-def test_a_restart_goes_on_with_the_next_episodes(kitchen_opened, device):
-    first = batch(kitchen_opened, 30, 4, device=device, num_distractors=3)
+def test_a_restart_goes_on_with_the_next_episodes(opened_kitchen, device):
+    first = batch(opened_kitchen, 30, 4, device=device, num_distractors=3)
     again = first.engine.restart(first)
     assert (again.table != first.table).any()
     ended, _ = first.engine.step(first, empty_slots(first))
     assert again.table.tolist() == ended.table.tolist()
 
 
-def test_what_is_on_a_table_stands_first_however_many_are_drawn(kitchen_opened):
-    engine = batch(kitchen_opened, 20_000, part="all", num_distractors=4).engine
+def test_what_is_on_a_table_stands_first_however_many_are_drawn(opened_kitchen):
+    engine = batch(opened_kitchen, 20_000, part="all", num_distractors=4).engine
     task = int(np.argmax(engine.world.tasks.starts[:, 1] == engine.nothing))
     for episode in range(10):
         masks = engine.pose(np.full(20_000, task), episode).action_masks()
@@ -454,21 +453,21 @@ def test_large_tables_hold_each_entity_once():
         ([0, 4], r"action 4 of environment 1: the slot is empty; slots 0 to [12] hold"),
     ],
 )
-def test_actions_outside_the_space_and_empty_slots_are_refused(kitchen_opened, actions, says):
-    state = batch(kitchen_opened, 2, num_distractors=1, illegal_action="raise")
+def test_actions_outside_the_space_and_empty_slots_are_refused(opened_kitchen, actions, says):
+    state = batch(opened_kitchen, 2, num_distractors=1, illegal_action="raise")
     with pytest.raises(ActionError, match=says):
         state.engine.step(state, np.array(actions))
 
 
-def test_no_environments_and_missing_devices_are_refused(kitchen_opened):
+def test_no_environments_and_missing_devices_are_refused(opened_kitchen):
     for wrong in (0, -1, 1.5, "2", None, True):
         with refuses("num_envs"):
-            batch(kitchen_opened, wrong)
+            batch(opened_kitchen, wrong)
     with refuses("seed"):
-        batch(kitchen_opened, 1, -1)
+        batch(opened_kitchen, 1, -1)
     if not torch.cuda.is_available():
         with pytest.raises(ConfigError, match="no CUDA device"):
-            batch(kitchen_opened, 1, device="cuda")
+            batch(opened_kitchen, 1, device="cuda")
 
 
 @pytest.mark.parametrize("policy", ["no_shortcut", "no_train_shortcut"])

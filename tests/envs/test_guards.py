@@ -12,8 +12,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.guards import BITS, Guards
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_book
 
 
 @pytest.fixture(scope="module", params=["train", "no_shortcut", "no_train_shortcut"])

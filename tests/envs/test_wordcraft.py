@@ -22,8 +22,7 @@ from wordcraft_kg.base.errors import (
 )
 from wordcraft_kg.envs.config import REWARDS, RewardConfig
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 
 # water + earth makes two things, sun + sand glass, and so does fire + sand.
 ROWS = [
@@ -122,9 +121,9 @@ def test_the_last_result_by_label_alone_comes_where_asked(world):
     assert pick(env, "earth", "water")[4]["outcome"] == "out_of_attempts"
 
 
-def test_every_plan_carried_out_by_picks_makes_its_goal(kitchen_opened):
+def test_every_plan_carried_out_by_picks_makes_its_goal(opened_kitchen):
     for depth in (1, 2, 3):
-        env = WordCraftEnv(kitchen_opened, part="all", depth=depth, num_distractors=2, num_tasks=60)
+        env = WordCraftEnv(opened_kitchen, part="all", depth=depth, num_distractors=2, num_tasks=60)
         for index in range(0, len(env.tasks), 7):
             env.reset(seed=index, options={"task": index})
             attempts = dict.fromkeys((recipe.ingredient_a, recipe.ingredient_b) for recipe in env.task.plans[0])
@@ -142,14 +141,14 @@ def test_gymnasiums_checker_finds_nothing(depth):
     assert gym.make(env.spec).spec == env.spec
 
 
-def test_it_renders_in_words(kitchen_opened):
-    env = WordCraftEnv(kitchen_opened, render_mode="ansi")
+def test_it_renders_in_words(opened_kitchen):
+    env = WordCraftEnv(opened_kitchen, render_mode="ansi")
     with pytest.raises(EpisodeError):
         env.render()
     env.reset(seed=0)
     assert env.render().startswith("goal: ")
     assert "attempts left: 1" in env.render()
-    assert WordCraftEnv(kitchen_opened).render() is None
+    assert WordCraftEnv(opened_kitchen).render() is None
 
 
 def test_a_graph_too_small_to_split_is_played_as_a_whole_with_as_many_distractors_as_it_has_room_for(world):
@@ -163,7 +162,7 @@ def test_a_graph_too_small_to_split_is_played_as_a_whole_with_as_many_distractor
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
+def test_random_settings_and_actions_keep_every_rule(opened_kitchen, data):
     amount = st.floats(0, 3)
     config = {
         "part": data.draw(st.sampled_from(["all", "train", "test"])),
@@ -176,7 +175,7 @@ def test_random_settings_and_actions_keep_every_rule(kitchen_opened, data):
         "num_tasks": 20,
     }
     config["max_attempts"] = config["depth"] + data.draw(st.integers(0, 3))
-    env = WordCraftEnv(kitchen_opened, **config)
+    env = WordCraftEnv(opened_kitchen, **config)
     rewards = env.config.rewards
     rng = np.random.default_rng(data.draw(st.integers(0, 99)))
     seen, _ = env.reset(seed=0)
@@ -258,15 +257,15 @@ def test_rewards_are_magnitudes(name, value):
 
 
 @pytest.mark.parametrize("action", [-1, 99, 0.0, "0", None, np.array([0, 1])])
-def test_actions_outside_the_space_raise(kitchen_opened, action):
-    env = WordCraftEnv(kitchen_opened)
+def test_actions_outside_the_space_raise(opened_kitchen, action):
+    env = WordCraftEnv(opened_kitchen)
     env.reset(seed=0)
     with pytest.raises(ActionError, match=r"action .*: expected"):
         env.step(action)
 
 
-def test_steps_before_a_reset_and_after_the_end_raise(kitchen_opened):
-    env = WordCraftEnv(kitchen_opened)
+def test_steps_before_a_reset_and_after_the_end_raise(opened_kitchen):
+    env = WordCraftEnv(opened_kitchen)
     with pytest.raises(EpisodeError):
         env.step(0)
     env.reset(seed=0)
@@ -288,6 +287,6 @@ def test_steps_before_a_reset_and_after_the_end_raise(kitchen_opened):
         ({"table": ["flour"] * 50}, ConfigError, "`table` of 50 entities: expected 1 to"),
     ],
 )
-def test_bad_reset_options_are_refused(kitchen_opened, options, error, says):
+def test_bad_reset_options_are_refused(opened_kitchen, options, error, says):
     with pytest.raises(error, match=says):
-        WordCraftEnv(kitchen_opened).reset(options=options)
+        WordCraftEnv(opened_kitchen).reset(options=options)

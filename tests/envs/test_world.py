@@ -15,8 +15,7 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.task_search import make_tasks
 
 POLICIES = ("no_shortcut", "no_train_shortcut")

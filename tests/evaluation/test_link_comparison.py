@@ -9,8 +9,7 @@ from refusals import refuses
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.evaluation import link_comparison
 from wordcraft_kg.evaluation.link_comparison import ComparedModel, Contender, LinkComparison, compare
-from wordcraft_kg.graphs import SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.model import History, Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
@@ -43,11 +42,6 @@ def compared(*models: Model, **settings: int) -> LinkComparison:
 def second(*models: Model, **settings: int) -> ComparedModel:
     """The figures of the second of two models."""
     return compared(*models, **settings).models[1]
-
-
-@pytest.fixture(scope="module")
-def opened_kitchen():
-    return open_graph("kitchen")
 
 
 @pytest.fixture

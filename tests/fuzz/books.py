@@ -8,11 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.graphs import open_book
+from wordcraft_kg.graphs import SPLITS, RecipeBook, open_book
 from wordcraft_kg.graphs.book_files import CSV_HEADER
 from wordcraft_kg.graphs.export import EXPORTERS
-from wordcraft_kg.graphs.recipes import RecipeBook
-from wordcraft_kg.graphs.splits import SPLITS
 
 from .harness import IN, Trial
 from .spoiling import ODD_LABELS, as_json, spoilt_bytes, spoilt_lines, spoilt_value

@@ -6,6 +6,7 @@ import shutil
 import signal
 from pathlib import Path
 
+from tests.graph_folders import write_graph
 from wordcraft_kg.base.artefacts import sha256_of
 
 from .harness import call
@@ -15,15 +16,10 @@ def make_home(home: Path) -> Path:
     """Make a graph, and on it models and agents, finished and interrupted, and a study with people."""
     from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
     from wordcraft_kg.agents.training import train_agent
-    from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-    from wordcraft_kg.graphs.folder import write_graph_folder
     from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
-    book = open_book("kitchen")
-    split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.6, valid_ratio=0.1))
-    write_graph_folder(home / "graph", book, split)
-    graph = str(home / "graph")
+    graph = str(write_graph(home / "graph", train_ratio=0.6, valid_ratio=0.1))
     links = LinksConfig(graph, ComplExConfig(dim=4, epochs=3, n3=0.1, folds=2, checkpoint_every=1))
     other = LinksConfig(graph, LinkModelConfig(model="distmult", dim=4, epochs=2))
     trainer = ImpalaConfig(steps=320, batch_size=16, log_every=64, eval_every=160, checkpoint_every=64)

@@ -12,9 +12,8 @@ from hypothesis import assume, given, settings
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, SplitError
-from wordcraft_kg.graphs import SPLITS, RecipeGraph, Split, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs import RELATIONS, SPLITS, RecipeGraph, Split, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, groups_of, read_split
-from wordcraft_kg.graphs.triples import RELATIONS
 
 HELD_OUT_KINDS = [kind for kind in SPLITS if kind not in ("none", "by-kind")]  # the kitchen names no kinds
 

@@ -7,9 +7,8 @@ import pytest
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs import RecipeGraph, Split, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample
 from wordcraft_kg.graphs.triples import COMPONENT_OF, is_in, recipe_triples
 

@@ -7,30 +7,8 @@ from pathlib import Path
 import pytest
 from link_helpers import train
 
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
-
-
-@pytest.fixture(scope="session")
-def opened_kitchen() -> OpenedGraph:
-    """The kitchen with its default split, 80 % train and no validation part."""
-    return open_graph("kitchen")
-
-
-@pytest.fixture(scope="session")
-def kitchen_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A graph folder of the kitchen with a validation part."""
-    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
-    book = open_book("kitchen")
-    split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.7, valid_ratio=0.15))
-    write_graph_folder(folder, book, split)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def validated_kitchen(kitchen_folder: Path) -> OpenedGraph:
-    return open_graph(kitchen_folder)
 
 
 @pytest.fixture(scope="session")

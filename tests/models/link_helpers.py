@@ -14,8 +14,7 @@ import safetensors.torch
 import torch
 
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph
 from wordcraft_kg.models.links.config import LinksConfig, LinkSettings
 
 if TYPE_CHECKING:

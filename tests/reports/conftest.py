@@ -2,8 +2,7 @@
 
 import pytest
 
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.reports.link_report import make_link_report
 from wordcraft_kg.reports.pages import write_report

@@ -23,8 +23,7 @@ from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agents import AgentsView, group_agents
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.graphs import SplitConfig, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig

@@ -66,26 +66,14 @@ def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path):
     assert {"success", "test_success", "train_success"} <= notes.rows[-1][1].keys()
 
 
-def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path, kitchen_with_valid):
+def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path, parted_folder):
     notes = Notes()
     settings = ComplExConfig(dim=4, epochs=3, eval_every=2)
-    train_links(LinksConfig(str(kitchen_with_valid), settings), tmp_path / "model", trackers=[notes])
+    train_links(LinksConfig(str(parted_folder), settings), tmp_path / "model", trackers=[notes])
     rows = [{"epoch": step, **values} for step, values in notes.rows]
     assert rows == lines(tmp_path / "model/trace.jsonl")
     assert ["valid_mrr" in row for row in rows] == [False, True, True]
     assert notes.ended == ["done"]
-
-
-@pytest.fixture(scope="module")
-def kitchen_with_valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-    from wordcraft_kg.graphs.folder import write_graph_folder
-
-    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
-    book = open_book("kitchen")
-    split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.7, valid_ratio=0.15))
-    write_graph_folder(folder, book, split)
-    return folder
 
 
 @pytest.mark.parametrize(("train", "config", "stop"), [(train_links, LINKS, 1), (train_agent, AGENT, 800)])

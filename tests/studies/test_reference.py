@@ -87,21 +87,21 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
     assert measured.episodes == row.tasks * row.distractor_seeds
 
 
-def test_a_scorer_without_an_agent_has_rows_by_links_and_by_recipes(kitchen_opened, recipes_folder):
+def test_a_scorer_without_an_agent_has_rows_by_links_and_by_recipes(opened_kitchen, recipes_folder):
     model = open_model(recipes_folder)
-    by_links, by_recipes = scorer_rows(kitchen_opened, DEPTH_1, (1, 8), "alone", model)
+    by_links, by_recipes = scorer_rows(opened_kitchen, DEPTH_1, (1, 8), "alone", model)
     assert [by_links.player, by_recipes.player] == ["alone, u+v, self edges dropped", "alone, w, best pair"]
     assert by_links.kind == by_recipes.kind == "scorer"
     for column in (1, 8):
         assert 0 < float(by_recipes.shown_by_plan(column)) <= by_recipes.figures[str(column)].value
     without = replace(model.history, config=RecipesConfig("kitchen", RecipeScorerConfig(kg="none")))
-    (unseen, _) = scorer_rows(kitchen_opened, DEPTH_1, (1,), "alone", replace(model, history=without))
+    (unseen, _) = scorer_rows(opened_kitchen, DEPTH_1, (1,), "alone", replace(model, history=without))
     assert (by_links.notes, unseen.notes) == ("", "learned no recipe of this graph")
 
 
-def test_a_model_folder_of_the_user_has_the_rows_of_its_scorer_alone(kitchen_opened, recipes_folder, everyday):
-    rows = external_rows(kitchen_opened, DEPTH_1, (2,), [recipes_folder])
-    expected = scorer_rows(kitchen_opened, DEPTH_1, (2,), recipes_folder.name, open_model(recipes_folder))
+def test_a_model_folder_of_the_user_has_the_rows_of_its_scorer_alone(opened_kitchen, recipes_folder, everyday):
+    rows = external_rows(opened_kitchen, DEPTH_1, (2,), [recipes_folder])
+    expected = scorer_rows(opened_kitchen, DEPTH_1, (2,), recipes_folder.name, open_model(recipes_folder))
     assert [(row.player, row.figures) for row in rows] == [(row.player, row.figures) for row in expected]
     assert {row.origin for row in rows} == {"external"}
     with pytest.raises(GraphMismatchError, match="was trained on graph"):

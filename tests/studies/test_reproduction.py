@@ -13,8 +13,7 @@ import torch
 
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.records import as_values, read_record
-from wordcraft_kg.graphs.library import open_book
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs import RecipeGraph, open_book
 from wordcraft_kg.studies.engine import run_plan
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import perform

@@ -55,9 +55,9 @@ def test_vectors_of_another_book_or_changed_ones_are_refused(vectors, tmp_path):
         make_features(str(tmp_path), ["flour"])
 
 
-def test_a_recipe_scorer_learns_from_a_folder_and_scores_its_further_labels(vectors, kitchen_opened, tmp_path):
+def test_a_recipe_scorer_learns_from_a_folder_and_scores_its_further_labels(vectors, opened_kitchen, tmp_path):
     settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors))
-    folder = train_recipes(RecipesConfig(kitchen_opened.source, settings), tmp_path / "model").folder
+    folder = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "model").folder
     assert "flour bread" in with_words(folder, load_scorer(folder), ["flour bread"]).entities
     with pytest.raises(LookupError, match=r"'water bread'.*--labels LABEL"):
         with_words(folder, load_scorer(folder), ["water bread"])

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from graph_folders import write_graph
 
 from tests.apps.explorer.shown import HOSTILE, Rows, explored_graph
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
@@ -12,9 +13,8 @@ from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
-from wordcraft_kg.graphs.recipes import RecipeBook
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
@@ -32,9 +32,7 @@ LEARNED = PolicyConfig(features="learned", embedding_size=8, key_size=8, value_s
 @pytest.fixture(scope="session")
 def kitchen_folder(made_once) -> Path:
     """The folder of the kitchen's graph."""
-    book = open_book("kitchen")
-    split = make_split(RecipeGraph.from_book(book), SplitConfig())
-    return made_once("explored/kitchen", lambda out: write_graph_folder(out, book, split))
+    return made_once("explored/kitchen", write_graph)
 
 
 @pytest.fixture(scope="session")
@@ -84,16 +82,6 @@ def static_site(explored: Explored, tmp_path_factory: pytest.TempPathFactory) ->
     out = tmp_path_factory.mktemp("static") / "site"
     export_site(explored, out)
     return out
-
-
-@pytest.fixture(scope="session")
-def parted_kitchen(tmp_path_factory: pytest.TempPathFactory) -> OpenedGraph:
-    """The kitchen with a train, a validation and a test part."""
-    folder = tmp_path_factory.mktemp("graphs") / "kitchen"
-    book = open_book("kitchen")
-    split = make_split(RecipeGraph.from_book(book), SplitConfig(train_ratio=0.7, valid_ratio=0.15))
-    write_graph_folder(folder, book, split)
-    return open_graph(folder)
 
 
 Saved = Callable[..., LinkPredictor]

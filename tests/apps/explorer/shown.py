@@ -15,9 +15,8 @@ from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.apps.explorer.server import make_app
 from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs import RecipeGraph, Split
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
-from wordcraft_kg.graphs.splits import Split
 
 HOSTILE = (
     "<script>alert(1)</script>",

@@ -24,9 +24,7 @@ from wordcraft_kg.apps.explorer.pages.tasks import Tasks
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import write_graph_folder
-from wordcraft_kg.graphs.recipes import RecipeBook
+from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
 
 LARGEST = 300 * 1024
 

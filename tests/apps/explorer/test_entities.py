@@ -16,8 +16,7 @@ from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_enti
 from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes, near_by_words
 from wordcraft_kg.apps.explorer.pages.home import Home
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
-from wordcraft_kg.graphs import Planner, RecipeGraph
-from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs import Planner, RecipeGraph, layers
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links

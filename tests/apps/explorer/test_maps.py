@@ -11,8 +11,7 @@ from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import map as maps
 from wordcraft_kg.apps.explorer.pages.map import HEIGHT, LETTER, LINE, WIDTH, Map, MapView, map_of, view_map
 from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph
 
 
 @pytest.fixture(scope="module")

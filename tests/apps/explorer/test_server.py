@@ -7,6 +7,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 import pytest
+from graph_folders import write_graph
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route, Router
@@ -20,8 +21,6 @@ from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS, LONGEST_BODY, 
 from wordcraft_kg.apps.web.serving import listen
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import write_graph_folder
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +31,7 @@ def client(explored: Explored) -> TestClient:
 @pytest.fixture
 def resplit_folder(tmp_path: Path) -> Path:
     """The kitchen with another split."""
-    book = open_book("kitchen")
-    write_graph_folder(tmp_path / "graph", book, make_split(RecipeGraph.from_book(book), SplitConfig(seed=3)))
-    return tmp_path / "graph"
+    return write_graph(tmp_path / "graph", seed=3)
 
 
 @pytest.fixture(scope="module")

@@ -28,9 +28,7 @@ from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, Gra
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import TaskPlay
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.studies.result_readers import external_rows

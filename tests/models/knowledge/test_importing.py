@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, KnowledgeFileError
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.models.knowledge import surroundings
 from wordcraft_kg.models.knowledge.alignment import align

@@ -17,11 +17,8 @@ from refusals import refuses
 from resumption import resume
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, LeakError, TrainingError
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.library import open_book
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import cross_fitting
@@ -107,15 +104,15 @@ def test_a_model_whose_scorer_is_a_table_has_folds_without_its_parameters(opened
     assert not torch.equal(scorer.left_out(0).table(1), scorer.left_out(1).table(1))
 
 
-def test_folds_train_for_the_epochs_that_the_model_returned_to(validated_kitchen, tmp_path):
+def test_folds_train_for_the_epochs_that_the_model_returned_to(parted_kitchen, tmp_path):
     config = replace(SHORT, epochs=8, learning_rate=2.0, eval_every=1, patience=1)
-    folder = train(validated_kitchen, config, tmp_path / "model").folder
+    folder = train(parted_kitchen, config, tmp_path / "model").folder
     model = open_model(folder)
     assert model.metrics.best_epoch < model.metrics.epochs
-    triples = make_folds(validated_kitchen.split, 3).triples([1])
+    triples = make_folds(parted_kitchen.split, 3).triples([1])
     short = replace(config, epochs=model.metrics.best_epoch, eval_every=0, patience=0)
-    alone = fit(short, triples_factory(validated_kitchen.graph, triples), lambda epoch: None)
-    graph = validated_kitchen.graph
+    alone = fit(short, triples_factory(parted_kitchen.graph, triples), lambda epoch: None)
+    graph = parted_kitchen.graph
     expected = make_scorer(*scorer_tensors(short, alone, triples), graph.entities, graph.hash)
     torch.testing.assert_close(model.scorer.left_out(1).table(0), expected.table(0), rtol=0, atol=0)
 

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 import torch
+from graph_folders import write_graph
 from link_helpers import contents, global_states, interrupt_after, train
 from refusals import refuses
 from resumption import resume
 
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import training as link_training
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
@@ -80,16 +80,16 @@ def figures(trained):
 
 @EACH
 def test_the_same_seed_gives_the_same_bytes_without_a_warning_and_the_settings_are_recorded(
-    validated_kitchen, tmp_path, config
+    parted_kitchen, tmp_path, config
 ):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        one, two = (train(validated_kitchen, config, tmp_path / name) for name in ("one", "two"))
+        one, two = (train(parted_kitchen, config, tmp_path / name) for name in ("one", "two"))
     assert same(one, two)
     assert [str(warning.message) for warning in caught] == []
     recorded = LinksConfig.read(one.folder)
-    assert recorded.settings == config.for_size(validated_kitchen.graph.num_entities)
-    assert open_graph(recorded.graph).split.hash == validated_kitchen.split.hash
+    assert recorded.settings == config.for_size(parted_kitchen.graph.num_entities)
+    assert open_graph(recorded.graph).split.hash == parted_kitchen.split.hash
 
 
 @pytest.mark.parametrize("config", [SHORT, RESUMED["distmult by softmax"]], ids=["complex", "distmult"])
@@ -112,14 +112,14 @@ def fail(*arguments: object, **settings: object) -> None:
 
 @pytest.mark.parametrize("end", ["done", "interrupted", "failed"])
 @pytest.mark.parametrize("config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"])
-def test_training_leaves_all_global_states_as_they_were(validated_kitchen, tmp_path, config, end, monkeypatch):
+def test_training_leaves_all_global_states_as_they_were(parted_kitchen, tmp_path, config, end, monkeypatch):
     if end == "failed":
         monkeypatch.setattr(link_training, "write_results", fail)
     before = global_states()
     with pytest.raises(RuntimeError, match="no more") if end == "failed" else nullcontext():
         config = replace(config, threads=before["threads"] + 1)
         progress = interrupt_after(1) if end == "interrupted" else None
-        train(validated_kitchen, config, tmp_path / "model", progress=progress)
+        train(parted_kitchen, config, tmp_path / "model", progress=progress)
     assert read_run(tmp_path / "model").status == end
     assert global_states() == before
 
@@ -158,8 +158,8 @@ def test_no_environment_variable_and_no_home_folder_goes_into_the_records(opened
     assert str(tmp_path) not in text
 
 
-def test_a_model_and_its_graph_can_be_moved_together(tmp_path, kitchen_folder):
-    shutil.copytree(kitchen_folder, tmp_path / "here" / "graphs" / "kitchen")
+def test_a_model_and_its_graph_can_be_moved_together(tmp_path, parted_folder):
+    shutil.copytree(parted_folder, tmp_path / "here" / "graphs" / "kitchen")
     opened = open_graph(tmp_path / "here" / "graphs" / "kitchen")
     train(opened, SHORT, tmp_path / "here" / "models" / "kitchen")
     (tmp_path / "here").rename(tmp_path / "there")
@@ -167,8 +167,8 @@ def test_a_model_and_its_graph_can_be_moved_together(tmp_path, kitchen_folder):
 
 
 @pytest.mark.parametrize("name", ["brot & käse", 'a "quoted" name', "バン", "bread 🍞"])
-def test_a_graph_folder_may_have_any_name(tmp_path, kitchen_folder, name):
-    shutil.copytree(kitchen_folder, tmp_path / name)
+def test_a_graph_folder_may_have_any_name(tmp_path, parted_folder, name):
+    shutil.copytree(parted_folder, tmp_path / name)
     opened = open_graph(tmp_path / name)
     folder = train(opened, SHORT, tmp_path / "model").folder
     assert tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))["train-complex"]["dim"] == 8
@@ -184,25 +184,25 @@ def test_the_metrics_say_what_was_trained(complex_folder, opened_kitchen):
     assert metrics["train_mrr"] == pytest.approx(ranking_metrics(ranks).mrr)
 
 
-def test_validation_runs_every_so_many_epochs_and_at_the_end(validated_kitchen, tmp_path):
-    trained = train(validated_kitchen, replace(SHORT, eval_every=2), tmp_path / "model")
+def test_validation_runs_every_so_many_epochs_and_at_the_end(parted_kitchen, tmp_path):
+    trained = train(parted_kitchen, replace(SHORT, eval_every=2), tmp_path / "model")
     measured = {row["epoch"]: row["valid_mrr"] for row in trace(trained) if "valid_mrr" in row}
     assert list(measured) == [2, 4, 5]
     assert trained.metrics.valid_mrr == max(measured.values())
     assert measured[trained.metrics.best_epoch] == max(measured.values())
 
 
-def test_the_validation_figure_is_the_filtered_mrr_of_the_validation_part(validated_kitchen, tmp_path):
-    trained = train(validated_kitchen, replace(SHORT, eval_every=5), tmp_path / "model")
-    queries = validated_kitchen.split.held_out("valid")
-    ranks = rank_triples(load_scorer(trained.folder), queries, validated_kitchen.graph.triples)
+def test_the_validation_figure_is_the_filtered_mrr_of_the_validation_part(parted_kitchen, tmp_path):
+    trained = train(parted_kitchen, replace(SHORT, eval_every=5), tmp_path / "model")
+    queries = parted_kitchen.split.held_out("valid")
+    ranks = rank_triples(load_scorer(trained.folder), queries, parted_kitchen.graph.triples)
     assert trained.metrics.valid_mrr == pytest.approx(ranking_metrics(ranks).mrr)
 
 
 @pytest.mark.parametrize("config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"])
-def test_validating_does_not_change_what_is_learnt(validated_kitchen, tmp_path, config):
+def test_validating_does_not_change_what_is_learnt(parted_kitchen, tmp_path, config):
     without, with_validation = (
-        train(validated_kitchen, replace(config, eval_every=every), tmp_path / str(every)) for every in (0, 1)
+        train(parted_kitchen, replace(config, eval_every=every), tmp_path / str(every)) for every in (0, 1)
     )
     assert weights(without) == weights(with_validation)
 
@@ -228,8 +228,8 @@ def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, comple
 
 
 @EACH
-def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(validated_kitchen, tmp_path, config):
-    folder, whole = halved(validated_kitchen, config, tmp_path, 2)
+def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(parted_kitchen, tmp_path, config):
+    folder, whole = halved(parted_kitchen, config, tmp_path, 2)
     assert same(resume(folder), whole)
 
 
@@ -243,8 +243,8 @@ def test_an_unfinished_run_of_other_settings_is_refused_by_their_name_and_stays(
     assert contents(unfinished) == before
 
 
-def test_a_run_whose_graph_has_moved_goes_on_and_is_opened_with_the_new_place(tmp_path, kitchen_folder):
-    graph, moved = Path(shutil.copytree(kitchen_folder, tmp_path / "graph")), tmp_path / "moved"
+def test_a_run_whose_graph_has_moved_goes_on_and_is_opened_with_the_new_place(tmp_path, parted_folder):
+    graph, moved = Path(shutil.copytree(parted_folder, tmp_path / "graph")), tmp_path / "moved"
     folder, whole = halved(open_graph(graph), SHORT, tmp_path, 1)
     graph.rename(moved)
     assert same(resume(folder, graph=str(moved)), whole)
@@ -256,10 +256,10 @@ def test_an_interruption_in_the_last_epoch_finishes_the_run(opened_kitchen, tmp_
     assert (trained.interrupted, trained.folder, trained.metrics.epochs) == (False, tmp_path / "model", 5)
 
 
-def test_resuming_on_another_split_is_an_error(tmp_path, opened_kitchen, kitchen_folder):
+def test_resuming_on_another_split_is_an_error(tmp_path, opened_kitchen, parted_folder):
     stopped = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1))
     with pytest.raises(ConfigError, match="another split"):
-        resume(stopped.folder, graph=str(kitchen_folder))
+        resume(stopped.folder, graph=str(parted_folder))
 
 
 @pytest.fixture
@@ -286,10 +286,10 @@ SCRIPTED = pytest.mark.usefixtures("scripted_validation")
     ("patience", "asked", "trained", "best", "returned"), [(2, 8, 4, 2, 2), (5, 8, 8, 7, 7), (0, 5, 5, 2, 5)]
 )
 def test_early_stopping_waits_as_long_as_the_patience_says_and_returns_to_the_best_epoch(
-    validated_kitchen, tmp_path, patience, asked, trained, best, returned
+    parted_kitchen, tmp_path, patience, asked, trained, best, returned
 ):
-    stopped = train(validated_kitchen, replace(PATIENT, patience=patience, epochs=asked), tmp_path / "stopped")
-    plain = train(validated_kitchen, replace(SHORT, epochs=returned), tmp_path / "plain")
+    stopped = train(parted_kitchen, replace(PATIENT, patience=patience, epochs=asked), tmp_path / "stopped")
+    plain = train(parted_kitchen, replace(SHORT, epochs=returned), tmp_path / "plain")
     assert (stopped.metrics.epochs, stopped.metrics.best_epoch) == (trained, best)
     assert stopped.metrics.valid_mrr == (0.9 if best == 7 else 0.4)
     assert weights(stopped) == weights(plain)
@@ -298,14 +298,14 @@ def test_early_stopping_waits_as_long_as_the_patience_says_and_returns_to_the_be
 
 @SCRIPTED
 @pytest.mark.parametrize("epoch", [1, 2])
-def test_a_resumed_run_stops_early_at_the_same_epoch(validated_kitchen, tmp_path, epoch):
-    folder, whole = halved(validated_kitchen, PATIENT, tmp_path, epoch)
+def test_a_resumed_run_stops_early_at_the_same_epoch(parted_kitchen, tmp_path, epoch):
+    folder, whole = halved(parted_kitchen, PATIENT, tmp_path, epoch)
     assert same(resume(folder), whole)
 
 
 @SCRIPTED
-def test_an_interruption_in_the_epoch_of_the_early_stop_finishes_the_run(validated_kitchen, tmp_path):
-    trained = train(validated_kitchen, PATIENT, tmp_path / "model", progress=interrupt_after(3))
+def test_an_interruption_in_the_epoch_of_the_early_stop_finishes_the_run(parted_kitchen, tmp_path):
+    trained = train(parted_kitchen, PATIENT, tmp_path / "model", progress=interrupt_after(3))
     assert (trained.interrupted, trained.metrics.epochs, trained.metrics.best_epoch) == (False, 4, 2)
 
 
@@ -360,14 +360,11 @@ def test_every_model_of_pykeen_trains_or_is_refused_clearly(opened_kitchen, tmp_
 
 
 def test_a_graph_without_a_split_has_no_partial_graph_to_train_on(tmp_path):
-    book = open_book("paper-examples")
-    graph = RecipeGraph.from_book(book)
-    write_graph_folder(tmp_path / "graph", book, make_split(graph, SplitConfig(kind="none")))
-    opened = open_graph(tmp_path / "graph")
+    opened = open_graph(write_graph(tmp_path / "graph", "paper-examples", kind="none"))
     with refuses("kg"):
         train(opened, SHORT, tmp_path / "model")
     trained = train(opened, replace(SHORT, kg="full"), tmp_path / "model")
-    assert trained.metrics.triples == len(graph.triples)
+    assert trained.metrics.triples == len(opened.graph.triples)
 
 
 def test_a_diverging_training_is_a_clear_error_and_leaves_nothing(opened_kitchen, tmp_path):

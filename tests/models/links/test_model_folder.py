@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from graph_folders import write_graph
 from link_helpers import flip_bit, train
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, open_graph, write_graph_folder
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig
 
@@ -19,15 +19,10 @@ SHORT = ComplExConfig(dim=4, epochs=2, n3=0.1, folds=2)
 
 
 @pytest.fixture
-def on_disk(kitchen_folder: Path, tmp_path: Path) -> tuple[Path, Path]:
+def on_disk(parted_folder: Path, tmp_path: Path) -> tuple[Path, Path]:
     """A model folder, and the graph folder beside it, for a test to move or replace."""
-    shutil.copytree(kitchen_folder, tmp_path / "graph")
+    shutil.copytree(parted_folder, tmp_path / "graph")
     return train(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model").folder, tmp_path / "graph"
-
-
-def rebuild(folder: Path, **settings: float) -> None:
-    book = open_book("kitchen")
-    write_graph_folder(folder, book, make_split(RecipeGraph.from_book(book), SplitConfig(**settings)), force=True)
 
 
 def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder, opened_kitchen):
@@ -58,9 +53,9 @@ def test_a_graph_that_has_moved_is_an_error_that_asks_for_it(on_disk, tmp_path):
 
 def test_a_graph_built_again_is_accepted_with_the_same_split_only(on_disk):
     model, graph = on_disk
-    rebuild(graph, train_ratio=0.7, valid_ratio=0.15)
+    write_graph(graph, train_ratio=0.7, valid_ratio=0.15)
     assert open_model(model).opened.graph.name == "kitchen"
-    rebuild(graph, train_ratio=0.7, valid_ratio=0.15, seed=1)
+    write_graph(graph, train_ratio=0.7, valid_ratio=0.15, seed=1)
     with refuses("graph", GraphMismatchError):
         open_model(model)
 
@@ -74,17 +69,11 @@ def test_another_graph_is_refused(complex_folder, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["config.toml", "metrics.json", "trace.jsonl", "vocabulary.json", "model.safetensors"])
-@pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
-def test_a_flipped_bit_in_any_output_is_an_artefact_error_that_names_it(spoilt, name, place):
+def test_an_output_that_is_changed_or_missing_is_an_artefact_error_that_names_it(spoilt, name):
     folder, path = spoilt(name)
-    flip_bit(path, int(place * (path.stat().st_size - 1)))
+    flip_bit(path, -1)
     with pytest.raises(ArtefactError, match=rf"{name} is damaged"):
         open_model(folder)
-
-
-@pytest.mark.parametrize("name", ["config.toml", "metrics.json", "trace.jsonl"])
-def test_a_missing_output_is_an_artefact_error_that_names_it(spoilt, name):
-    folder, path = spoilt(name)
     path.unlink()
     with pytest.raises(ArtefactError, match=rf"{name} is missing"):
         open_model(folder)

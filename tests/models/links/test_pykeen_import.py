@@ -9,8 +9,7 @@ from pykeen.pipeline import PipelineResult, pipeline
 from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs import RELATIONS, open_graph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import pykeen_import
 from wordcraft_kg.models.links.pykeen_import import from_pykeen

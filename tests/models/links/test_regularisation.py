@@ -9,8 +9,7 @@ import pytest
 from link_helpers import interrupt_after, random_graph, train
 from resumption import resume
 
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import regularisation
 from wordcraft_kg.models.links import training as link_training

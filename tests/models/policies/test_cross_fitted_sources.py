@@ -29,8 +29,7 @@ from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation, TaskObservation, VectorKGScoreObservation
-from wordcraft_kg.graphs import SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links

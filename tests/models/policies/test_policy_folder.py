@@ -15,8 +15,7 @@ from small_scorers import scaled_scorer
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH
+from wordcraft_kg.graphs import COMBINES_WITH, RecipeGraph
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, read_policy, write_constants, write_parameters
@@ -263,17 +262,11 @@ def test_a_finished_run_is_all_that_a_policy_needs(folder: Path):
     assert (policy.entities, policy.graph_hash) == (GRAPH.entities, GRAPH.hash)
 
 
-@pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("place", [0.0, 0.01, 0.5, 1.0])
-def test_a_flipped_bit_in_a_finished_run_is_an_artefact_error_that_names_the_file(folder: Path, name, place):
-    path = folder / name
-    flip_bit(path, int(place * (path.stat().st_size - 1)), bit=5)
+@pytest.mark.parametrize("name", [*FILES, "run.json"])
+def test_a_file_that_is_changed_or_missing_is_an_artefact_error_that_names_it(folder: Path, name: str):
+    flip_bit(folder / name, 0, bit=5)
     with pytest.raises(ArtefactError, match=f"{name} is damaged"):
         load_policy(folder)
-
-
-@pytest.mark.parametrize("name", [*FILES, "run.json"])
-def test_a_missing_file_is_an_artefact_error_that_names_it(folder: Path, name: str):
     (folder / name).unlink()
     with pytest.raises(ArtefactError, match=rf"{name} is missing|has none of .*{name}"):
         load_policy(folder)

@@ -22,9 +22,7 @@ from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs import RELATIONS, RecipeGraph, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig

@@ -9,8 +9,7 @@ import torch
 from link_helpers import random_graph, same_files
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, TableInfo, write_knowledge

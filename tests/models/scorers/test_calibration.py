@@ -14,8 +14,7 @@ from scipy.special import expit, softmax
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs import RecipeGraph, Split
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, Split, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in
 from wordcraft_kg.models.links.config import ComplExConfig

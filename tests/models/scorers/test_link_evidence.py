@@ -7,11 +7,8 @@ import pytest
 from link_helpers import random_graph
 from small_scorers import normal
 
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, OpenedGraph, Recipe, RecipeGraph
 from wordcraft_kg.graphs.train_samples import draw_train_sample
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.link_evidence import POWER, RECIPES, LinkEvidence

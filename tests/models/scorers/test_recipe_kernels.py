@@ -10,8 +10,7 @@ from refusals import refuses
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import standardised
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.triples import recipe_triples
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, recipe_triples
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.kernel import (

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from wordcraft_kg.base.errors import UnknownEntityError
-from wordcraft_kg.graphs import Recipe
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores

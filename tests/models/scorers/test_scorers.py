@@ -21,9 +21,7 @@ from small_scorers import embeddings
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, OpenedGraph, RecipeGraph
 from wordcraft_kg.models.links import builders
 from wordcraft_kg.models.links.config import LinkModelConfig
 from wordcraft_kg.models.scorers import config
@@ -280,15 +278,10 @@ def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder: Pa
 
 def test_loading_and_using_a_scorer_does_not_import_pykeen(folder: Path):
     code = (
-        "import sys\n"
-        "from wordcraft_kg.models.scorers.folder import load_scorer\n"
-        f"scorer = load_scorer({str(folder)!r})\n"
-        "print(scorer.score('flour', 'combinesWith', 'water').shape, scorer.top(None, 'componentOf', 'bread', 1))\n"
-        "print(sorted(name for name in sys.modules if name.partition('.')[0] == 'pykeen'))\n"
+        "import sys; from wordcraft_kg.models.scorers.folder import load_scorer\n"
+        f"load_scorer({str(folder)!r}).top(None, 'componentOf', 'bread', 1); sys.exit('pykeen' in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
-    assert done.stdout.startswith("torch.Size([])")
-    assert done.stdout.splitlines()[-1] == "[]"
+    subprocess.run([sys.executable, "-c", code], timeout=120, check=True)
 
 
 @pytest.mark.parametrize(
@@ -300,10 +293,10 @@ def test_loading_and_using_a_scorer_does_not_import_pykeen(folder: Path):
     ],
 )
 def test_loading_what_is_no_model_is_refused(
-    complex_folder: Path, kitchen_folder: Path, tmp_path: Path, place: str, fragment: str
+    complex_folder: Path, parted_folder: Path, tmp_path: Path, place: str, fragment: str
 ):
     (tmp_path / "model").symlink_to(complex_folder)
-    (tmp_path / "graph").symlink_to(kitchen_folder)
+    (tmp_path / "graph").symlink_to(parted_folder)
     with pytest.raises(ArtefactError, match=fragment):
         load_scorer(tmp_path / place)
 

@@ -8,8 +8,7 @@ import torch
 from link_helpers import random_graph
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, RecipeGraph
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.baselines import VoteScorer
 

@@ -14,8 +14,7 @@ from tests.apps.explorer.shown import HOSTILE
 from tests.apps.explorer.test_agent_pages import explored_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.server import make_app
-from wordcraft_kg.graphs import SplitConfig
-from wordcraft_kg.graphs.recipes import RecipeBook
+from wordcraft_kg.graphs import RecipeBook, SplitConfig
 
 OpenPage = Callable[..., Any]
 

@@ -114,6 +114,12 @@ def opened_kitchen() -> OpenedGraph:
 
 
 @pytest.fixture(scope="session")
+def opened(opened_kitchen: OpenedGraph) -> OpenedGraph:
+    """The kitchen, in files that open no other graph."""
+    return opened_kitchen
+
+
+@pytest.fixture(scope="session")
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
     """Make a folder once for all processes of this test session: `made_once(name, make)`; read only."""
     root = tmp_path_factory.getbasetemp()

@@ -4,12 +4,6 @@ import pytest
 
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.training import train_agent
-from wordcraft_kg.graphs import open_graph
-
-
-@pytest.fixture(scope="session")
-def opened():
-    return open_graph("kitchen")
 
 
 @pytest.fixture(scope="session")

@@ -15,14 +15,9 @@ from wordcraft_kg.apps.explorer.pages.tasks import TASKS_A_PAGE, ListedTask, Tas
 from wordcraft_kg.base.errors import ArtefactError, UnknownEntityError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
-
-
-@pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
-    return open_graph("kitchen")
 
 
 def played_at_random(opened: OpenedGraph, depth: int) -> tuple[TaskSet, list[PlayedTask]]:

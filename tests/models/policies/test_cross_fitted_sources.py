@@ -51,11 +51,6 @@ SMALL = {"features": "random", "key_size": 8, "value_size": 8}
 
 
 @pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
-    return open_graph("kitchen")
-
-
-@pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cross-fitted ComplEx of the kitchen; read only."""
     out = tmp_path_factory.mktemp("models") / "model"

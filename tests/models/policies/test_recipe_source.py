@@ -12,7 +12,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import OUTSIDE
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
@@ -21,11 +21,6 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-
-
-@pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
-    return open_graph("kitchen")
 
 
 @pytest.fixture(scope="module")

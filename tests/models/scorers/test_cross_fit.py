@@ -4,17 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg import load_scorer, open_graph, save_scorer
+from wordcraft_kg import load_scorer, save_scorer
 from wordcraft_kg.base.errors import ConfigError, LeakError
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
 from wordcraft_kg.models.scorers.kernel import KernelScorer
-
-
-@pytest.fixture(scope="module")
-def opened():
-    return open_graph("kitchen")
 
 
 def test_each_model_is_made_from_the_recipes_outside_its_fold_and_nothing_else(opened):

@@ -19,12 +19,12 @@ SOURCES = [*PAGES, *(f"examples/{name}.py" for name in EXAMPLES)]
 SMALL = ("--steps", "256", "--eval-every", "0", "--quiet")
 
 
-def blocks(page: str) -> list[str]:
+def blocks(page):
     return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_what_a_page_or_an_example_imports_is_there(source: str):
+def test_what_a_page_or_an_example_imports_is_there(source):
     code = "\n".join(blocks(source)) if source.endswith(".md") else (ROOT / source).read_text()
     imported = [
         (node.module, name.name)
@@ -37,7 +37,7 @@ def test_what_a_page_or_an_example_imports_is_there(source: str):
 
 
 @pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def world(tmp_path_factory):
     """A folder as it is after the commands of README and guides, but with small trainings."""
     from wordcraft_kg.cli import main
 
@@ -58,7 +58,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
-def test_the_python_of_a_page_runs_as_printed(page: str, world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_python_of_a_page_runs_as_printed(page, world, tmp_path, monkeypatch):
     if page == "docs/agents.md":
         pytest.importorskip("sb3_contrib", reason="needs the extra interop")
     shutil.copytree(world, tmp_path / "world")
@@ -73,9 +73,7 @@ def test_the_python_of_a_page_runs_as_printed(page: str, world: Path, tmp_path: 
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in EXAMPLES]
 )
-def test_an_example_runs(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_an_example_runs(name, tmp_path, monkeypatch, capsys):
     if name == "stable_baselines":
         pytest.importorskip("sb3_contrib", reason="needs the extra interop")
     monkeypatch.chdir(tmp_path)

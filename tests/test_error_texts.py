@@ -22,7 +22,7 @@ STUDY = 'title = "Mine"\n[settings]\nbook = "kitchen"\n'
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory, kitchen: wk.RecipeGraph) -> Path:
+def folder(tmp_path_factory, kitchen):
     """A folder with books, graph folders and an untrained model."""
     home = tmp_path_factory.mktemp("home")
     book = wk.open_book("kitchen")
@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, kitchen: wk.RecipeGraph) ->
     return home
 
 
-def kitchen() -> wk.RecipeGraph:
+def kitchen():
     return wk.open_graph("kitchen").graph
 
 
@@ -137,9 +137,7 @@ EXPECTED = dict(" ".join(text.split()).split(" | ") for text in re.split(r"\n(?!
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_an_error_says_what_was_found_what_was_expected_and_what_to_do(
-    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_error_says_what_was_found_what_was_expected_and_what_to_do(name, folder, monkeypatch):
     monkeypatch.chdir(folder)
     with pytest.raises(WordCraftKGError) as raised:
         CALLS[name]()

@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from wordcraft_kg.graphs import SPLITS, open_graph
 from wordcraft_kg.graphs.export import EXPORTERS
 
 
-def graph_folders_and_exports() -> None:
+def graph_folders_and_exports():
     from wordcraft_kg.cli import main
 
     for split in SPLITS:
@@ -27,7 +26,7 @@ def graph_folders_and_exports() -> None:
         assert main(["export", "by-recipe", "--format", format, "--out", f"export.{format}"]) == 0
 
 
-def tasks() -> None:
+def tasks():
     from wordcraft_kg.graphs.task_search import make_tasks
 
     opened = open_graph("kitchen")
@@ -36,13 +35,13 @@ def tasks() -> None:
         print(*made, made.mixed, sep="\n")
 
 
-def train_samples() -> None:
+def train_samples():
     from wordcraft_kg.graphs.train_samples import draw_train_sample
 
     print(draw_train_sample(open_graph("kitchen").split, 0.5, 0.2).hash)
 
 
-def episodes() -> None:
+def episodes():
     import gymnasium as gym
 
     import wordcraft_kg  # noqa: F401 - registers the environments
@@ -56,7 +55,7 @@ def episodes() -> None:
     )
 
 
-def discovery() -> None:
+def discovery():
     from wordcraft_kg.agents.discovery import DISCOVERERS, discovery_curves, make_discoverers
     from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 
@@ -65,7 +64,7 @@ def discovery() -> None:
     print(discovery_curves(graph, players, 20, 3).to_csv())
 
 
-def link_models() -> None:
+def link_models():
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
@@ -75,7 +74,7 @@ def link_models() -> None:
             path.unlink()
 
 
-def reports() -> None:
+def reports():
     from wordcraft_kg.models.scorers.baselines import FrequencyScorer
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.pages import write_report
@@ -85,7 +84,7 @@ def reports() -> None:
     write_report(make_link_report(scorer, opened), Path("report"))
 
 
-def maps() -> None:
+def maps():
     from wordcraft_kg.apps.explorer.pages.map import map_of, view_map
 
     drawn = map_of(open_graph("kitchen").graph)
@@ -99,7 +98,7 @@ MAKERS = {
 """Functions that print, or write into the working folder."""
 
 
-def made_by(make: Callable[[], None], folder: Path) -> dict[str, str]:
+def made_by(make, folder):
     """Return the SHA-256 of the printed text and of each file that a function writes."""
     folder.mkdir()
     printed = io.StringIO()
@@ -111,7 +110,7 @@ def made_by(make: Callable[[], None], folder: Path) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+def elsewhere(tmp_path_factory):
     folder = tmp_path_factory.mktemp("elsewhere")
     environment = os.environ | {"PYTHONHASHSEED": "1"}
     done = subprocess.run(
@@ -122,7 +121,7 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, s
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_another_process_with_another_hash_seed_makes_the_same_bytes(name: str, elsewhere, tmp_path: Path):
+def test_another_process_with_another_hash_seed_makes_the_same_bytes(name, elsewhere, tmp_path):
     here = made_by(MAKERS[name], tmp_path / "here")
     assert here == elsewhere[name]
     assert len(here) > 1 or here["stdout"] != hashlib.sha256(b"").hexdigest()

@@ -28,7 +28,7 @@ def test_every_public_name_is_there_and_listed_once():
         _ = wordcraft_kg.nonsense
 
 
-def examples() -> list[doctest.DocTest]:
+def examples():
     names = {name: getattr(wordcraft_kg, name) for name in IN_ORDER}
     read = doctest.DocTestParser().get_doctest
     return [read(inspect.getdoc(value) or "", dict(names), name, None, None) for name, value in names.items()]
@@ -42,7 +42,7 @@ def test_every_public_name_has_an_example_that_uses_it():
 
 
 @pytest.mark.slow
-def test_the_example_of_every_public_name_does_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_example_of_every_public_name_does_what_it_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
     for example in examples():

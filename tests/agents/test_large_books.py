@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +33,7 @@ for command, *options in eval(sys.argv[2]):
 
 
 @pytest.fixture(scope="module")
-def book(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def book(tmp_path_factory):
     """A book in which each thing is made by three pairs of earlier things."""
     rng = np.random.default_rng(0)
     results = np.repeat(np.arange(10, ENTITIES), 3)[:RECIPES]
@@ -46,7 +45,7 @@ def book(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_memory_does_not_grow_with_the_square_of_the_entities(book: Path):
+def test_memory_does_not_grow_with_the_square_of_the_entities(book):
     outcome = subprocess.run(
         [sys.executable, "-c", MEASURE, str(book), repr(COMMANDS)],
         capture_output=True,

@@ -18,7 +18,7 @@ from wordcraft_kg.agents.players import (
 )
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.base.statistics import task_bootstrap, wilson_interval
-from wordcraft_kg.envs.batch import BatchEngine, State
+from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
@@ -62,7 +62,7 @@ def test_the_two_nearest_words_are_chosen_without_a_graph_or_training(opened):
     vectors, size = glove_features(opened.graph.entities).unit_vectors, opened.graph.num_entities
     checked = []
 
-    def both(state: State, rng: np.random.Generator) -> np.ndarray:
+    def both(state, rng):
         slots = nearest(state, rng)
         for goal, selection, table, slot in zip(state.goal, state.selection, state.table, slots, strict=True):
             others = list(set(table.tolist()) - {size, selection}) or [selection]

@@ -1,7 +1,6 @@
 """What a setting may be: whole numbers that are whole, sizes that a machine can hold."""
 
 from decimal import Decimal
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,18 +13,18 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 
 
 @pytest.mark.parametrize("value", [1.5, 1.0, "1", True, None, [1], np.float64(2), Decimal(1), 2**63, -1])
-def test_what_is_no_whole_number_in_its_range_is_refused(value: Any) -> None:
+def test_what_is_no_whole_number_in_its_range_is_refused(value):
     with pytest.raises(ConfigError, match=r"`seed` .*: expected a whole number, 0 (or more|to 9223372036854775807)\."):
         whole("seed", value, 0)
 
 
 @pytest.mark.parametrize("value", [0, MOST, np.int32(7)])
-def test_whole_numbers_of_any_type_are_taken(value: Any) -> None:
+def test_whole_numbers_of_any_type_are_taken(value):
     assert whole("seed", value, 0) == value
 
 
 @pytest.mark.parametrize("value", [float("nan"), -0.1, 1.1, "0.5", True, None])
-def test_what_is_no_number_in_its_range_is_refused(value: Any) -> None:
+def test_what_is_no_number_in_its_range_is_refused(value):
     with pytest.raises(ConfigError, match=r"`discount` .*: expected 0 to 1"):
         number_in("discount", value, 0, 1, "0 to 1")
 
@@ -39,20 +38,20 @@ LIMITS = {
 
 
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, limits in LIMITS.items() for name in limits])
-def test_a_size_has_a_limit(kind: Any, name: str) -> None:
+def test_a_size_has_a_limit(kind, name):
     largest = LIMITS[kind][name]
     assert getattr(kind(**{name: largest}), name) == largest
     with pytest.raises(ConfigError, match=rf"`{name}` {largest + 1}: expected a whole number, \d to {largest}\."):
         kind(**{name: largest + 1})
 
 
-def test_a_size_beyond_the_machines_memory_is_refused_with_its_cost() -> None:
+def test_a_size_beyond_the_machines_memory_is_refused_with_its_cost():
     check_memory("dim", 4, "the vectors", memory())
     with pytest.raises(ConfigError, match=r"`dim` 4,000: the vectors would take [\d,.]+ GiB, and [\d,.]+ GiB"):
         check_memory("dim", 4_000, "the vectors", memory() + 1)
 
 
-def test_the_reason_of_an_error_is_one_line_however_many_torch_wrote() -> None:
+def test_the_reason_of_an_error_is_one_line_however_many_torch_wrote():
     told = 'Error(s) in loading state_dict:\n\tMissing key(s): "a".\n\tUnexpected key(s): "b". '
     assert reason(RuntimeError(told)) == (
         'RuntimeError: Error(s) in loading state_dict: Missing key(s): "a". Unexpected key(s): "b".'

@@ -226,16 +226,8 @@ def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(printed, refus
     [
         (lambda path: path.mkdir(), "", "is an empty folder; expected a run folder of 'train-agent'"),
         (lambda path: path.write_text("hello"), "", "is a file; expected a run folder of 'train-agent'"),
-        (
-            lambda path: person(path, right=1, wrong=0, graph="everyday"),
-            "",
-            "was played on graph 82dcde20aeb1, but",
-        ),
-        (
-            lambda path: person(path, right=1, wrong=0, distractors=3),
-            "--distractors 1,4",
-            "tasks with 3 distractors",
-        ),
+        (lambda path: person(path, right=1, wrong=0, graph="everyday"), "", "was played on graph 82dcde20aeb1, but"),
+        (lambda path: person(path, right=1, wrong=0, distractors=3), "--distractors 1,4", "tasks with 3 distractors"),
     ],
     ids=["empty folder", "text", "another graph", "other distractors"],
 )

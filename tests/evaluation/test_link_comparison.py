@@ -8,7 +8,7 @@ from refusals import refuses
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.evaluation import link_comparison
-from wordcraft_kg.evaluation.link_comparison import ComparedModel, Contender, LinkComparison, compare
+from wordcraft_kg.evaluation.link_comparison import Contender, compare
 from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.model import History, Model
@@ -21,25 +21,24 @@ from wordcraft_kg.models.scorers.ranking import (
     recipe_clusters,
     with_interval,
 )
-from wordcraft_kg.models.scorers.scorer import Scorer
 
 
-def model(scorer: Scorer, data: OpenedGraph, **settings: object) -> Model:
+def model(scorer, data, **settings):
     return Model(scorer, data, None, History(LinksConfig("kitchen", ComplExConfig(**settings))))
 
 
-def noise(data: OpenedGraph, seed: int) -> Scorer:
+def noise(data, seed):
     size = data.graph.num_entities
     scores = torch.rand(2, size, size, generator=torch.Generator().manual_seed(seed))
     return TableScorer(scores, data.graph.entities, data.graph.hash, name=f"noise-{seed}")
 
 
-def compared(*models: Model, **settings: int) -> LinkComparison:
+def compared(*models, **settings):
     """Compare models of one run each."""
     return compare([Contender(one.scorer.name, [one]) for one in models], **settings)
 
 
-def second(*models: Model, **settings: int) -> ComparedModel:
+def second(*models, **settings):
     """The figures of the second of two models."""
     return compared(*models, **settings).models[1]
 

@@ -16,7 +16,7 @@ MUD = [
 
 
 @pytest.fixture(scope="module")
-def mud() -> RecipeGraph:
+def mud():
     return RecipeGraph.from_recipes(MUD)
 
 

@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.planner import derivation_tree
 STARTS = st.none() | st.sets(st.integers(0, 99))
 
 
-def from_start(graph: RecipeGraph, numbers: set[int] | None) -> tuple[set[str] | None, set[str]]:
+def from_start(graph, numbers):
     """Return a start for the planner, None for the base, and the labels of its entities."""
     if numbers is None or not graph.entities:
         return None, set(graph.base)
@@ -41,7 +41,7 @@ def test_costs_equal_lowering_them_until_nothing_changes(graph, numbers):
     assert dict(zip(graph.entities, Planner(graph, start).costs, strict=True)) == expected
 
 
-def replay(graph: RecipeGraph, derivation: Derivation, start: set[str]) -> None:
+def replay(graph, derivation, start):
     recipes, known, tree = set(graph.recipe_labels()), set(start), dict.fromkeys(start, 0)
     for step in derivation.steps:
         assert step in recipes

@@ -10,7 +10,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book,
 from wordcraft_kg.graphs.export import EXPORTERS, export_graph
 
 
-def global_states() -> tuple:
+def global_states():
     return random.getstate(), np.random.get_state()[1].tolist(), np.random.get_state()[2]  # noqa: NPY002
 
 

@@ -20,7 +20,7 @@ Pair = tuple[str, str]
 Plans = dict[str, set[frozenset[Pair]]]
 
 
-def outcomes(graph: RecipeGraph) -> dict[Pair, set[str]]:
+def outcomes(graph):
     """Results of each pair."""
     found: dict[Pair, set[str]] = {}
     for a, b, result in graph.recipe_labels():
@@ -28,7 +28,7 @@ def outcomes(graph: RecipeGraph) -> dict[Pair, set[str]]:
     return found
 
 
-def plans_by_trying(book: dict[Pair, set[str]], start: set[str], attempts: int) -> list[Plans]:
+def plans_by_trying(book, start, attempts):
     """Try every pair at hand, again and again; return what first comes up after 1, 2, ... attempts, with the pairs.
 
     No attempt in these sets is idle: without it the entity would have come up before.
@@ -52,7 +52,7 @@ def plans_by_trying(book: dict[Pair, set[str]], start: set[str], attempts: int) 
     return rounds
 
 
-def tasks_by_trying(graph: RecipeGraph, depth: int) -> dict[tuple[str, tuple[str, ...]], set[frozenset[Pair]]]:
+def tasks_by_trying(graph, depth):
     """Try every set of starting ingredients: the goals that come up in the last round, if some plan uses the set up."""
     book = outcomes(graph)
     tasks = {}
@@ -64,11 +64,11 @@ def tasks_by_trying(graph: RecipeGraph, depth: int) -> dict[tuple[str, tuple[str
     return tasks
 
 
-def pairs(plan: tuple[Recipe, ...]) -> frozenset[Pair]:
+def pairs(plan):
     return frozenset((recipe.ingredient_a, recipe.ingredient_b) for recipe in plan)
 
 
-def tasks_made(graph: RecipeGraph, depth: int, *arguments, **options) -> list[Task]:
+def tasks_made(graph, depth, *arguments, **options):
     try:
         return list(make_tasks(graph, depth, *arguments, **options))
     except TaskError:
@@ -208,7 +208,7 @@ def test_weights_are_equal_for_all_tasks_or_for_all_goals(kitchen_tasks):
     assert by_goal.sum() == pytest.approx(1)
 
 
-def part_of(task: Task, split: Split) -> str:
+def part_of(task, split):
     """The part that a task belongs to, or "mixed"."""
     parts = dict(zip(split.graph.recipe_labels(), (PARTS[part] for part in split.parts), strict=True))
     uses = [{parts[recipe] for recipe in plan} for plan in task.plans]
@@ -255,7 +255,7 @@ BRANCHED_SPLIT = Split(
 )
 
 
-def drawn_distribution(depth: int, part: str, weighting: str) -> dict[tuple[str, tuple[str, ...]], float]:
+def drawn_distribution(depth, part, weighting):
     """Follow every choice of the draw with its probability; leave out what is no task of the part, and renormalise."""
     makes: dict[str, list[Pair]] = {}
     last: dict[str, list[Pair]] = {}
@@ -266,7 +266,7 @@ def drawn_distribution(depth: int, part: str, weighting: str) -> dict[tuple[str,
                 last.setdefault(result, []).append((a, b))
     reached: Counter[tuple[str, tuple[str, ...]]] = Counter()
 
-    def replace_leaves(goal: str, made: set[str], leaves: set[str], left: int, probability: Fraction) -> None:
+    def replace_leaves(goal, made, leaves, left, probability):
         if not left:
             reached[goal, tuple(sorted(leaves))] += probability
             return

@@ -7,7 +7,7 @@ import pytest
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs import RecipeGraph, Split, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample
 from wordcraft_kg.graphs.triples import COMPONENT_OF, is_in, recipe_triples
@@ -15,7 +15,7 @@ from wordcraft_kg.graphs.triples import COMPONENT_OF, is_in, recipe_triples
 KINDS = ("by-recipe", "by-goal", "by-slot")
 
 
-def split_of(kind: str = "by-recipe") -> Split:
+def split_of(kind="by-recipe"):
     return make_split(open_graph("kitchen").graph, SplitConfig(kind))
 
 
@@ -36,7 +36,7 @@ def test_everything_as_it_is_is_the_train_part():
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_smaller_share_is_part_of_a_larger_one(kind: str, seed: int):
+def test_a_smaller_share_is_part_of_a_larger_one(kind, seed):
     split = split_of(kind)
     shares = (0.1, 0.3, 0.5, 1.0)
     train_samples = [draw_train_sample(split, train_fraction, seed=seed).is_trained_on for train_fraction in shares]
@@ -58,7 +58,7 @@ def test_what_is_wrong_with_less_noise_is_wrong_with_more():
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("label_noise", [0.2, 1.0])
-def test_a_wrong_recipe_keeps_its_pair_and_is_part_of_nothing_that_the_book_has(kind: str, label_noise: float):
+def test_a_wrong_recipe_keeps_its_pair_and_is_part_of_nothing_that_the_book_has(kind, label_noise):
     split = split_of(kind)
     train_sample = draw_train_sample(split, 0.8, label_noise, seed=1)
     graph, wrong = split.graph, train_sample.among(train_sample.is_wrong)
@@ -73,7 +73,7 @@ def test_a_wrong_recipe_keeps_its_pair_and_is_part_of_nothing_that_the_book_has(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_wrong_results_come_from_recipes_of_the_same_fold(kind: str):
+def test_wrong_results_come_from_recipes_of_the_same_fold(kind):
     split = split_of(kind)
     folds = make_folds(split, 4)
     train_sample = draw_train_sample(split, 0.7, 0.5, seed=2, of_recipe=folds.of_recipe)
@@ -89,7 +89,7 @@ def test_wrong_results_come_from_recipes_of_the_same_fold(kind: str):
 
 
 @pytest.mark.parametrize(("train_fraction", "label_noise"), [(0.3, 0.0), (0.5, 0.4), (1.0, 1.0)])
-def test_folds_are_those_of_all_train_recipes_whatever_the_sample(train_fraction: float, label_noise: float):
+def test_folds_are_those_of_all_train_recipes_whatever_the_sample(train_fraction, label_noise):
     split = split_of()
     folds = make_folds(split, 5)
     train_sample = draw_train_sample(split, train_fraction, label_noise, seed=4, of_recipe=folds.of_recipe)

@@ -2,10 +2,7 @@
 
 import importlib.util
 import signal
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import pytest
 import torch
@@ -23,7 +20,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "own_model.py"
 
 
 @pytest.fixture(scope="module")
-def own() -> ModuleType:
+def own():
     """The example, imported."""
     spec = importlib.util.spec_from_file_location("own_model", EXAMPLE)
     assert spec is not None
@@ -33,13 +30,13 @@ def own() -> ModuleType:
     return module
 
 
-def press(done: int, *_: object) -> None:
+def press(done, *_):
     if done == 5:
         signal.raise_signal(signal.SIGINT)
 
 
 @pytest.fixture(scope="module")
-def folder(own: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(own, tmp_path_factory):
     """A model that was interrupted and went on."""
     out = tmp_path_factory.mktemp("models") / "hubs"
     with pytest.raises(KeyboardInterrupt, match="epoch 5 is saved"):
@@ -47,13 +44,13 @@ def folder(own: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train(own.HubsTraining, own.HubsConfig("kitchen", epochs=20), out)
 
 
-def test_a_run_that_went_on_has_the_bits_of_one_without_interruption(own: ModuleType, folder: Path, tmp_path: Path):
+def test_a_run_that_went_on_has_the_bits_of_one_without_interruption(own, folder, tmp_path):
     whole = train(own.HubsTraining, own.HubsConfig("kitchen", epochs=20), tmp_path / "whole")
     assert sha256_of(whole / "model.safetensors") == sha256_of(folder / "model.safetensors")
     assert len(read_run(folder).resumed) == 1
 
 
-def test_it_is_opened_with_what_its_evaluation_needs(own: ModuleType, folder: Path):
+def test_it_is_opened_with_what_its_evaluation_needs(own, folder):
     model = open_model(folder)
     assert (model.kg, model.seed, model.comparable_settings) == ("partial", 0, {"kg": "partial", "epochs": 20})
     assert (model.triples == model.opened.split.partial).all()
@@ -71,33 +68,31 @@ def test_it_is_opened_with_what_its_evaluation_needs(own: ModuleType, folder: Pa
     ],
     ids=lambda command: command[0],
 )
-def test_commands_take_it_like_any_other(
-    run: Callable[..., Any], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
-):
+def test_commands_take_it_like_any_other(run, folder, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     done = run(*(part.format(folder) for part in command), "--json")
     assert done.code == 0, done.err
 
 
-def test_an_agent_learns_with_it_and_is_explained(run: Callable[..., Any], folder: Path, tmp_path: Path):
+def test_an_agent_learns_with_it_and_is_explained(run, folder, tmp_path):
     small = ("--steps", 64, "--batch-size", 16, "--distractors", 1)
     assert run("train-agent", "kitchen", "--scorer", folder, *small, "--out", tmp_path / "run", "--quiet").code == 0
     explained = run("explain", tmp_path / "run", "--episodes", 1)
     assert (explained.code, "u" in explained.out) == (0, True)
 
 
-def test_the_explorer_shows_it(folder: Path):
+def test_the_explorer_shows_it(folder):
     explored = Explored.open("kitchen", models=[folder])
     assert explored.predictor().model.kg == "partial"
 
 
-def test_a_model_of_an_unknown_kind_is_refused_with_those_that_are_known(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_model_of_an_unknown_kind_is_refused_with_those_that_are_known(folder, monkeypatch):
     monkeypatch.delitem(MODELS, "train-hubs")
     with pytest.raises(ArtefactError, match=r"a model from train-hubs, an unknown command.*train-recipes"):
         open_model(folder)
 
 
-def test_its_settings_are_read_strictly(own: ModuleType, folder: Path, tmp_path: Path):
+def test_its_settings_are_read_strictly(own, folder, tmp_path):
     (tmp_path / "config.toml").write_text('[train-hubs]\ngraph = "kitchen"\nepochs = "many"\n')
     with pytest.raises(ArtefactError, match=r"config.toml is damaged.*epochs"):
         own.HubsConfig.read(tmp_path)

@@ -13,11 +13,11 @@ from wordcraft_kg.reports.charts import Made, colour_of, layered
 HOSTILE = '<script>alert("x")</script>&'
 
 
-def parsed(markup: str) -> ElementTree.Element:
+def parsed(markup):
     return ElementTree.fromstring(markup)
 
 
-def box_of(root: ElementTree.Element) -> dict[str, tuple[float, float, float, float]]:
+def box_of(root):
     """The boxes by their labels, as left, top, right and bottom."""
     boxes = {}
     for link in root.iter("a"):
@@ -26,7 +26,7 @@ def box_of(root: ElementTree.Element) -> dict[str, tuple[float, float, float, fl
     return boxes
 
 
-def made(label: str, layer: int, *of: str, **more: str) -> Made:
+def made(label, layer, *of, **more):
     return Made(label, f"/path/{label}", layer, of, **more)
 
 

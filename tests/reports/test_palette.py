@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from wordcraft_kg.reports.charts.plot import COLOURS, DARK, LIGHT
 
@@ -24,22 +23,22 @@ DISTANCE = 16.0
 """Least distance of two series in CIELAB; about 2 is just noticeable side by side."""
 
 
-def linear(colour: str) -> NDArray[np.float64]:
+def linear(colour):
     channels = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
     return np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
 
 
-def lab(light: NDArray[np.float64]) -> NDArray[np.float64]:
+def lab(light):
     xyz = TO_XYZ @ np.clip(light, 0, 1) / [0.95047, 1, 1.08883]
     x, y, z = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
     return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 
 
-def distance(vision: str, one: str, other: str) -> float:
+def distance(vision, one, other):
     return float(np.linalg.norm(lab(VISION[vision] @ linear(one)) - lab(VISION[vision] @ linear(other))))
 
 
-def contrast(one: str, other: str) -> float:
+def contrast(one, other):
     low, high = sorted(float(TO_XYZ[1] @ linear(colour)) for colour in (one, other))
     return (high + 0.05) / (low + 0.05)
 

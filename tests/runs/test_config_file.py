@@ -13,7 +13,7 @@ from wordcraft_kg.runs.config_file import read_config, write_config
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """A run's folder, ``runs/mine`` of the working folder."""
     monkeypatch.chdir(tmp_path)
     path = Path("runs/mine")
@@ -21,7 +21,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def written(features: str, folder: Path) -> str:
+def written(features, folder):
     AgentConfig("kitchen", policy=PolicyConfig(features=features)).write(folder)
     return str(read_config(folder)[1]["features"])
 

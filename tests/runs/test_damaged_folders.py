@@ -7,7 +7,7 @@ values of other types. Hashes are mended, as somebody who does it on purpose wou
 import json
 import shutil
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -58,12 +58,12 @@ TOML_OTHERS = ('"text"', "-1", "nan", "1979-05-27", "[]", "true", "1e300")
 
 
 @pytest.fixture(scope="module")
-def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def home(tmp_path_factory):
     """A graph, and on it a model and a guided agent, both finished and both interrupted."""
     return make_home(tmp_path_factory.mktemp("home"))
 
 
-def of_values(content: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def of_values(content):
     """The same object without each of its keys, and with other values; in objects within it too."""
     for key, value in content.items():
         yield f"without {key}", {name: other for name, other in content.items() if name != key}
@@ -75,14 +75,14 @@ def of_values(content: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     yield "unknown key", {**content, "unheard": 1}
 
 
-def of_bytes(data: bytes) -> Iterator[tuple[str, bytes]]:
+def of_bytes(data):
     yield "cut", data[: len(data) // 2]
     yield "empty", b""
     for place in (0, len(data) // 3, len(data) - 2):
         yield f"byte {place} flipped", data[:place] + bytes([data[place] ^ 0x84]) + data[place + 1 :]
 
 
-def of_tensors(data: bytes) -> Iterator[tuple[str, bytes]]:
+def of_tensors(data):
     tensors = safetensors.torch.load(data)
     for name, tensor in tensors.items():
         yield f"without {name}", safetensors.torch.save({key: value for key, value in tensors.items() if key != name})
@@ -90,7 +90,7 @@ def of_tensors(data: bytes) -> Iterator[tuple[str, bytes]]:
             yield f"{name} {what}", safetensors.torch.save({**tensors, name: other.clone()})
 
 
-def mutations(path: Path) -> Iterator[tuple[str, bytes]]:
+def mutations(path):
     data = path.read_bytes()
     yield from of_bytes(data)
     if path.suffix == ".safetensors":
@@ -110,7 +110,7 @@ def mutations(path: Path) -> Iterator[tuple[str, bytes]]:
         yield "a number without end", data.replace(b"1", b"1e999", 1)
 
 
-def answers(run: Run, folder: Path, readers: tuple[tuple[str, ...], ...], what: str) -> list[str]:
+def answers(run, folder, readers, what):
     """Run commands on copies of a folder; return the tracebacks."""
     found = []
     for command in readers:
@@ -130,7 +130,7 @@ def answers(run: Run, folder: Path, readers: tuple[tuple[str, ...], ...], what: 
     return found
 
 
-def copied(home: Path, kind: str) -> Path:
+def copied(home, kind):
     folder = home / "spoilt"
     shutil.rmtree(folder, ignore_errors=True)
     return Path(shutil.copytree(home / kind, folder))

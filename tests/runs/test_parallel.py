@@ -3,7 +3,6 @@
 import multiprocessing
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
@@ -19,7 +18,7 @@ class Light:
     fold: int
     how: str = "works"
 
-    def train(self, after: Callable[[int], None]) -> None:
+    def train(self, after):
         after(1)
         if self.how == "is killed":
             os.kill(os.getpid(), 9)
@@ -52,7 +51,7 @@ def test_an_error_and_the_death_of_a_process_are_told_and_end_the_others(how, ki
 
 
 def test_an_interruption_ends_the_processes_at_once():
-    def press(*message: int) -> None:
+    def press(*message):
         if message:
             assert len(multiprocessing.active_children()) == 2
             raise KeyboardInterrupt

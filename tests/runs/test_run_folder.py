@@ -7,9 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,8 +25,6 @@ from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.folder import RunKind, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.record import read_run
 
-Progress = Callable[[int, int, dict[str, float]], None]
-
 
 class Links:
     """A small training of a link predictor: 6 epochs, a checkpoint after each."""
@@ -37,7 +33,7 @@ class Links:
     weights = "model.safetensors"
     numbers = (1, 2, 3, 4, 5, 6)
 
-    def train(self, out: Path, *, seed: int = 0, force: bool = False, progress: Progress | None = None) -> Any:
+    def train(self, out, *, seed=0, force=False, progress=None):
         settings = ComplExConfig(dim=4, epochs=6, n3=0.1, folds=0, checkpoint_every=1, seed=seed)
         return train_links(LinksConfig("kitchen", settings), out, force=force, progress=progress)
 
@@ -49,18 +45,14 @@ class Agent:
     weights = "policy.safetensors"
     numbers = (64, 128, 192, 256, 320, 384)
 
-    def train(self, out: Path, *, seed: int = 0, force: bool = False, progress: Progress | None = None) -> Any:
+    def train(self, out, *, seed=0, force=False, progress=None):
         every = {"log_every": 64, "eval_every": 0, "checkpoint_every": 64}
         trainer = ImpalaConfig(steps=384, batch_size=16, unroll=2, seed=seed, **every)
         config = AgentConfig("kitchen", tasks=TaskConfig(distractors=1), trainer=trainer)
         return train_agent(config, out, force=force, progress=progress)
 
 
-Trainer = Links | Agent
-Learned = dict[str, Any]
-
-
-def learned(folder: Path) -> Learned:
+def learned(folder):
     """The hashes of a run's outputs that hold no time of the training, and the figures that are no speed."""
     outputs = read_run(folder).outputs
     weights = {name: value for name, value in outputs.items() if name.endswith(".safetensors")}
@@ -69,36 +61,36 @@ def learned(folder: Path) -> Learned:
 
 
 @pytest.fixture(params=[Links(), Agent()], ids=["links", "agent"], scope="module")
-def trainer(request: pytest.FixtureRequest) -> Trainer:
+def trainer(request):
     return request.param
 
 
 @pytest.fixture(scope="module")
-def whole(trainer: Trainer, tmp_path_factory: pytest.TempPathFactory) -> Learned:
+def whole(trainer, tmp_path_factory):
     """The results of an undisturbed run."""
     return learned(trainer.train(tmp_path_factory.mktemp("whole") / "run").folder)
 
 
-def after(number: int, act: Callable[[], object]) -> Progress:
+def after(number, act):
     """A progress callback that does something when so many epochs or steps are done."""
 
-    def progress(done: int, total: int, figures: dict[str, float]) -> None:
+    def progress(done, total, figures):
         if done == number:
             act()
 
     return progress
 
 
-def ctrl_c(times: int = 1) -> None:
+def ctrl_c(times=1):
     for _ in range(times):
         signal.raise_signal(signal.SIGINT)
 
 
-def fail() -> None:
+def fail():
     raise RuntimeError("no more")
 
 
-def interrupted(trainer: Trainer, out: Path, **options: Any) -> Path:
+def interrupted(trainer, out, **options):
     """A run that was stopped in its middle."""
     assert trainer.train(out, progress=after(trainer.numbers[2], ctrl_c), **options).interrupted
     return out
@@ -170,7 +162,7 @@ def test_forced_training_starts_anew_and_goes_on_as_the_new_run(trainer, tmp_pat
 def test_nobody_else_trains_in_a_folder_in_use(trainer, tmp_path, whole):
     tried = []
 
-    def meddle() -> None:
+    def meddle():
         for attempt in (trainer.train, lambda folder: trainer.train(folder, force=True)):
             with pytest.raises(ArtefactError, match="being trained by another process"):
                 attempt(tmp_path / "run")
@@ -198,11 +190,11 @@ def test_an_existing_run_is_replaced_on_demand_only(trainer, tmp_path, whole):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def disk_full(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+def disk_full(monkeypatch, number):
     """Let the checkpoint of a number, and all later ones, find no space."""
     save = Checkpoints.save
 
-    def full(self: Checkpoints[Any], at: int, *arguments: Any) -> None:
+    def full(self, at, *arguments):
         if at >= number:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         save(self, at, *arguments)
@@ -283,7 +275,7 @@ def test_a_run_of_one_kind_does_not_go_on_as_the_other(tmp_path):
 # --- killed before the first checkpoint ------------------------------------------------------------------------------
 
 
-def kill(moment: str, folder: Path) -> Path:
+def kill(moment, folder):
     """Begin a run in a process that is killed at a moment."""
     command = [sys.executable, plain_run.__file__, moment, str(folder)]
     assert subprocess.run(command, check=False, timeout=120).returncode == -signal.SIGKILL
@@ -291,7 +283,7 @@ def kill(moment: str, folder: Path) -> Path:
 
 
 @pytest.fixture
-def killed(tmp_path: Path) -> Path:
+def killed(tmp_path):
     """A finished run whose replacement was killed before its first checkpoint."""
     plain_run.train(tmp_path / "run", "the first")
     kill("before the first checkpoint", tmp_path / "run")
@@ -299,7 +291,7 @@ def killed(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def resume_killed(folder: Path) -> None:
+def resume_killed(folder):
     with resumed_run(folder, plain_run.PLAIN) as run:
         run.checkpoints.load()
 
@@ -383,7 +375,7 @@ LONG = {
 }
 
 
-def start(*arguments: object) -> subprocess.Popen[bytes]:
+def start(*arguments):
     command = [sys.executable, "-c", COMMAND, *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 

@@ -3,24 +3,23 @@
 import getpass
 import socket
 import sys
-from pathlib import Path
 
 import pytest
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import RunRecord, end_run, read_finished_run, read_run, run_name, start_run
+from wordcraft_kg.runs.record import end_run, read_finished_run, read_run, run_name, start_run
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     path = tmp_path / "run"
     path.mkdir()
     return path
 
 
-def finished(folder: Path) -> RunRecord:
+def finished(folder):
     (folder / "weights").write_bytes(b"abc")
     return end_run(folder, start_run(folder, "train-complex", seed=3), "done", ("weights",))
 

@@ -2,8 +2,6 @@
 
 import json
 import sys
-from collections.abc import Mapping
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,27 +26,27 @@ AGENT = AgentConfig(
 class Notes:
     """Writes down all that it is told."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.rows: list[tuple[int, dict[str, float]]] = []
         self.ended: list[str] = []
 
-    def log(self, step: int, values: Mapping[str, float]) -> None:
+    def log(self, step, values):
         assert not self.ended
         self.rows.append((step, dict(values)))
 
-    def close(self, status: str) -> None:
+    def close(self, status):
         self.ended.append(status)
 
 
-def lines(path: Path) -> list[dict[str, Any]]:
+def lines(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def stop_at(number: int):
+def stop_at(number):
     """A progress callback that presses Ctrl-C."""
     import signal
 
-    def progress(done: int, total: int, figures: dict[str, float]) -> None:
+    def progress(done, total, figures):
         if done == number:
             signal.raise_signal(signal.SIGINT)
 
@@ -93,7 +91,7 @@ def test_a_resumed_run_continues_where_the_interrupted_one_ended(train, config, 
 
 def test_a_tracker_learns_that_a_run_has_failed(tmp_path):
     class Broken(Notes):
-        def log(self, step: int, values: Mapping[str, float]) -> None:
+        def log(self, step, values):
             raise RuntimeError("no such luck")
 
     before, broken = Notes(), Broken()
@@ -136,7 +134,7 @@ def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(tmp_
     rows: list[tuple[int, dict[str, float]]] = []
     ended: list[int] = []
 
-    def init(**options: Any) -> SimpleNamespace:
+    def init(**options):
         begun.append(options)
         return SimpleNamespace(
             log=lambda values, step: rows.append((step, values)), finish=lambda exit_code: ended.append(exit_code)

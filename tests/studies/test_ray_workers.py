@@ -21,7 +21,7 @@ from wordcraft_kg.studies.ray_workers import RayWorkers
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 
-def play(task: Task, root: Path) -> Outcome:
+def play(task, root):
     """Pretend to be a training: note that it has begun, take its time, and end."""
     import ray
 
@@ -88,23 +88,23 @@ def root(tmp_path, monkeypatch):
     return Path("results")
 
 
-def a_task(number: int, how: str = "works", seconds: float = 0, **more) -> Task:
+def a_task(number, how="works", seconds=0, **more):
     return Task("runs", {"number": number, "how": how, "seconds": seconds}, f"run {number}", **more)
 
 
-def notes(root: Path) -> list[dict]:
+def notes(root):
     path = root / "notes"
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-def until(condition) -> None:
+def until(condition):
     deadline = time.monotonic() + 30
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.05)
 
 
-def perform_all(root: Path, address: str | None, tasks, meanwhile=lambda: None) -> dict[str, Outcome]:
+def perform_all(root, address, tasks, meanwhile=lambda: None):
     """Perform tasks on a cluster and leave it; return the outcomes by address."""
     workers = RayWorkers(root, address, play)
     found: list[Outcome] = []
@@ -125,7 +125,7 @@ def perform_all(root: Path, address: str | None, tasks, meanwhile=lambda: None) 
 def test_nothing_is_lost_or_double_when_a_node_is_killed_in_the_middle(cluster, second, root, capfd):
     tasks = [a_task(number, seconds=1.5) for number in range(6)]
 
-    def kill() -> None:
+    def kill():
         until(lambda: len({note["node"] for note in notes(root)}) == 2)
         second.kill_all_processes(check_alive=False, allow_graceful=False, wait=True)
         cluster.worker_nodes.discard(second)
@@ -179,7 +179,7 @@ def test_what_is_stopped_writes_a_checkpoint_and_goes_on_from_it(cluster, root):
 
 @pytest.mark.slow
 def test_a_study_on_a_cluster_gives_the_bytes_of_one_on_this_machine(cluster, second, tmp_path, monkeypatch):
-    def done(name: str, make_workers) -> dict[str, bytes]:
+    def done(name, make_workers):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
         state = run_plan(plan, Path("results"), make_workers)

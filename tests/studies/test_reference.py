@@ -18,7 +18,6 @@ from wordcraft_kg.evaluation.discovery import view_discovery
 from wordcraft_kg.evaluation.reference import (
     PACK,
     OpenPlay,
-    ReferenceRow,
     TaskPlay,
     figures_of,
     literature,
@@ -73,7 +72,7 @@ def test_another_distribution_adds_a_reader_of_results(everyday, monkeypatch, tm
         external_rows(everyday, DEPTH_1, [1], [tmp_path / "other"])
 
 
-def row_of(play: TaskPlay | OpenPlay, player: str) -> ReferenceRow:
+def row_of(play, player):
     (row,) = (row for row in read_pack(PACK / "everyday.json").rows_of(play) if row.player == player)
     return row
 

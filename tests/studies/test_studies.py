@@ -8,14 +8,13 @@ from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import as_values, checked_values
 from wordcraft_kg.base.statistics import interval_p_value, student_interval
-from wordcraft_kg.studies.results import Missing, StudyResults
-from wordcraft_kg.studies.variants import VariantFigures
+from wordcraft_kg.studies.results import Missing
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 BOTH = {"no graph": NO_GRAPH, "guided": GUIDED}
 
 
-def of(view: StudyView, variant: str, point: int = 0) -> VariantFigures:
+def of(view, variant, point=0):
     return next(entry for entry in view.points[point].variants if entry.variant == variant)
 
 
@@ -162,7 +161,7 @@ def test_a_view_has_a_place_for_each_of_its_values_and_equal_results_have_equal_
     assert as_values(view_study(three_train_fractions())) == as_values(view)
 
 
-def moved(results: StudyResults, number: int, key: str) -> StudyResults:
+def moved(results, number, key):
     """Return results with a run on another graph or split."""
     other, runs = msgspec.structs.replace(results.graphs[0], **{key: "c" * 64}), list(results.runs)
     runs[number] = msgspec.structs.replace(runs[number], graph=1)

@@ -6,11 +6,8 @@ from urllib.parse import unquote
 
 import pytest
 
-from tests.apps.explorer.shown import HOSTILE, Form, Shown, explored_by, look, state_of, view_of
-from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import State
+from tests.apps.explorer.shown import HOSTILE, explored_by, look, state_of, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import ConfigError, UnknownEntityError, WordCraftKGError
 from wordcraft_kg.base.records import checked_values
 
@@ -50,21 +47,21 @@ LARGEST = 300 * 1024
 
 
 @pytest.fixture
-def shown(request: pytest.FixtureRequest, address: str) -> Explored:
+def shown(request, address):
     """The kitchen with models or with agents, as the page needs it."""
     return request.getfixturevalue("agents" if address in OF_AGENTS else "explored")
 
 
-def state_at(address: str) -> State:
+def state_at(address):
     return state_of(address)[1]
 
 
-def filters_of(page: Shown) -> list[Form]:
+def filters_of(page):
     return [form for form in page.forms if form.attributes.get("class") == "filters"]
 
 
 @pytest.mark.parametrize("address", [*OF_MODELS, *OF_AGENTS, *OF_GRAPHS])
-def test_a_page_is_plain_accessible_and_small(shown: Explored, address: str):
+def test_a_page_is_plain_accessible_and_small(shown, address):
     page = look(shown, state_at(address))
     assert len(page.page.encode()) < LARGEST
     headings = [int(tag[1]) for tag, _ in page.tags if tag in ("h1", "h2", "h3")]
@@ -82,7 +79,7 @@ def test_a_page_is_plain_accessible_and_small(shown: Explored, address: str):
 
 
 @pytest.mark.parametrize("address", [*OF_MODELS, *OF_AGENTS])
-def test_the_view_of_a_page_is_sound_and_its_links_lead_to_pages(shown: Explored, address: str):
+def test_the_view_of_a_page_is_sound_and_its_links_lead_to_pages(shown, address):
     assert checked_values(view_of(shown, state_at(address)))
     page = look(shown, state_at(address))
     own = [link for link in page.links if link.startswith("/") and not link.startswith("/files")]
@@ -95,7 +92,7 @@ def test_the_view_of_a_page_is_sound_and_its_links_lead_to_pages(shown: Explored
 
 
 @pytest.mark.parametrize("address", OF_MODELS)
-def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored: Explored, address: str):
+def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored, address):
     state = state_at(address)
     (form,) = filters_of(look(explored, state))
     where, _, subject = (form.attributes["action"] or "").removeprefix("/").partition("/")
@@ -107,7 +104,7 @@ def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored: Explored, 
         assert view == view_of(explored, state)
 
 
-def test_a_static_page_has_no_form(explored: Explored):
+def test_a_static_page_has_no_form(explored):
     assert not [one for one in OF_MODELS if filters_of(look(explored, state_at(one), is_static=True))]
 
 
@@ -125,7 +122,7 @@ LINK = {"tail": HOSTILE[0]}
     ],
     ids=["entity", "predictions", "link", "map"],
 )
-def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor: LinkPredictor, label: str, pages):
+def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor, label, pages):
     explored = explored_by(hostile_predictor)
     for name, of_label, choices in pages:
         state = PAGES[name].state(**{of_label: label}, **choices)
@@ -173,7 +170,7 @@ NO_BREAD = "Did you mean 'bread'"
         ("/episode?part=valid", "no task"),
     ],
 )
-def test_what_cannot_be_shown_is_an_error_that_says_why(explored: Explored, address: str, message: str):
+def test_what_cannot_be_shown_is_an_error_that_says_why(explored, address, message):
     with pytest.raises(WordCraftKGError, match=message) as error:
         view_of(explored, state_at(address))
     is_unknown = str(error.value).startswith(("no entity", "no model", "no run"))

@@ -8,9 +8,7 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +16,7 @@ from tests.apps.people.stored import refused
 
 
 @contextmanager
-def serving(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def serving(*arguments):
     """Start a server on a free port; yields it and its address."""
     command = [sys.executable, "-m", "wordcraft_kg", *arguments, "--port", "0", "--json"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": {**os.environ, "OMP_NUM_THREADS": "1"}}
@@ -29,7 +27,7 @@ def serving(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
             server.kill()
 
 
-def send(address: str, *lines: str) -> bytes:
+def send(address, *lines):
     """Send lines over a connection of their own, and return the answer."""
     host, port = address.removeprefix("http://").split(":")
     with socket.create_connection((host, int(port)), timeout=20) as connection:
@@ -38,7 +36,7 @@ def send(address: str, *lines: str) -> bytes:
 
 
 @pytest.mark.parametrize("termination", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(termination: int):
+def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(termination):
     with serving("explore", "kitchen", "--no-browser") as (server, address):
         assert address.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(f"{address}/entity/bread") as answer:
@@ -76,17 +74,17 @@ def test_a_port_in_use_is_said_before_any_work(run):
         ("--run nowhere", "nowhere", "ArtefactError"),
     ],
 )
-def test_what_cannot_be_served_is_a_clear_error(run, arguments: str, message: str, kind: str):
+def test_what_cannot_be_served_is_a_clear_error(run, arguments, message, kind):
     assert message in refused(run("explore", "kitchen", "--no-browser", *arguments.split()), kind)
 
 
-def test_a_model_of_another_graph_is_refused_and_nothing_is_written(run, recipes_folder: Path, tmp_path: Path):
+def test_a_model_of_another_graph_is_refused_and_nothing_is_written(run, recipes_folder, tmp_path):
     command = ("explore", "everyday", "--model", recipes_folder, "--export", tmp_path / "site")
     refused(run(*command), "GraphMismatchError")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_site_as_files(run, tmp_path: Path):
+def test_the_site_as_files(run, tmp_path):
     command = ("explore", "kitchen", "--export", tmp_path / "site")
     record = json.loads(run(*command, "--json").out)
     assert record == json.loads((tmp_path / "site" / "site.json").read_text())
@@ -95,6 +93,6 @@ def test_the_site_as_files(run, tmp_path: Path):
     assert run(*command, "--force").code == 0
 
 
-def test_without_the_extra_the_command_says_what_to_install(run, monkeypatch: pytest.MonkeyPatch):
+def test_without_the_extra_the_command_says_what_to_install(run, monkeypatch):
     monkeypatch.setattr("wordcraft_kg.base.extras.find_spec", lambda name: None)
     assert "pip install 'starlette<2" in refused(run("explore", "kitchen"), "MissingExtraError")

@@ -9,13 +9,13 @@ import pytest
 from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import map as maps
-from wordcraft_kg.apps.explorer.pages.map import HEIGHT, LETTER, LINE, WIDTH, Map, MapView, map_of, view_map
+from wordcraft_kg.apps.explorer.pages.map import HEIGHT, LETTER, LINE, WIDTH, Map, map_of, view_map
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph
 
 
 @pytest.fixture(scope="module")
-def kitchen_map(kitchen: RecipeGraph) -> MapView:
+def kitchen_map(kitchen):
     return map_of(kitchen)
 
 

@@ -2,7 +2,6 @@
 
 import sys
 from importlib.metadata import EntryPoint
-from pathlib import Path
 
 import pytest
 
@@ -30,7 +29,7 @@ TEMPLATE = '{% extends "base.html.j2" %}{% block body %}<h1>Letters</h1><p>{{ vi
 
 
 @pytest.fixture
-def point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> EntryPoint:
+def point(tmp_path, monkeypatch):
     package = tmp_path / "outside_letters"
     (package / "templates").mkdir(parents=True)
     (package / "__init__.py").write_text(MODULE)
@@ -40,9 +39,7 @@ def point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> EntryPoint:
     return EntryPoint("letters", "outside_letters:PAGE", GROUP)
 
 
-def test_a_page_from_outside_is_served_exported_and_in_the_menu(
-    point: EntryPoint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_page_from_outside_is_served_exported_and_in_the_menu(point, tmp_path, monkeypatch):
     found = pages_by_name([point])
     assert list(found) == [*PAGES, "letters"]
     monkeypatch.setitem(PAGES, "letters", found["letters"])
@@ -55,7 +52,7 @@ def test_a_page_from_outside_is_served_exported_and_in_the_menu(
     assert "2 entities" in (tmp_path / "site" / "letters" / "letters.html").read_text()
 
 
-def test_two_pages_of_one_name_are_refused(point: EntryPoint, tmp_path: Path):
+def test_two_pages_of_one_name_are_refused(point, tmp_path):
     (tmp_path / "outside_letters" / "__init__.py").write_text(MODULE.replace('"letters"', '"entity"'))
     with pytest.raises(ConfigError, match="two pages have the name 'entity'"):
         pages_by_name([point])

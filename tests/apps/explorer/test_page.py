@@ -30,7 +30,7 @@ SORTS, PAGES, TABLES = st.sampled_from(["rank", "score"]), st.integers(0, 10**6)
 
 
 @given(st.builds(Example, LABELS, SORTS, PAGES, st.booleans(), TABLES))
-def test_each_state_is_read_back_from_its_address(state: Example):
+def test_each_state_is_read_back_from_its_address(state):
     parts = urlsplit(PAGE.address(state))
     name, _, subject = parts.path.removeprefix("/").partition("/")
     assert (name, "/" in subject) == ("example", False)
@@ -44,7 +44,7 @@ def test_choices_at_their_defaults_are_not_in_the_address():
 
 
 @pytest.mark.parametrize("label", [".", "..", "a/b", "../../etc/passwd", "a\\b", "/", "...", "%2e%2e", "100 %"])
-def test_a_label_that_a_browser_would_take_for_a_folder_is_in_the_query(label: str):
+def test_a_label_that_a_browser_would_take_for_a_folder_is_in_the_query(label):
     assert PAGE.address(Example(label)).startswith("/example?entity=")
 
 
@@ -58,7 +58,7 @@ def test_a_label_that_a_browser_would_take_for_a_folder_is_in_the_query(label: s
         ([("full", "perhaps")], "Expected `bool`"),
     ],
 )
-def test_an_address_that_cannot_be_meant_is_an_error_that_names_the_choice(query: list[tuple[str, str]], message: str):
+def test_an_address_that_cannot_be_meant_is_an_error_that_names_the_choice(query, message):
     with pytest.raises(ConfigError) as error:
         PAGE.read("", query)
     assert message.replace("`", "'") in str(error.value)

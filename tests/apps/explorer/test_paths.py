@@ -3,11 +3,11 @@
 import pytest
 from refusals import refuses
 
-from tests.apps.explorer.shown import Rows, client_of, explored_graph, look, view_of
+from tests.apps.explorer.shown import client_of, explored_graph, look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import path as paths
 from wordcraft_kg.apps.explorer.pages.entity import Entity
-from wordcraft_kg.apps.explorer.pages.path import Path, PathView
+from wordcraft_kg.apps.explorer.pages.path import Path
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import checked_values
@@ -15,11 +15,11 @@ from wordcraft_kg.graphs import Planner, SplitConfig, make_split
 from wordcraft_kg.graphs.splits import PARTS
 
 
-def path_to(goal: str, *rows: tuple[str, str, str], base: list[str] | None = None, page: int = 1) -> PathView:
+def path_to(goal, *rows, base=None, page=1):
     return view_of(explored_graph(rows, base), Path(goal, page))
 
 
-def chain(length: int) -> list[tuple[str, str, str]]:
+def chain(length):
     """Each entity is made of the one before, twice: the tree doubles with each layer."""
     return [(f"{i:05}", f"{i:05}", f"{i + 1:05}") for i in range(length)]
 
@@ -72,7 +72,7 @@ LOST = [("gone", "b", "d")]
         ("x", [("x", "b", "y"), ("y", "b", "x")], "impossible", [("y",)], (), "form a cycle"),
     ],
 )
-def test_a_path_says_whether_it_can_be_gone_and_why_not(goal: str, rows: Rows, outcome: str, blocked, sources, text):
+def test_a_path_says_whether_it_can_be_gone_and_why_not(goal, rows, outcome, blocked, sources, text):
     explored = explored_graph([*rows, ("a", "b", "other")], ["a", "b"])
     view = view_of(explored, Path(goal))
     assert (view.outcome, [row.missing for row in view.blocked], view.sources) == (outcome, blocked, sources)

@@ -1,14 +1,11 @@
 """Open slots: truth, training status, ranks and reasons, against loops and the ranking of reports."""
 
-from collections.abc import Callable
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving, status_of
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
@@ -18,7 +15,7 @@ from wordcraft_kg.models.scorers.ranking import rank_triples
 SLOTS = list(product(range(0, 80, 9), range(len(RELATIONS)), ("head", "tail")))
 
 
-def test_each_entity_of_a_slot_has_the_part_of_its_triple_and_whether_it_was_learned(neighbours: LinkPredictor):
+def test_each_entity_of_a_slot_has_the_part_of_its_triple_and_whether_it_was_learned(neighbours):
     seen = set()
     for entity, relation, side in SLOTS:
         slot = neighbours.slot(entity, relation, side)
@@ -32,7 +29,7 @@ def test_each_entity_of_a_slot_has_the_part_of_its_triple_and_whether_it_was_lea
     assert seen == {0, 1, 2, NEW}
 
 
-def test_ranks_are_those_of_reports_whether_a_link_is_true_or_not(neighbours: LinkPredictor):
+def test_ranks_are_those_of_reports_whether_a_link_is_true_or_not(neighbours):
     graph = neighbours.graph
     for entity, relation, side in SLOTS:
         slot = neighbours.slot(entity, relation, side)
@@ -45,7 +42,7 @@ def test_ranks_are_those_of_reports_whether_a_link_is_true_or_not(neighbours: Li
             assert (found.rank, found.candidates) == (expected["rank"].iloc[other], expected["candidates"].iloc[other])
 
 
-def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours: LinkPredictor):
+def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours):
     flour = neighbours.graph.id_of("flour")
     slot = neighbours.slot(flour, COMBINES_WITH, "tail")
     labels = neighbours.graph.entities
@@ -58,7 +55,7 @@ def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours: 
         assert (answers.head, answers.relation, answers.tail) == ("flour", "combinesWith", None)
 
 
-def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours: LinkPredictor):
+def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
     compared = 0
     for entity, relation, side in SLOTS:
         slot = neighbours.slot(entity, relation, side)
@@ -85,11 +82,11 @@ def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours: Lin
         ("test", False, True, "held out"),
     ],
 )
-def test_status_says_what_is_known_of_a_link(known, learned: bool, is_itself: bool, status: str):
+def test_status_says_what_is_known_of_a_link(known, learned, is_itself, status):
     assert status_of(known, learned, is_itself=is_itself) == status
 
 
-def test_an_entity_in_its_own_slot_is_marked(neighbours: LinkPredictor):
+def test_an_entity_in_its_own_slot_is_marked(neighbours):
     statuses = set()
     for label in neighbours.graph.entities:
         entity = neighbours.graph.id_of(label)
@@ -100,9 +97,7 @@ def test_an_entity_in_its_own_slot_is_marked(neighbours: LinkPredictor):
     assert statuses == {"itself"}
 
 
-def test_probabilities_are_those_of_the_scorer_and_none_for_what_was_learned(
-    kernel: LinkPredictor, neighbours: LinkPredictor
-):
+def test_probabilities_are_those_of_the_scorer_and_none_for_what_was_learned(kernel, neighbours):
     scorer = kernel.model.scorer
     found = kernel.best(kernel.slot(3, COMPONENT_OF, "head"), with_learned=True, top=80)
     assert {row.status for row in found.best} >= {"learned", "not in the book"}
@@ -113,7 +108,7 @@ def test_probabilities_are_those_of_the_scorer_and_none_for_what_was_learned(
     assert {row.probability for row in without.best} == {None}
 
 
-def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours: LinkPredictor):
+def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours):
     known, named = {(a, b) for a, b, _ in neighbours.split.recipes("train").tolist()}, 0
     slot = neighbours.slot(3, COMBINES_WITH, "tail")
     for row in neighbours.best(slot, witnesses=3).best:
@@ -129,17 +124,17 @@ def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours: L
 
 
 @pytest.fixture
-def with_train_sample(parted_kitchen: OpenedGraph, tmp_path: Path) -> Callable[..., LinkPredictor]:
+def with_train_sample(parted_kitchen, tmp_path):
     """Train a tiny ComplEx on a dose of the train recipes."""
 
-    def with_train_sample(**settings: float) -> LinkPredictor:
+    def with_train_sample(**settings):
         config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, **settings))  # type: ignore[arg-type]
         return LinkPredictor("with_train_sample", tmp_path, open_model(train_links(config, tmp_path / "model").folder))
 
     return with_train_sample
 
 
-def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample: Callable[..., LinkPredictor]):
+def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample):
     predictor = with_train_sample(folds=0, train_fraction=0.5)
     slots = [predictor.best(predictor.slot(*slot), with_learned=True, top=80, witnesses=0) for slot in SLOTS]
     statuses = {(row.status, row.known) for slot in slots for row in slot.best}
@@ -147,7 +142,7 @@ def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample: Callabl
     assert ("learned", "test") not in statuses
 
 
-def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_sample: Callable[..., LinkPredictor]):
+def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_sample):
     predictor = with_train_sample(folds=2, label_noise=0.5)
     train_sample = predictor.model.train_sample
     a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
@@ -157,7 +152,7 @@ def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_samp
     assert any(row.probability is not None for row in found.best)
 
 
-def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours: LinkPredictor):
+def test_the_recipes_of_a_link_are_those_that_give_its_triple(neighbours):
     graph = neighbours.graph
     for head, relation, tail in graph.triples[::11].tolist():
         expected = [

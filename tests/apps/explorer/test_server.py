@@ -3,12 +3,10 @@
 import re
 import shutil
 import socket
-from pathlib import Path
 from urllib.parse import quote
 
 import pytest
 from graph_folders import write_graph
-from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route, Router
 from starlette.testclient import TestClient
@@ -24,22 +22,22 @@ from wordcraft_kg.base.records import as_values
 
 
 @pytest.fixture(scope="module")
-def client(explored: Explored) -> TestClient:
+def client(explored):
     return client_of(explored)
 
 
 @pytest.fixture
-def resplit_folder(tmp_path: Path) -> Path:
+def resplit_folder(tmp_path):
     """The kitchen with another split."""
     return write_graph(tmp_path / "graph", seed=3)
 
 
 @pytest.fixture(scope="module")
-def hostile_client(hostile: Explored) -> TestClient:
+def hostile_client(hostile):
     return client_of(hostile)
 
 
-def test_every_link_that_can_be_reached_leads_to_a_page(client: TestClient):
+def test_every_link_that_can_be_reached_leads_to_a_page(client):
     todo, seen, kinds = ["/"], set(), {}
     while todo:
         address = todo.pop(0)
@@ -56,7 +54,7 @@ def test_every_link_that_can_be_reached_leads_to_a_page(client: TestClient):
     assert set(kinds) >= set(PAGES)
 
 
-def test_every_page_of_the_menu_has_its_view_as_json(client: TestClient, explored: Explored):
+def test_every_page_of_the_menu_has_its_view_as_json(client, explored):
     for page in PAGES.values():
         if page.title and not page.is_live:
             answer = client.get(f"/{page.name}?format=json")
@@ -64,42 +62,42 @@ def test_every_page_of_the_menu_has_its_view_as_json(client: TestClient, explore
 
 
 @pytest.mark.parametrize("address", ["/home", "/nothing", "/search?q=a", "/files/explorer.css", "/entity/nothing"])
-def test_every_answer_has_the_security_headers(client: TestClient, address: str):
+def test_every_answer_has_the_security_headers(client, address):
     answer = client.get(address)
     assert {name: answer.headers[name] for name in HEADERS} == HEADERS
 
 
 @pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example", "", "127.0.0.1.nip.io", "[::1"])
-def test_another_hosts_name_is_refused(client: TestClient, host: str):
+def test_another_hosts_name_is_refused(client, host):
     answer = client.get("/home", headers={"Host": host})
     assert answer.status_code == 421
     assert "Crafting layers" not in answer.text
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1:8765", "[::1]:80", "LOCALHOST:1"])
-def test_the_names_of_this_machine_are_answered(client: TestClient, host: str):
+def test_the_names_of_this_machine_are_answered(client, host):
     assert client.get("/home", headers={"Host": host}).status_code == 200
 
 
-def test_a_further_name_may_be_allowed(explored: Explored):
+def test_a_further_name_may_be_allowed(explored):
     app = make_app(explored, more_hosts=["Lab.example"])
     assert TestClient(app, base_url="http://lab.example").get("/home").status_code == 200
     assert TestClient(app, base_url="http://lab2.example").get("/home").status_code == 421
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "TRACE"])
-def test_nothing_but_reading_is_possible(client: TestClient, method: str):
+def test_nothing_but_reading_is_possible(client, method):
     assert client.request(method, "/home").status_code == 405
 
 
-def test_a_long_query_is_answered(client: TestClient):
+def test_a_long_query_is_answered(client):
     assert client.get("/entities?q=" + "a" * (LONGEST_ADDRESS - 100)).status_code == 200
 
 
 @pytest.mark.parametrize(
     "path", ["/../../etc/passwd", "/files/../server.py", "/files/%2e%2e%2fserver.py", "/files/server.py"]
 )
-def test_no_path_leads_out_of_the_site(client: TestClient, path: str):
+def test_no_path_leads_out_of_the_site(client, path):
     answer = client.get(path)
     assert (answer.status_code, re.findall("import|root:", answer.text)) == (404, [])
 
@@ -111,7 +109,7 @@ def test_no_path_leads_out_of_the_site(client: TestClient, path: str):
         *[("/run/brea", False), ("/entity/bread?model=x", False)],
     ],
 )
-def test_entities_are_offered_where_an_entity_is_not_there(client: TestClient, path: str, is_meant: bool):
+def test_entities_are_offered_where_an_entity_is_not_there(client, path, is_meant):
     answer = client.get(path)
     assert answer.status_code == 404
     assert ("Similar names" in answer.text, "/entity/bread" in Shown(answer.text).links) == (is_meant, is_meant)
@@ -129,13 +127,13 @@ def test_entities_are_offered_where_an_entity_is_not_there(client: TestClient, p
     ],
     ids=lambda value: str(value)[:30],
 )
-def test_an_address_that_cannot_be_read_is_an_error(client: TestClient, address: str, status: int, message: str):
+def test_an_address_that_cannot_be_read_is_an_error(client, address, status, message):
     answer = client.get(address)
     assert (answer.status_code, message in answer.text) == (status, True)
 
 
-def test_an_error_in_a_page_shows_nothing_of_the_program(explored: Explored, monkeypatch: pytest.MonkeyPatch):
-    def broken(*_: object) -> None:
+def test_an_error_in_a_page_shows_nothing_of_the_program(explored, monkeypatch):
+    def broken(*_):
         raise RuntimeError("secret detail")
 
     monkeypatch.setattr(entities, "list_entities", broken)
@@ -145,12 +143,12 @@ def test_an_error_in_a_page_shows_nothing_of_the_program(explored: Explored, mon
     assert {name: answer.headers[name] for name in HEADERS} == HEADERS
 
 
-def test_search_finds_labels_and_their_addresses(client: TestClient):
+def test_search_finds_labels_and_their_addresses(client):
     assert client.get("/search?q=BRE").json()[0] == ["bread", "/entity/bread"]
     assert client.get("/search?q=").json() == client.get("/search?q=zzzz").json() == []
 
 
-def test_hostile_labels_are_text_in_pages_lists_and_searches(hostile_client: TestClient):
+def test_hostile_labels_are_text_in_pages_lists_and_searches(hostile_client):
     client, page = hostile_client, PAGES["entity"]
     own = [page.address(page.state(entity=label)) for label in HOSTILE]
     for address in (*own, "/home", "/entities", f"/entities?q={quote('<script>')}", f"/entity/{quote('<b>nothing')}"):
@@ -164,8 +162,8 @@ def test_hostile_labels_are_text_in_pages_lists_and_searches(hostile_client: Tes
 
 
 @pytest.fixture
-def form() -> TestClient:
-    async def receive(request: Request) -> PlainTextResponse:
+def form():
+    async def receive(request):
         return PlainTextResponse(str(len(await request.body())))
 
     app = Router([Route("/", receive, methods=["POST", "GET"])])
@@ -173,13 +171,13 @@ def form() -> TestClient:
     return TestClient(wrapped, base_url="http://localhost:8766")
 
 
-def test_a_form_of_another_site_is_refused(form: TestClient):
+def test_a_form_of_another_site_is_refused(form):
     assert form.post("/", content=b"a=1", headers={"Origin": "http://localhost:8766"}).text == "3"
     for origin in ("http://evil.example", "null", "http://localhost:9999", "http://localhost", "http://["):
         assert form.post("/", content=b"a=1", headers={"Origin": origin}).status_code == 403
 
 
-def test_a_long_body_is_refused_whether_or_not_its_length_is_said(form: TestClient):
+def test_a_long_body_is_refused_whether_or_not_its_length_is_said(form):
     assert form.post("/", content=b"a" * LONGEST_BODY).text == str(LONGEST_BODY)
     for content in (b"a" * (LONGEST_BODY + 1), (b"a" * 1000 for _ in range(100))):
         assert form.post("/", content=content).status_code == 413
@@ -200,8 +198,8 @@ def test_forms_of_the_site_itself_name_their_origin():
     assert HEADERS["Referrer-Policy"] == "same-origin"
 
 
-def test_what_cannot_be_made_is_tried_again(explored: Explored):
-    def fail() -> int:
+def test_what_cannot_be_made_is_tried_again(explored):
+    def fail():
         raise ConfigError("not yet")
 
     with pytest.raises(ConfigError):
@@ -220,13 +218,13 @@ def test_what_cannot_be_made_is_tried_again(explored: Explored):
         ("kitchen_folder", "tmp_path", None, ArtefactError),
     ],
 )
-def test_a_folder_of_another_graph_or_kind_is_refused(request: pytest.FixtureRequest, graph, model, run, error):
+def test_a_folder_of_another_graph_or_kind_is_refused(request, graph, model, run, error):
     models, runs = ([request.getfixturevalue(name)] if name else [] for name in (model, run))
     with pytest.raises(error):
         Explored.open(graph if graph == "everyday" else request.getfixturevalue(graph), models, runs)
 
 
-def test_models_and_runs_are_found_by_name_and_the_first_without(explored: Explored):
+def test_models_and_runs_are_found_by_name_and_the_first_without(explored):
     names = list(explored.models)
     assert names == ["kitchen-complex", "kitchen-recipes"]
     assert explored.predictor().name == names[0]
@@ -238,15 +236,15 @@ def test_models_and_runs_are_found_by_name_and_the_first_without(explored: Explo
             getattr(Explored(explored.opened), {"model": "predictor"}.get(kind, kind))()
 
 
-def test_folders_of_one_name_are_told_apart_by_their_parents(kitchen_folder: Path, links_folder: Path, tmp_path: Path):
+def test_folders_of_one_name_are_told_apart_by_their_parents(kitchen_folder, links_folder, tmp_path):
     for place in ("one", "two"):
         shutil.copytree(links_folder, tmp_path / place / "cx")
     found = Explored.open(kitchen_folder, [tmp_path / "one" / "cx", tmp_path / "two" / "cx"])
     assert list(found.models) == ["cx", "two-cx"]
 
 
-def test_looking_writes_nothing(client: TestClient, kitchen_folder: Path, links_folder: Path, run_folder: Path):
-    def content() -> dict[Path, tuple[int, int]]:
+def test_looking_writes_nothing(client, kitchen_folder, links_folder, run_folder):
+    def content():
         files = [path for folder in (kitchen_folder, links_folder, run_folder) for path in folder.rglob("*")]
         return {path: (path.stat().st_size, path.stat().st_mtime_ns) for path in files}
 
@@ -255,5 +253,5 @@ def test_looking_writes_nothing(client: TestClient, kitchen_folder: Path, links_
     assert content() == before
 
 
-def test_the_json_of_a_page_is_json_whatever_its_labels_are(hostile_client: TestClient):
+def test_the_json_of_a_page_is_json_whatever_its_labels_are(hostile_client):
     assert hostile_client.get("/entities?format=json").json()["paging"]["total"] == len(HOSTILE) + 3

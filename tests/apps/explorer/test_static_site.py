@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
@@ -17,26 +16,26 @@ from wordcraft_kg.base.progress import listening
 LOADING = ("link", "script", "img")
 
 
-def loaded(page: Shown) -> list[str]:
+def loaded(page):
     """The files that a page loads."""
     sources = [attributes.get("href") or attributes.get("src") or "" for tag, attributes in page.tags if tag in LOADING]
     return [source for source in sources if source and not source.startswith("data:")]
 
 
 @pytest.fixture(scope="module")
-def pages(static_site: Path) -> dict[Path, Shown]:
+def pages(static_site):
     """The pages of the kitchen's site by their files."""
     return {path: Shown(path.read_text()) for path in sorted(static_site.rglob("*.html"))}
 
 
 @pytest.fixture(scope="module")
-def hostile_site(hostile: Explored, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def hostile_site(hostile, tmp_path_factory):
     out = tmp_path_factory.mktemp("static") / "hostile"
     assert not export_site(hostile, out).skipped
     return out
 
 
-def test_every_link_of_every_file_leads_to_a_file(static_site: Path, pages: dict[Path, Shown]):
+def test_every_link_of_every_file_leads_to_a_file(static_site, pages):
     assert len(pages) > 80  # one for each entity, and more
     for path, page in pages.items():
         for link in page.links + loaded(page):
@@ -48,7 +47,7 @@ def test_every_link_of_every_file_leads_to_a_file(static_site: Path, pages: dict
             assert not anchor or f'id="{anchor}"' in pages[file].page, (path, link)
 
 
-def test_the_first_page_leads_to_every_entity(static_site: Path, pages: dict[Path, Shown], explored: Explored):
+def test_the_first_page_leads_to_every_entity(static_site, pages, explored):
     todo = [static_site / "index.html"]
     seen = set(todo)
     while todo:
@@ -60,14 +59,14 @@ def test_the_first_page_leads_to_every_entity(static_site: Path, pages: dict[Pat
     assert sum(path.parent.name == "entity" for path in seen) == explored.opened.graph.num_entities
 
 
-def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages: dict[Path, Shown]):
+def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages):
     for path, page in pages.items():
         assert all("hidden" in form.attributes for form in page.forms), path
         assert not [source for source in loaded(page) if re.match(r"\w+:|//", source)], path
         assert "Content-Security-Policy" in page.page
 
 
-def test_the_record_says_what_was_written(static_site: Path, explored: Explored):
+def test_the_record_says_what_was_written(static_site, explored):
     record = json.loads((static_site / "site.json").read_text())
     sizes = [page.stat().st_size for page in static_site.rglob("*.html")]
     assert (record["pages"], record["bytes"], record["largest"]) == (len(sizes), sum(sizes), max(sizes))
@@ -75,7 +74,7 @@ def test_the_record_says_what_was_written(static_site: Path, explored: Explored)
     assert (set(record["models"]), set(record["runs"])) == (set(explored.models), set(explored.runs))
 
 
-def test_the_search_file_has_every_entity_the_most_used_first(static_site: Path, explored: Explored):
+def test_the_search_file_has_every_entity_the_most_used_first(static_site, explored):
     text = (static_site / "search.js").read_text()
     found = json.loads(text.removeprefix("window.entities = ").removesuffix(";\n"))
     graph = explored.opened.graph
@@ -85,14 +84,14 @@ def test_the_search_file_has_every_entity_the_most_used_first(static_site: Path,
     assert all((static_site / file).is_file() for _, file in found)
 
 
-def test_labels_make_safe_file_names_and_none_is_lost(hostile: Explored, hostile_site: Path):
+def test_labels_make_safe_file_names_and_none_is_lost(hostile, hostile_site):
     pages = list((hostile_site / "entity").iterdir())
     assert len(pages) == hostile.opened.graph.num_entities == len(HOSTILE) + 3
     assert all(re.fullmatch(r"[a-z0-9-]{1,70}\.html", page.name) for page in pages)
     assert not [page for page in hostile_site.rglob("*.html") if "<script>alert" in page.read_text()]
 
 
-def test_an_export_reports_each_page(tmp_path: Path):
+def test_an_export_reports_each_page(tmp_path):
     small, reported = explored_graph([("a", "b", "c")]), []
     with listening(lambda stage, done, total: reported.append((stage, done < total))):
         export_site(small, tmp_path / "site")
@@ -100,15 +99,15 @@ def test_an_export_reports_each_page(tmp_path: Path):
     assert reported[-1] == ("writing pages", False)
 
 
-def test_the_same_site_has_the_same_bytes(hostile: Explored, hostile_site: Path, tmp_path: Path):
-    def content(site: Path) -> dict[Path, bytes]:
+def test_the_same_site_has_the_same_bytes(hostile, hostile_site, tmp_path):
+    def content(site):
         return {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.is_file()}
 
     export_site(Explored(hostile.opened), tmp_path / "again")
     assert content(tmp_path / "again") == content(hostile_site)
 
 
-def test_a_site_is_replaced_only_on_request(tmp_path: Path):
+def test_a_site_is_replaced_only_on_request(tmp_path):
     small, site, other = explored_graph([("a", "b", "c")]), tmp_path / "site", tmp_path / "other"
     for is_forced in (False, True):
         export_site(small, site, force=is_forced)
@@ -120,9 +119,7 @@ def test_a_site_is_replaced_only_on_request(tmp_path: Path):
     assert (other / "notes.txt").read_text() == "mine"
 
 
-def test_no_file_says_where_folders_are_on_this_machine(
-    explored: Explored, run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_no_file_says_where_folders_are_on_this_machine(explored, run_folder, tmp_path, monkeypatch):
     shutil.copytree(run_folder, tmp_path / "w")
     (tmp_path / "w" / "episodes.jsonl").unlink()
     broken = Explored(explored.opened, runs={"w": tmp_path / "w"})

@@ -1,7 +1,5 @@
 """The table of tasks: all tasks, with how often an agent solved each; only shown tasks get labels."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,12 +13,12 @@ from wordcraft_kg.apps.explorer.pages.tasks import TASKS_A_PAGE, ListedTask, Tas
 from wordcraft_kg.base.errors import ArtefactError, UnknownEntityError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.task_search import make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
 
 
-def played_at_random(opened: OpenedGraph, depth: int) -> tuple[TaskSet, list[PlayedTask]]:
+def played_at_random(opened, depth):
     """Episodes of chance, as a run records them; of every third task none."""
     world = World(opened, WordCraftConfig(part="train", depth=depth, num_distractors=0))
     success, lines = Evaluator(world, distractor_seeds=4)(random_entity).success, []
@@ -32,7 +30,7 @@ def played_at_random(opened: OpenedGraph, depth: int) -> tuple[TaskSet, list[Pla
 
 
 @pytest.mark.parametrize("depth", [1, 2])
-def test_all_tasks_are_listed_once_with_how_often_they_were_solved(opened: OpenedGraph, depth: int):
+def test_all_tasks_are_listed_once_with_how_often_they_were_solved(opened, depth):
     tasks, lines = played_at_random(opened, depth)
     results = TaskResults.of(tasks, reversed(lines))
     by_task = {(line.goal, line.start): line.terminations for line in lines}
@@ -58,7 +56,7 @@ def test_all_tasks_are_listed_once_with_how_often_they_were_solved(opened: Opene
         assert expected or (tasks.depth, kind) == (2, "always")  # which chance hardly does
 
 
-def test_a_goal_has_its_own_tasks(opened: OpenedGraph):
+def test_a_goal_has_its_own_tasks(opened):
     tasks, lines = played_at_random(opened, 1)
     results = TaskResults.of(tasks, lines)
     goal = tasks[40].goal
@@ -70,7 +68,7 @@ def test_a_goal_has_its_own_tasks(opened: OpenedGraph):
         view_task_table(tasks, goal=goal + "x")
 
 
-def test_without_results_there_are_no_counts(opened: OpenedGraph):
+def test_without_results_there_are_no_counts(opened):
     tasks = make_tasks(opened.graph, 1, opened.split, "test")
     found = view_task_table(tasks)
     assert (found.counts, {row.won for row in found.rows}) == ({}, {None})
@@ -78,14 +76,14 @@ def test_without_results_there_are_no_counts(opened: OpenedGraph):
     assert not TaskResults.of(tasks, played_at_random(opened, 1)[1]).distractor_seeds.any()  # they are of another part
 
 
-def test_drawn_tasks_are_said_to_be_drawn(opened: OpenedGraph):
+def test_drawn_tasks_are_said_to_be_drawn(opened):
     tasks = make_tasks(opened.graph, 3, opened.split, "train", limit=70)
     found = view_task_table(tasks)
     assert (found.tasks, found.is_complete, found.paging.pages) == (70, False, 2)
     assert view_task_table(make_tasks(opened.graph, 2)).is_complete
 
 
-def test_only_what_is_shown_gets_labels(opened: OpenedGraph, monkeypatch: pytest.MonkeyPatch):
+def test_only_what_is_shown_gets_labels(opened, monkeypatch):
     """A large book has hundreds of thousands of tasks."""
     tasks, lines = played_at_random(opened, 2)
     results, asked = TaskResults.of(tasks, lines), []
@@ -96,7 +94,7 @@ def test_only_what_is_shown_gets_labels(opened: OpenedGraph, monkeypatch: pytest
     assert len(tasks) > 5 * TASKS_A_PAGE
 
 
-def test_episodes_of_another_graph_are_an_error(opened: OpenedGraph):
+def test_episodes_of_another_graph_are_an_error(opened):
     _, lines = played_at_random(opened, 1)
     graph = RecipeGraph.from_recipes([["a", "b", "c"], ["c", "b", "d"]])
     tasks = make_tasks(graph, 1, make_split(graph, SplitConfig("none")), "train")
@@ -104,7 +102,7 @@ def test_episodes_of_another_graph_are_an_error(opened: OpenedGraph):
         TaskResults.of(tasks, lines)
 
 
-def test_the_results_of_a_run_are_those_of_its_evaluation(opened: OpenedGraph, tmp_path: Path):
+def test_the_results_of_a_run_are_those_of_its_evaluation(opened, tmp_path):
     trainer = ImpalaConfig(steps=64, batch_size=16, eval_every=0)
     config = AgentConfig("kitchen", None, TaskConfig(distractors=1), trainer=trainer)
     folder = train_agent(config, tmp_path / "run").folder

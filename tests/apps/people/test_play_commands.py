@@ -6,7 +6,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,24 +27,24 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
-def typed(run: Run, monkeypatch: pytest.MonkeyPatch) -> Run:
+def typed(run, monkeypatch):
     """Run a command with lines on stdin, which then ends."""
 
-    def typed(lines: Sequence[str], *arguments: object) -> Any:
+    def typed(lines, *arguments):
         monkeypatch.setattr(sys, "stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
         return run(*arguments)
 
     return typed
 
 
-def solution(number: int, **settings: Any) -> tuple[list[str], WordCraftEnv]:
+def solution(number, **settings):
     """The pairs of the first plan of an episode's task, and its environment."""
     env = WordCraftEnv("kitchen", **settings)
     env.reset(seed=episode_seed(0, env.config.part, number))
     return [" + ".join(recipe[:2]) for recipe in env.task.plans[0]], env
 
 
-def test_a_goal_is_made_by_typing_the_words_of_the_plan(typed: Run):
+def test_a_goal_is_made_by_typing_the_words_of_the_plan(typed):
     words, env = solution(1, part="all")
     outcome = typed(words, *ONCE, "0")
     assert (outcome.code, outcome.err) == (0, "")
@@ -53,7 +53,7 @@ def test_a_goal_is_made_by_typing_the_words_of_the_plan(typed: Run):
     assert outcome.out.splitlines()[-1] == "goals made: 1 of 1   to repeat these tasks: --seed 0"
 
 
-def test_a_deeper_task_brings_what_is_made_to_the_table(typed: Run):
+def test_a_deeper_task_brings_what_is_made_to_the_table(typed):
     words, _ = solution(1, part="train", depth=2, num_distractors=3, max_attempts=3)
     settings = {"depth": 2, "distractors": 3, "part": "train", "attempts": 3, "seed": 0, "episodes": 1}
     options = (word for name, value in settings.items() for word in (f"--{name}", value))
@@ -64,14 +64,14 @@ def test_a_deeper_task_brings_what_is_made_to_the_table(typed: Run):
         assert shown in outcome.err
 
 
-def test_a_goal_that_was_not_made_is_followed_by_a_plan(typed: Run):
+def test_a_goal_that_was_not_made_is_followed_by_a_plan(typed):
     shown = typed(["1 1"], *ONCE, "2").out
     end = r"You did not make .*\.\n.*olution.*\ngoals made: 0 of 1   to repeat these tasks: --seed 2\n$"
     assert re.search(end, shown)
 
 
-def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed: Run):
-    def goals(lines: list[str], seed: int) -> list[str]:
+def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed):
+    def goals(lines, seed):
         shown = typed(lines, *PLAY, "--seed", seed, "--attempts", "2", "--episodes", "4").out
         return [line.partition("   (goals made")[0] for line in shown.splitlines() if "Goal: " in line]
 
@@ -80,7 +80,7 @@ def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed: Run):
 
 
 @pytest.mark.parametrize("bad", ["0 1", "1", "11 1", "x" * 5_000, "²", "", "  ", "\ufffd", "zzz", "?"])
-def test_bad_input_is_asked_again_and_changes_nothing(typed: Run, bad: str):
+def test_bad_input_is_asked_again_and_changes_nothing(typed, bad):
     words, _ = solution(1, part="all")
     shown = typed([bad, bad, bad, *words], *ONCE, "0").out
     assert "You made the goal" in shown
@@ -89,13 +89,13 @@ def test_bad_input_is_asked_again_and_changes_nothing(typed: Run, bad: str):
 
 
 @pytest.mark.parametrize("lines", [[], ["q"], ["Q"], ["1", "q"], ["1"], [" q "]])
-def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed: Run, lines: list[str]):
+def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed, lines):
     outcome = typed(lines, *PLAY, "--seed", "7")
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.splitlines()[-1] == "goals made: 0 of 0   to repeat these tasks: --seed 7"
 
 
-def test_the_game_fits_80_columns(typed: Run):
+def test_the_game_fits_80_columns(typed):
     outcome = typed(["?", "zzz", "1 2"], "play", "everyday", "--distractors", "40", "--episodes", "1")
     assert max(map(len, outcome.out.splitlines())) <= 80
 
@@ -123,13 +123,13 @@ def test_input_that_is_not_text_is_bad_input():
         ("--open-ended --base flour", "--base flour: nothing new can be made"),
     ],
 )
-def test_options_that_cannot_be_are_one_line(typed: Run, tmp_path: Path, monkeypatch, options: str, message: str):
+def test_options_that_cannot_be_are_one_line(typed, tmp_path, monkeypatch, options, message):
     monkeypatch.chdir(tmp_path)
     assert message in refused(typed([], *PLAY, *options.split()))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_tally_goes_along_with_the_game(typed: Run):
+def test_the_tally_goes_along_with_the_game(typed):
     words = [word for number in (1, 2) for word in solution(number, part="all")[0]]
     shown = typed([*words, "1 1", "1 1", "q"], *PLAY, "--seed", "0").out
     headings = [line.partition("   ")[2] for line in shown.splitlines() if "Goal: " in line]
@@ -137,7 +137,7 @@ def test_the_tally_goes_along_with_the_game(typed: Run):
     assert "3 of 7. Goal: " in typed(["1 1"] * 2, *PLAY, "--seed", "0", "--episodes", "7").out
 
 
-def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed: Run):
+def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed):
     command = (*PLAY, "--episodes", "3")
     first, second = (typed(["1 1"] * 3, *command).out for _ in range(2))
     seed = first.split("--seed ")[1].strip()
@@ -153,8 +153,8 @@ def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed: 
         ([*GOOD, "air"], WORLD, "known items: 7 of 1177 after 2 attempts\n"),
     ],
 )
-def test_ctrl_c_ends_the_line_and_shows_the_tally(run: Run, monkeypatch, lines, command, message):
-    def typing() -> Iterator[str]:
+def test_ctrl_c_ends_the_line_and_shows_the_tally(run, monkeypatch, lines, command, message):
+    def typing():
         yield from (f"{line}\n" for line in lines)
         raise KeyboardInterrupt
 
@@ -167,7 +167,7 @@ def test_ctrl_c_ends_the_line_and_shows_the_tally(run: Run, monkeypatch, lines, 
     assert outcome.err == f"interrupted; {message}"
 
 
-def test_the_open_ended_world_is_discovered_by_typing_names(typed: Run):
+def test_the_open_ended_world_is_discovered_by_typing_names(typed):
     outcome = typed([*GOOD, "air + air", "mud, time"], *WORLD)
     assert (outcome.code, outcome.err) == (0, "")
     for shown in ("water + earth -> mud", "air + air -> wind", "air + air -> nothing new (already tried)", "7 wind"):
@@ -178,7 +178,7 @@ def test_the_open_ended_world_is_discovered_by_typing_names(typed: Run):
     assert outcome.out.splitlines()[-1] == f"known items: {5 + discovered} of 1177 after 4 attempts"
 
 
-def test_the_game_is_that_of_the_environment(typed: Run):
+def test_the_game_is_that_of_the_environment(typed):
     values = json.loads(typed(GOOD, *WORLD, "--attempts", "2", "--json").out)
     env = OpenEndedEnv("everyday", max_attempts=2)
     env.reset()
@@ -189,7 +189,7 @@ def test_the_game_is_that_of_the_environment(typed: Run):
     assert (values["discovered"], values["attempts"], values["attempted"]) == (["mud", "wind"], 2, 2)
 
 
-def test_the_game_ends_when_everything_is_known(typed: Run, tmp_path: Path):
+def test_the_game_ends_when_everything_is_known(typed, tmp_path):
     book = tmp_path / "book.csv"
     book.write_text("ingredient_a,ingredient_b,result\na,b,c\nc,c,d\n")
     command = ("play", book, "--open-ended", "--base", "a,b", "--json")

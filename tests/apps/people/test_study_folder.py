@@ -5,7 +5,7 @@ import math
 import shutil
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -30,12 +30,12 @@ FILES = [ANSWERS_FILE, "study.json"]
 
 
 @pytest.fixture(scope="module")
-def study(kitchen: RecipeGraph) -> Study:
+def study(kitchen):
     return Study(kitchen, SMALL)
 
 
 @pytest.fixture
-def folder(study: Study, tmp_path: Path) -> Path:
+def folder(study, tmp_path):
     """A study that has been begun; its name has what addresses of databases treat specially."""
     path = tmp_path / "a study #1 100%?"
     with kept_answers(path, study):
@@ -43,20 +43,20 @@ def folder(study: Study, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def answers(folder: Path) -> Iterator[AnswersDatabase]:
+def answers(folder):
     with closing(opened(folder)) as answers:
         yield answers
 
 
-def opened(folder: Path) -> AnswersDatabase:
+def opened(folder):
     return AnswersDatabase(folder / ANSWERS_FILE, read_study_record(folder)[1], 6)
 
 
-def begin(answers: AnswersDatabase, study: Study) -> Participant:
+def begin(answers, study):
     return answers.begin(code_hash(new_code()), study.cells)
 
 
-def take_part(folder: Path, study: Study, count: int = 6) -> None:
+def take_part(folder, study, count=6):
     """Begin a session and answer so many tasks."""
     with closing(opened(folder)) as answers:
         go_on(answers, study, begin(answers, study), count)
@@ -72,7 +72,7 @@ def test_codes_are_read_as_people_type_them():
 @pytest.mark.parametrize(
     "typed", ["", "-", "abcd", "k7qm-2xwd-9hr", "k7qm-2xwd-9hrtt", "k7qm-2xwd-9hr0", "k7qm-2xwd-9hrï", "x" * 10_000]
 )
-def test_what_is_no_code_is_none(typed: str):
+def test_what_is_no_code_is_none(typed):
     assert read_code(typed) is None
 
 
@@ -84,7 +84,7 @@ def test_codes_differ_and_have_nothing_that_looks_alike():
     assert 12 * math.log2(len(ALPHABET)) > 59
 
 
-def test_a_code_is_not_stored(study: Study, folder: Path, answers: AnswersDatabase):
+def test_a_code_is_not_stored(study, folder, answers):
     code = new_code()
     go_on(answers, study, answers.begin(code_hash(code), study.cells), 2)
     answers.close()
@@ -93,14 +93,14 @@ def test_a_code_is_not_stored(study: Study, folder: Path, answers: AnswersDataba
     assert code.replace("-", "").encode() not in stored
 
 
-def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_seed(study: Study, kitchen: RecipeGraph):
+def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_seed(study, kitchen):
     for cell in study.cells:
         protocol = HumanProtocol(kitchen, cell.distractors, 5 + cell.form, tasks=3)
         assert study.tasks(cell) == tuple(protocol.task(*turn) for turn in protocol.turns)
         assert study.protocol(cell).header == protocol.header == study.record.header(cell)
 
 
-def test_several_threads_get_the_same_tasks(kitchen: RecipeGraph):
+def test_several_threads_get_the_same_tasks(kitchen):
     fresh, found = Study(kitchen, SMALL), []
     at_once(lambda: found.append(fresh.tasks(fresh.cells[0])), 8)
     assert set(found) == {Study(kitchen, SMALL).tasks(fresh.cells[0])}
@@ -121,18 +121,18 @@ def test_several_threads_get_the_same_tasks(kitchen: RecipeGraph):
         ({"consent": "x" * 20_001}, "consent"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(kitchen: RecipeGraph, changes: dict[str, Any], setting: str):
+def test_settings_that_cannot_be_are_refused(kitchen, changes, setting):
     with refuses(setting):
         Study(kitchen, replace(SMALL, **changes))
 
 
-def test_people_are_assigned_to_the_cell_that_fewest_have_begun(study: Study, answers: AnswersDatabase):
+def test_people_are_assigned_to_the_cell_that_fewest_have_begun(study, answers):
     people = [begin(answers, study) for _ in range(8)]
     assert [person.number for person in people] == list(range(1, 9))
     assert [person.cell for person in people] == [Cell(0, 1), Cell(0, 8), Cell(1, 1), Cell(1, 8)] * 2
 
 
-def test_of_equally_begun_cells_the_least_finished_comes_first(study: Study, answers: AnswersDatabase):
+def test_of_equally_begun_cells_the_least_finished_comes_first(study, answers):
     people = [begin(answers, study) for _ in range(4)]
     for person, count in zip(people, (6, 6, 5), strict=False):
         go_on(answers, study, person, count)
@@ -140,14 +140,14 @@ def test_of_equally_begun_cells_the_least_finished_comes_first(study: Study, ans
     assert answers.stored().finished == 2
 
 
-def test_people_who_begin_at_once_are_spread_evenly(study: Study, answers: AnswersDatabase):
+def test_people_who_begin_at_once_are_spread_evenly(study, answers):
     people: list[Participant] = []
     at_once(lambda: people.append(begin(answers, study)), 40)
     assert Counter(person.cell for person in people) == dict.fromkeys(study.cells, 10)
     assert sorted(person.number for person in people) == list(range(1, 41))
 
 
-def test_a_code_begins_one_session(study: Study, answers: AnswersDatabase):
+def test_a_code_begins_one_session(study, answers):
     code = code_hash(new_code())
     person = answers.begin(code, study.cells)
     assert answers.begin(code, study.cells) == person == answers.find(code)
@@ -155,7 +155,7 @@ def test_a_code_begins_one_session(study: Study, answers: AnswersDatabase):
     assert answers.stored().people == 1
 
 
-def test_the_first_answer_to_a_task_stays(study: Study, folder: Path, answers: AnswersDatabase):
+def test_the_first_answer_to_a_task_stays(study, folder, answers):
     person = begin(answers, study)
     task, protocol = study.tasks(person.cell)[0], study.protocol(person.cell)
     first, second = protocol.answer(task, (0, 1), 1.0), protocol.answer(task, (1, 1), 2.0)
@@ -170,7 +170,7 @@ def test_the_first_answer_to_a_task_stays(study: Study, folder: Path, answers: A
     assert [line.actions for line in lines_of(folder)] == [first.actions]
 
 
-def test_the_first_showing_of_a_task_is_kept_and_each_is_counted(study: Study, folder: Path, answers: AnswersDatabase):
+def test_the_first_showing_of_a_task_is_kept_and_each_is_counted(study, folder, answers):
     person = begin(answers, study)
     task = study.tasks(person.cell)[0]
     assert answers.shown(person, task.part, task.number) is None
@@ -181,7 +181,7 @@ def test_the_first_showing_of_a_task_is_kept_and_each_is_counted(study: Study, f
     assert [line.loads for line in lines_of(folder)] == [3]
 
 
-def test_no_time_of_day_stays_with_an_answer(study: Study, folder: Path, answers: AnswersDatabase):
+def test_no_time_of_day_stays_with_an_answer(study, folder, answers):
     go_on(answers, study, begin(answers, study), 2)
     with sqlite3.connect(folder / ANSWERS_FILE) as connection:
         assert connection.execute("SELECT COUNT(*) FROM showings").fetchone() == (0,)
@@ -189,7 +189,7 @@ def test_no_time_of_day_stays_with_an_answer(study: Study, folder: Path, answers
     assert names == (*("session", "part", "number", "goal", "slots", "actions", "made", "success", "seconds", "loads"),)
 
 
-def test_answers_are_read_while_they_are_served_and_afterwards(study: Study, folder: Path, answers: AnswersDatabase):
+def test_answers_are_read_while_they_are_served_and_afterwards(study, folder, answers):
     people = [begin(answers, study) for _ in range(3)]
     go_on(answers, study, people[1], 4)
     go_on(answers, study, people[0])
@@ -210,7 +210,7 @@ def test_answers_are_read_while_they_are_served_and_afterwards(study: Study, fol
 
 
 @pytest.fixture
-def killed(study: Study, folder: Path, answers: AnswersDatabase, tmp_path: Path) -> Path:
+def killed(study, folder, answers, tmp_path):
     """The folder that a kill leaves after four answers and a task that was shown."""
     person = answers.begin("0" * 64, study.cells)
     go_on(answers, study, person, 4)
@@ -218,7 +218,7 @@ def killed(study: Study, folder: Path, answers: AnswersDatabase, tmp_path: Path)
     return Path(shutil.copytree(folder, tmp_path / "killed"))
 
 
-def test_what_was_stored_is_there_after_a_kill(study: Study, killed: Path, caplog):
+def test_what_was_stored_is_there_after_a_kill(study, killed, caplog):
     (killed / f"{ANSWERS_FILE}-shm").unlink()
     with unchanged(killed):  # as on a read-only medium
         assert [len(session.answers) for session in read_study(killed).sessions()] == [4]
@@ -246,7 +246,7 @@ LOGS: dict[str, Callable[[bytes], bytes]] = {
 
 
 @pytest.mark.parametrize("damage", LOGS)
-def test_a_damaged_log_of_a_killed_server_is_warned_of(study: Study, killed: Path, caplog, damage: str):
+def test_a_damaged_log_of_a_killed_server_is_warned_of(study, killed, caplog, damage):
     log = killed / f"{ANSWERS_FILE}-wal"
     log.write_bytes(LOGS[damage](log.read_bytes()))
     for reads in (1, 2):
@@ -257,14 +257,14 @@ def test_a_damaged_log_of_a_killed_server_is_warned_of(study: Study, killed: Pat
         assert caplog.text.count("answers may be missing") == 3
 
 
-def test_a_withdrawn_answer_is_in_no_file_while_the_study_goes_on(study: Study, folder: Path, answers: AnswersDatabase):
+def test_a_withdrawn_answer_is_in_no_file_while_the_study_goes_on(study, folder, answers):
     leaves, stays = (answers.begin(code, study.cells) for code in ("0" * 64, "1" * 64))
     for person in (leaves, stays):
         go_on(answers, study, person)
     tables = {person: [task.table for task in study.tasks(person.cell)] for person in (leaves, stays)}
     private = [json.dumps(table, ensure_ascii=False) for table in tables[leaves] if table not in tables[stays]]
 
-    def found() -> set[bool]:
+    def found():
         return {text.encode() in b"".join(contents(folder).values()) for text in (*private, "0" * 64)}
 
     assert (len(private), found()) == (6, {True})
@@ -272,10 +272,10 @@ def test_a_withdrawn_answer_is_in_no_file_while_the_study_goes_on(study: Study, 
     assert found() == {False}
 
 
-def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder, monkeypatch):
     connect = sqlite3.connect
 
-    def read_only(path: object, **options: Any) -> sqlite3.Connection:
+    def read_only(path, **options):
         return connect(path if "uri" in options else f"{Path(str(path)).as_uri()}?mode=ro", **options | {"uri": True})
 
     monkeypatch.setattr(sqlite3, "connect", read_only)
@@ -283,7 +283,7 @@ def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder: Path, m
         opened(folder)
 
 
-def test_a_study_that_begins_on_a_full_disk_leaves_nothing(study: Study, tmp_path: Path, monkeypatch):
+def test_a_study_that_begins_on_a_full_disk_leaves_nothing(study, tmp_path, monkeypatch):
     monkeypatch.setattr(answers_database, "TABLES", ("PRAGMA max_page_count = 2", *answers_database.TABLES))
     with pytest.raises(ArtefactError, match="database or disk is full"), kept_answers(tmp_path / "study", study):
         pass
@@ -300,28 +300,28 @@ def test_a_study_that_begins_on_a_full_disk_leaves_nothing(study: Study, tmp_pat
         ({"consent": "Do you?"}, "another text"),
     ],
 )
-def test_a_study_with_other_settings_is_refused(kitchen: RecipeGraph, folder: Path, changes: Any, message: str):
+def test_a_study_with_other_settings_is_refused(kitchen, folder, changes, message):
     with unchanged(folder), pytest.raises(ConfigError, match=message):
         check_study_folder(folder, Study(kitchen, replace(SMALL, **changes)).record)
 
 
-def test_a_study_with_other_page_texts_is_refused(study: Study, folder: Path):
+def test_a_study_with_other_page_texts_is_refused(study, folder):
     with unchanged(folder), pytest.raises(ConfigError, match="other texts"):
         check_study_folder(folder, msgspec.structs.replace(study.record, texts_hash="0" * 64))
 
 
-def test_a_study_of_another_graph_or_split_is_refused(kitchen: RecipeGraph, folder: Path):
+def test_a_study_of_another_graph_or_split_is_refused(kitchen, folder):
     for other in ("everyday", other_world(kitchen, "split")):
         with pytest.raises(GraphMismatchError):
             check_study_folder(folder, Study(other, SMALL).record)
 
 
-def test_the_same_study_under_another_name_of_its_graph_goes_on(kitchen: RecipeGraph, folder: Path):
+def test_the_same_study_under_another_name_of_its_graph_goes_on(kitchen, folder):
     renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
     assert check_study_folder(folder, Study(renamed, SMALL).record)
 
 
-def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study: Study, tmp_path: Path):
+def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study, tmp_path):
     (tmp_path / "empty").mkdir()
     assert not check_study_folder(tmp_path / "empty", study.record)
     (tmp_path / "notes").write_text("mine")
@@ -345,7 +345,7 @@ RECORDS: dict[str, Any] = {
 }
 
 
-def refuses_all(folder: Path, *uses: Any, match: str, kind: type[Exception] = ArtefactError) -> None:
+def refuses_all(folder, *uses, match, kind=ArtefactError):
     """Check that each use of a folder is refused, and that nothing is changed."""
     for use in uses:
         with unchanged(folder), pytest.raises(kind, match=match):
@@ -353,7 +353,7 @@ def refuses_all(folder: Path, *uses: Any, match: str, kind: type[Exception] = Ar
 
 
 @pytest.mark.parametrize("change", RECORDS)
-def test_a_damaged_record_is_refused(study: Study, folder: Path, change: str):
+def test_a_damaged_record_is_refused(study, folder, change):
     path = folder / "study.json"
     path.write_text(json.dumps(RECORDS[change](json.loads(path.read_text()))))
     refuses_all(
@@ -361,7 +361,7 @@ def test_a_damaged_record_is_refused(study: Study, folder: Path, change: str):
     )
 
 
-def spoil(data: bytes) -> dict[str, bytes]:
+def spoil(data):
     middle = len(data) // 2
     return {
         "empty": b"",
@@ -375,14 +375,14 @@ def spoil(data: bytes) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("damage", spoil(b""))
-def test_a_damaged_database_is_refused_and_stays(study: Study, folder: Path, damage: str):
+def test_a_damaged_database_is_refused_and_stays(study, folder, damage):
     take_part(folder, study)
     path = folder / ANSWERS_FILE
     path.write_bytes(spoil(path.read_bytes())[damage])
     refuses_all(folder, read_study, opened, match=r"sqlite is (damaged|not an answers database)")
 
 
-def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen: RecipeGraph, folder: Path):
+def test_another_database_or_one_of_another_study_is_refused_and_stays(kitchen, folder):
     path, record = folder / ANSWERS_FILE, folder / "study.json"
     own = path.read_bytes()
     path.unlink()
@@ -409,7 +409,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_answers_that_cannot_be_are_refused(study: Study, folder: Path, change: str):
+def test_answers_that_cannot_be_are_refused(study, folder, change):
     take_part(folder, study)
     with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
         connection.executescript(CHANGES[change])
@@ -426,21 +426,21 @@ def test_answers_that_cannot_be_are_refused(study: Study, folder: Path, change: 
         "CREATE TABLE more (thing TEXT)",
     ],
 )
-def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder: Path, foreign: str):
+def test_a_database_with_more_than_a_study_s_tables_is_refused_and_stays(folder, foreign):
     opened(folder).close()
     with closing(sqlite3.connect(folder / ANSWERS_FILE)) as connection:
         connection.executescript(foreign)
     refuses_all(folder, read_study, opened, match="expected the tables of a study")
 
 
-def test_a_database_that_was_not_finished_is_made_again(study: Study, folder: Path):
+def test_a_database_that_was_not_finished_is_made_again(study, folder):
     (folder / ANSWERS_FILE).unlink()
     (folder / f".{ANSWERS_FILE}.new").write_bytes(b"half")
     take_part(folder, study, 1)
     assert sorted(contents(folder)) == FILES
 
 
-def test_reading_needs_the_file(folder: Path):
+def test_reading_needs_the_file(folder):
     (folder / ANSWERS_FILE).unlink()
     with pytest.raises(ArtefactError, match=r"answers\.sqlite is missing"):
         read_answers(folder / ANSWERS_FILE, "0" * 64)

@@ -3,11 +3,8 @@
 import asyncio
 import re
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from html import unescape
-from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,7 +12,6 @@ from starlette.testclient import TestClient
 
 from tests.apps.explorer.shown import HOSTILE
 from tests.apps.people.stored import lines_of
-from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers
 from wordcraft_kg.apps.people.web_app import code_hash, make_study_app, steady_clock
@@ -30,85 +26,85 @@ CONSENT = "Do you <b>agree</b>?\n\nSecond & last\nline."
 class Browser:
     """A person's browser, and a clock that the server reads."""
 
-    def __init__(self, study: Study, answers: AnswersDatabase, folder: Path):
+    def __init__(self, study, answers, folder):
         self.study, self.answers, self.folder, self.now = study, answers, folder, 1_000.0
         self.app = make_study_app(study, answers, clock=lambda: self.now)
         self.client = TestClient(self.app, base_url="http://localhost:8766")
         self.place = self.page = ""
         self.status = 0
 
-    def get(self, path: str) -> str:
+    def get(self, path):
         """Load a page, and follow where it leads."""
         return self._follow(self.client.get(path))
 
-    def post(self, path: str, form: dict[str, str], **headers: str) -> str:
+    def post(self, path, form, **headers):
         return self._follow(self.client.post(path, data=form, headers=headers))
 
-    def see(self, pattern: str, path: str) -> str:
+    def see(self, pattern, path):
         match = re.search(pattern, self.get(path))
         assert match is not None, self.page
         return match[1]
 
-    def _follow(self, answer) -> str:
+    def _follow(self, answer):
         self.place, self.status, self.page = answer.url.path, answer.status_code, answer.text
         return self.page
 
-    def new_code(self) -> str:
+    def new_code(self):
         return self.see(r'name="code" value="([^"]+)"', "/")
 
-    def begin(self) -> str:
+    def begin(self):
         """Agree; return the code."""
         code = self.new_code()
         self.post("/begin", {"consent": "yes", "code": code})
         assert self.place == f"/s/{code}"
         return code
 
-    def answer(self, code: str, first: int, second: int, place: int | None = None) -> str:
+    def answer(self, code, first, second, place=None):
         """Answer the task that the page shows, or another."""
         number = self.given(code) if place is None else place
         return self.post(f"/s/{code}/answer", {"task": str(number), "first": str(first), "second": str(second)})
 
-    def take(self, code: str, first: int, second: int) -> str:
+    def take(self, code, first, second):
         """Load the next task, and answer it."""
         self.get(f"/s/{code}/task")
         return self.answer(code, first, second)
 
-    def given(self, code: str) -> int:
+    def given(self, code):
         return len(self.answers.answers_of(self.person(code)))
 
-    def person(self, code: str) -> Participant:
+    def person(self, code):
         person = self.answers.find(code_hash(code))
         assert person is not None
         return person
 
-    def lines(self) -> list[SimpleNamespace]:
+    def lines(self):
         return lines_of(self.folder)
 
 
 @contextmanager
-def browsing(study: Study, folder: Path) -> Iterator[Browser]:
+def browsing(study, folder):
     with kept_answers(folder, study) as answers:
         yield Browser(study, answers, folder)
 
 
 @pytest.fixture(scope="module")
-def study(kitchen: RecipeGraph) -> Study:
+def study(kitchen):
     return Study(kitchen, StudyConfig(tasks=2, distractors=(8,), forms=2, consent=CONSENT))
 
 
 @pytest.fixture
-def browser(study: Study, tmp_path: Path) -> Iterator[Browser]:
+def browser(study, tmp_path):
     with browsing(study, tmp_path / "study") as browser:
         yield browser
 
 
 @pytest.fixture
-def code(browser: Browser) -> str:
+def code(browser):
     """The code of somebody who has begun."""
     return browser.begin()
 
 
-def test_the_consent_text_is_shown_as_text_in_its_paragraphs(browser: Browser):
+def test_the_consent_text_is_shown_as_text_in_its_paragraphs(browser):
     shown = re.findall(r"<p>(.*?)</p>", browser.get("/"), re.DOTALL)
     assert shown[:2] == ["Do you &lt;b&gt;agree&lt;/b&gt;?", "Second &amp; last\nline."]
 
@@ -117,14 +113,14 @@ def test_the_consent_text_is_shown_as_text_in_its_paragraphs(browser: Browser):
     ("consent", "code", "place"),
     [("", "", "/"), ("yes", "", "/"), ("maybe", CODE, "/"), ("yes", "mine", "/"), ("no", CODE, "/declined")],
 )
-def test_only_an_explicit_yes_begins_a_session(browser: Browser, consent: str, code: str, place: str):
+def test_only_an_explicit_yes_begins_a_session(browser, consent, code, place):
     page = browser.post("/begin", {"consent": consent, "code": code})
     assert browser.place == place
     assert ("no data were stored" in page) == (consent == "no")
     assert browser.answers.stored().people == 0
 
 
-def test_a_yes_that_is_sent_twice_begins_one_session(browser: Browser):
+def test_a_yes_that_is_sent_twice_begins_one_session(browser):
     code = browser.new_code()
     for _ in range(2):
         browser.post("/begin", {"consent": "yes", "code": code})
@@ -132,7 +128,7 @@ def test_a_yes_that_is_sent_twice_begins_one_session(browser: Browser):
     assert browser.answers.stored().people == 1
 
 
-def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: Browser, code: str):
+def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser, code):
     assert f">{code}<" in browser.page
     assert "The second selection is final" in browser.page
     browser.take(code, 1, 2)
@@ -147,7 +143,7 @@ def test_the_code_is_shown_at_the_start_and_at_the_end_and_leads_back(browser: B
     assert "Thank you for participating" in browser.post("/return", {"code": code})
 
 
-def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser: Browser):
+def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser):
     stays, leaves = browser.begin(), browser.begin()
     for code in (stays, leaves):
         browser.take(code, 1, 2)
@@ -172,7 +168,7 @@ def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser
     ("typed", "status", "said"),
     [(CODE, 404, "There is no session with this code"), ("<b>", 400, "12 letters"), ("", 400, "12 letters")],
 )
-def test_a_code_that_leads_nowhere_is_answered_on_the_first_page(browser: Browser, typed: str, status: int, said: str):
+def test_a_code_that_leads_nowhere_is_answered_on_the_first_page(browser, typed, status, said):
     page = browser.post("/return", {"code": typed})
     assert (browser.status, browser.place) == (status, "/return")
     assert said in page
@@ -181,13 +177,13 @@ def test_a_code_that_leads_nowhere_is_answered_on_the_first_page(browser: Browse
 
 
 @pytest.mark.parametrize("path", ["", "/task", "/feedback/1", "/end"])
-def test_a_session_that_is_not_there_is_not_found(browser: Browser, path: str):
+def test_a_session_that_is_not_there_is_not_found(browser, path):
     for code in ("k7qm-2xwd-9hrt", "nonsense", "..%2f..", "%00"):
         assert "Traceback" not in browser.get(f"/s/{code}{path}")
         assert browser.status == 404
 
 
-def test_a_person_gets_the_tasks_with_answers_in_practice_only(browser: Browser, study: Study, code: str):
+def test_a_person_gets_the_tasks_with_answers_in_practice_only(browser, study, code):
     right = {"train": 0, "test": 0}
     for place, task in enumerate(study.tasks(browser.person(code).cell)):
         assert unescape(browser.see(r'class="goal">([^<]*)<', f"/s/{code}/task")) == task.goal
@@ -213,7 +209,7 @@ def test_a_person_gets_the_tasks_with_answers_in_practice_only(browser: Browser,
     assert browser.page.count("1 of 2 correct") == 2
 
 
-def test_how_many_are_right_is_said_at_the_end_only(browser: Browser, code: str):
+def test_how_many_are_right_is_said_at_the_end_only(browser, code):
     for _ in range(3):
         browser.take(code, 1, 1)
         for path in ("", "/task", "/end", "/feedback/1", "/feedback/2", "/feedback/3"):
@@ -224,7 +220,7 @@ def test_how_many_are_right_is_said_at_the_end_only(browser: Browser, code: str)
     assert browser.place == f"/s/{code}/end"
 
 
-def test_the_answer_of_a_task_is_not_shown_before_it_was_answered(browser: Browser, code: str):
+def test_the_answer_of_a_task_is_not_shown_before_it_was_answered(browser, code):
     for number in (0, 1, 2, 99, 10**30):
         browser.get(f"/s/{code}/feedback/{number}")
         assert (browser.status, browser.place) == (200, f"/s/{code}/task")
@@ -240,7 +236,7 @@ NO_SLOT = ("", "0", "11", "-1", "1.0", "x", "²", "٣", "9" * 5_000)
 
 
 @pytest.mark.parametrize("query", [*STALE, *(f"task=1&first={held}" for held in NO_SLOT), "task=1&first=1&first=2"])
-def test_a_first_pick_that_is_none_or_at_another_table_is_no_pick(browser: Browser, code: str, query: str):
+def test_a_first_pick_that_is_none_or_at_another_table_is_no_pick(browser, code, query):
     browser.take(code, 1, 1)
     assert ">Undo<" not in browser.get(f"/s/{code}/task")
     assert ">Undo<" in browser.get(f"/s/{code}/task?task=1&first=3")
@@ -249,21 +245,21 @@ def test_a_first_pick_that_is_none_or_at_another_table_is_no_pick(browser: Brows
     assert ("Select the first item" in page) == ("first=1&" not in query)
 
 
-def test_the_same_thing_may_be_picked_twice(browser: Browser, code: str):
+def test_the_same_thing_may_be_picked_twice(browser, code):
     browser.get(f"/s/{code}/task")
     browser.answer(code, 3, 3)
     (line,) = browser.lines()
     assert line.actions == (line.table[2], line.table[2])
 
 
-def test_a_table_is_not_seen_before_its_time_begins(browser: Browser, code: str):
+def test_a_table_is_not_seen_before_its_time_begins(browser, code):
     browser.get(f"/s/{code}/task?task=0&first=1")
     browser.now += 7
     browser.answer(code, 1, 1)
     assert [line.seconds for line in browser.lines()] == [7.0]
 
 
-def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_counted(browser: Browser, code: str):
+def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_counted(browser, code):
     browser.get(f"/s/{code}/task")
     browser.now += 10
     browser.get(f"/s/{code}/task")  # a reload
@@ -280,7 +276,7 @@ def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_count
     assert [(line.seconds, line.loads) for line in browser.lines()] == [(13.25, 2), (0.0, 1)]
 
 
-def test_a_double_click_and_a_form_sent_again_are_one_answer(browser: Browser, code: str):
+def test_a_double_click_and_a_form_sent_again_are_one_answer(browser, code):
     browser.take(code, 1, 2)
     first = browser.lines()
     for second in (2, 5):
@@ -290,7 +286,7 @@ def test_a_double_click_and_a_form_sent_again_are_one_answer(browser: Browser, c
     assert browser.lines() == first
 
 
-def test_a_copy_of_a_test_answer_leads_on(browser: Browser, code: str):
+def test_a_copy_of_a_test_answer_leads_on(browser, code):
     for _ in range(4):
         browser.take(code, 1, 2)
     kept = browser.lines()
@@ -308,7 +304,7 @@ def test_a_copy_of_a_test_answer_leads_on(browser: Browser, code: str):
         *((task, "1", "2") for task in ("99999999", "-1", "x", "²", "9" * 5_000)),
     ],
 )
-def test_a_form_that_is_no_answer_to_this_task_leads_back_to_it(browser: Browser, code: str, task, first, second):
+def test_a_form_that_is_no_answer_to_this_task_leads_back_to_it(browser, code, task, first, second):
     browser.answer(code, 1, 2)  # a task that was not shown
     assert (browser.place, browser.lines()) == (f"/s/{code}/task", [])
     form = {"task": task, "first": first, "second": second}
@@ -316,14 +312,14 @@ def test_a_form_that_is_no_answer_to_this_task_leads_back_to_it(browser: Browser
     assert (browser.status, browser.place, browser.lines()) == (200, f"/s/{code}/task", [])
 
 
-def test_people_do_not_see_each_others_tasks_as_answered(browser: Browser):
+def test_people_do_not_see_each_others_tasks_as_answered(browser):
     one, other = browser.begin(), browser.begin()
     for code in (one, one, other):
         browser.take(code, 1, 2)
     assert [(line.session, line.number, line.form) for line in browser.lines()] == [(1, 1, 0), (1, 2, 0), (2, 1, 1)]
 
 
-def test_nothing_of_a_request_is_stored_and_no_cookie_is_set(browser: Browser):
+def test_nothing_of_a_request_is_stored_and_no_cookie_is_set(browser):
     browser.client.headers.update({"User-Agent": "Mozilla-of-Ada", "X-Forwarded-For": "203.0.113.77", "Cookie": "a=b"})
     code = browser.begin()
     answer = browser.client.get(f"/s/{code}/task")
@@ -334,7 +330,7 @@ def test_nothing_of_a_request_is_stored_and_no_cookie_is_set(browser: Browser):
         assert private not in data
 
 
-def test_every_page_is_kept_by_no_browser_and_has_the_headers_of_the_guard(browser: Browser, code: str):
+def test_every_page_is_kept_by_no_browser_and_has_the_headers_of_the_guard(browser, code):
     for path in ("/", "/declined", f"/s/{code}", f"/s/{code}/task", f"/s/{code}/end", "/nowhere", "/s/nobody/task"):
         answer = browser.client.get(path)
         assert answer.headers["cache-control"] == "no-store", path
@@ -344,7 +340,7 @@ def test_every_page_is_kept_by_no_browser_and_has_the_headers_of_the_guard(brows
         assert re.findall(r"<script[^>]*>([^<]*)</script>", answer.text) in ([""], [])
 
 
-def test_forms_of_other_sites_and_other_hosts_are_refused(browser: Browser, code: str):
+def test_forms_of_other_sites_and_other_hosts_are_refused(browser, code):
     browser.get(f"/s/{code}/task")
     form = {"task": "0", "first": "1", "second": "2"}
     consent = {"consent": "yes", "code": CODE}
@@ -357,7 +353,7 @@ def test_forms_of_other_sites_and_other_hosts_are_refused(browser: Browser, code
     assert browser.client.post("/begin", data={}, headers={"Origin": "http://localhost:8766"}).url.path == "/"
 
 
-def test_what_is_too_long_or_of_another_method_is_refused(browser: Browser, code: str):
+def test_what_is_too_long_or_of_another_method_is_refused(browser, code):
     assert browser.client.post(f"/s/{code}/answer", content=b"x" * 70_000).status_code == 413
     assert browser.client.put("/begin").status_code == 405
     for path in ("/begin", "/return", f"/s/{code}/answer", f"/s/{code}/withdraw"):
@@ -366,7 +362,7 @@ def test_what_is_too_long_or_of_another_method_is_refused(browser: Browser, code
         assert browser.client.post(f"/s/{code}/answer", content=content).url.path == f"/s/{code}/task"
 
 
-def test_the_files_of_the_pages_are_there_and_no_others(browser: Browser):
+def test_the_files_of_the_pages_are_there_and_no_others(browser):
     for name, kind in (("explorer.css", "text/css"), ("study.css", "text/css"), ("study.js", "text/javascript")):
         answer = browser.client.get(f"/files/{name}")
         assert (answer.status_code, answer.headers["content-type"].partition(";")[0]) == (200, kind)
@@ -374,8 +370,8 @@ def test_the_files_of_the_pages_are_there_and_no_others(browser: Browser):
         assert browser.client.get(f"/files/{name}").status_code == 404
 
 
-def test_an_error_within_shows_nothing_of_itself(browser: Browser, code: str, monkeypatch: pytest.MonkeyPatch):
-    def fail(*_: object) -> None:
+def test_an_error_within_shows_nothing_of_itself(browser, code, monkeypatch):
+    def fail(*_):
         raise RuntimeError("the secret of line 42")
 
     monkeypatch.setattr(browser.answers, "answers_of", fail)
@@ -385,7 +381,7 @@ def test_an_error_within_shows_nothing_of_itself(browser: Browser, code: str, mo
     assert "Your answers are safe" in page
 
 
-def test_the_machine_s_time_does_not_count(monkeypatch: pytest.MonkeyPatch):
+def test_the_machine_s_time_does_not_count(monkeypatch):
     clock = steady_clock()
     began = clock()
     assert abs(began - time.time()) < 5
@@ -395,16 +391,16 @@ def test_the_machine_s_time_does_not_count(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.parametrize(("ends", "status"), [("late", 408), ("cancelled", 503)])
-def test_a_half_sent_form_is_refused_after_a_while_and_at_the_end(browser: Browser, monkeypatch, caplog, ends, status):
+def test_a_half_sent_form_is_refused_after_a_while_and_at_the_end(browser, monkeypatch, caplog, ends, status):
     monkeypatch.setattr(guard, "LONGEST_WAIT", 0.05 if ends == "late" else 60)
     headers = [(b"host", b"localhost"), (b"content-length", b"100")]
     scope = {"type": "http", "method": "POST", "path": "/begin", "query_string": b"", "headers": headers}
     sent: list[Any] = []
 
-    async def send(message: Any) -> None:
+    async def send(message):
         sent.append(message)
 
-    async def serve() -> None:
+    async def serve():
         running = asyncio.create_task(browser.app(scope, asyncio.Event().wait, send))
         await asyncio.sleep(0)
         if ends == "cancelled":
@@ -415,7 +411,7 @@ def test_a_half_sent_form_is_refused_after_a_while_and_at_the_end(browser: Brows
     assert (sent[0]["status"], caplog.records) == (status, [])
 
 
-def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitchen, tmp_path: Path, caplog):
+def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitchen, tmp_path, caplog):
     study = Study(kitchen, StudyConfig(tasks=40, forms=1))
     with browsing(study, tmp_path / "study") as browser:
         connection, code = browser.answers._connection, browser.begin()
@@ -436,7 +432,7 @@ def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitc
         assert [line.number for line in browser.lines()] == list(range(1, acknowledged + 2))
 
 
-def test_labels_stay_text(tmp_path: Path):
+def test_labels_stay_text(tmp_path):
     rows = [(one, other, made) for one, other, made in zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)]
     graph = RecipeGraph.from_recipes([*rows, *rows[:1], ("water", "earth", "mud"), ("mud", "water", "clay")])
     study = Study(graph, StudyConfig(tasks=12, distractors=(4,), forms=1))

@@ -9,11 +9,9 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import httpx2
 import pytest
@@ -22,7 +20,6 @@ from tests.apps.people.stored import go_on, refused, unchanged
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers, read_study
 
-Run = Callable[..., Any]
 CLIENT = httpx2.Client(follow_redirects=True, timeout=30)
 ROOT = Path(__file__).parents[3]
 SETTINGS = {"--tasks": "2", "--distractors": "1,8", "--forms": "2"}
@@ -31,7 +28,7 @@ SERVE = ("people", "serve", "kitchen", "--port", "0", "--out")
 
 
 @contextmanager
-def served(out: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def served(out, *options):
     """Serve a study on a free port; yield the process and its address."""
     command = [sys.executable, "-m", "wordcraft_kg", *SERVE, str(out)]
     process = subprocess.Popen(
@@ -47,41 +44,41 @@ def served(out: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str], st
         process.communicate()
 
 
-def page(address: str, path: str = "/", **form: str) -> str:
+def page(address, path="/", **form):
     """Load a page, or send a form and load what follows."""
     answer = CLIENT.request("POST" if form else "GET", f"{address}{path}", data=form)
     return answer.raise_for_status().text
 
 
-def begin(address: str) -> str:
+def begin(address):
     match = re.search(r'name="code" value="([^"]+)"', page(address))
     assert match
     page(address, "/begin", consent="yes", code=match[1])
     return match[1]
 
 
-def answer(address: str, code: str, task: int) -> str:
+def answer(address, code, task):
     page(address, f"/s/{code}/task")
     return page(address, f"/s/{code}/answer", task=str(task), first="1", second="2")
 
 
 @pytest.fixture
-def summary(run: Run) -> Run:
+def summary(run):
     """Summarise studies, with options."""
     return lambda *arguments: run("people", "summary", *arguments)
 
 
 @pytest.fixture(autouse=True)
-def nothing_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+def nothing_waits(monkeypatch):
     """A command that should be refused, and is not, would wait for people in this process."""
 
-    def serve(*_: object) -> None:
+    def serve(*_):
         raise AssertionError("it serves")
 
     monkeypatch.setattr("wordcraft_kg.apps.web.serving.serve", serve)
 
 
-def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp_path: Path):
+def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp_path):
     out = tmp_path / "study"
     with served(out) as (process, address):
         code = begin(address)
@@ -98,7 +95,7 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
     assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
 
 
-def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(tmp_path: Path):
+def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(tmp_path):
     with served(tmp_path / "study", "--verbose") as (process, address):
         code = begin(address)
         with pytest.raises(httpx2.HTTPStatusError):
@@ -112,7 +109,7 @@ def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(
     assert "127.0.0.1" not in log
 
 
-def test_two_servers_do_not_share_a_folder(run: Run, tmp_path: Path):
+def test_two_servers_do_not_share_a_folder(run, tmp_path):
     out = tmp_path / "study"
     with served(out) as (_, address):
         code = begin(address)
@@ -121,7 +118,7 @@ def test_two_servers_do_not_share_a_folder(run: Run, tmp_path: Path):
         assert "The study begins with 2 practice tasks" in page(address, f"/s/{code}")
 
 
-def test_a_port_in_use_is_an_error_before_anything_is_written(run: Run, tmp_path: Path):
+def test_a_port_in_use_is_an_error_before_anything_is_written(run, tmp_path):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -131,14 +128,14 @@ def test_a_port_in_use_is_an_error_before_anything_is_written(run: Run, tmp_path
     assert not (tmp_path / "study").exists()
 
 
-def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path: Path):
+def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path):
     with served(tmp_path / "study", "--allow-host", "lab.example.org") as (_, address):
         for host, status in (("lab.example.org", 200), ("LAB.example.org:443", 200), ("evil.example.org", 421)):
             assert CLIENT.get(address, headers={"Host": host}).status_code == status
 
 
 @pytest.fixture(scope="module")
-def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def begun(tmp_path_factory):
     """A study whose four people have answered 4, 3, 2 and 1 of 4 tasks; every other answer is right."""
     folder = tmp_path_factory.mktemp("studies") / "begun"
     study = Study("kitchen", StudyConfig(tasks=2, distractors=(1, 8), forms=2))
@@ -161,7 +158,7 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("--consent empty.txt", "--consent: the text has 0 characters"),
     ],
 )
-def test_options_that_cannot_be_write_nothing(run: Run, tmp_path: Path, monkeypatch, options: str, message: str):
+def test_options_that_cannot_be_write_nothing(run, tmp_path, monkeypatch, options, message):
     monkeypatch.chdir(tmp_path)
     Path("latin.txt").write_bytes("Einverständnis".encode("latin-1"))
     Path("empty.txt").write_text(" \n\n")
@@ -171,14 +168,14 @@ def test_options_that_cannot_be_write_nothing(run: Run, tmp_path: Path, monkeypa
     assert not Path("study").exists()
 
 
-def test_a_folder_of_another_study_is_refused_and_stays(run: Run, begun: Path):
+def test_a_folder_of_another_study_is_refused_and_stays(run, begun):
     for graph, kind, name in (("everyday", "GraphMismatchError", "graph_hash"), ("kitchen", "ConfigError", "seed 0")):
         with unchanged(begun):
             outcome = run("people", "serve", graph, "--out", begun, *SMALL, "--port", "0", "--seed", "1")
         assert f"is a study with {name}" in refused(outcome, kind)
 
 
-def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path: Path):
+def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path):
     text = tmp_path / "consent.txt"
     text.write_bytes(b"\xef\xbb\xbfWhat it is about. \r\n  It takes long.\r\n\r\n\r\n \r\nDo you agree?\r\n")
     with served(tmp_path / "study", "--consent", str(text)) as (_, address):
@@ -186,7 +183,7 @@ def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path: P
     assert shown[:2] == ["What it is about.\nIt takes long.", "Do you agree?"]
 
 
-def test_the_export_has_a_line_for_each_answer_and_the_study_stays(summary: Run, begun: Path, tmp_path: Path):
+def test_the_export_has_a_line_for_each_answer_and_the_study_stays(summary, begun, tmp_path):
     out = tmp_path / "answers.jsonl"
     with unchanged(begun):
         outcome = summary(begun, "--export", out)
@@ -203,7 +200,7 @@ def test_the_export_has_a_line_for_each_answer_and_the_study_stays(summary: Run,
         assert "--export" in refused(summary(*wrong))
 
 
-def test_the_summary_of_a_study_is_by_condition_with_its_people(summary: Run, begun: Path):
+def test_the_summary_of_a_study_is_by_condition_with_its_people(summary, begun):
     values = json.loads(summary(begun, "--json").out)
     assert (values["graph"], values["sessions"], values["finished"]) == ("kitchen", 4, 1)
     answered = [[part["answered"] for part in one["parts"].values()] for one in values["conditions"]]
@@ -216,7 +213,7 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(summary: Run, be
     assert max(map(len, text)) <= 80
 
 
-def test_several_studies_are_summed_up_together(summary: Run, begun: Path, tmp_path: Path):
+def test_several_studies_are_summed_up_together(summary, begun, tmp_path):
     study = Study("kitchen", StudyConfig(tasks=2, distractors=(8,), seed=3))
     with kept_answers(tmp_path / "other", study) as answers:
         answers.begin("nobody", study.cells)
@@ -227,14 +224,14 @@ def test_several_studies_are_summed_up_together(summary: Run, begun: Path, tmp_p
     assert values["conditions"][1]["parts"]["train"]["answered"] == 4
 
 
-def test_a_summary_refuses_what_it_cannot_sum_up(summary: Run, begun: Path, tmp_path: Path):
+def test_a_summary_refuses_what_it_cannot_sum_up(summary, begun, tmp_path):
     assert "given twice" in refused(summary(begun, begun))
     assert "expected a study" in refused(summary())
     for path in (begun / "study.json", tmp_path, tmp_path / "nowhere"):
         refused(summary(path), "ArtefactError")
 
 
-def test_agents_are_compared_with_people(run: Run, summary: Run, begun: Path, tmp_path: Path):
+def test_agents_are_compared_with_people(run, summary, begun, tmp_path):
     for name in ("one", "two"):
         assert run("train-agent", "kitchen", "--steps", "256", "--eval-every", "0", "--out", tmp_path / name).code == 0
     options = ("--run", tmp_path / "one", "--run", tmp_path / "two")
@@ -247,10 +244,10 @@ def test_agents_are_compared_with_people(run: Run, summary: Run, begun: Path, tm
     assert "expected a run" in refused(summary(begun, "--run", tmp_path / "nowhere"), "ArtefactError")
 
 
-def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_double(tmp_path: Path):
+def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_double(tmp_path):
     out, acknowledged, failed = tmp_path / "study", [], []
 
-    def take_part(address: str) -> None:
+    def take_part(address):
         try:
             while True:
                 code = begin(address)

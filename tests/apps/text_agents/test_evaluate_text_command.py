@@ -26,15 +26,15 @@ def play(run, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def games(tmp_path) -> Path:
+def games(tmp_path):
     return tmp_path / "out" / GAMES_FILE
 
 
-def result_in(folder: str | Path) -> TextResult:
+def result_in(folder):
     return read_record(Path(folder, RESULT_FILE), TextResult)
 
 
-def lines_of(path: Path) -> list[str]:
+def lines_of(path):
     return path.read_text(encoding="utf-8").splitlines(keepends=True)
 
 

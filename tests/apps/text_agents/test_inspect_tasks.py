@@ -6,18 +6,16 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import pytest
 from inspect_ai import Task, eval
 from inspect_ai._util.error import PrerequisiteError
 from inspect_ai._util.registry import registry_info
 from inspect_ai.dataset import Sample
-from inspect_ai.log import EvalLog, write_eval_log
-from inspect_ai.model import ChatMessage, ModelOutput, ModelUsage, get_model
+from inspect_ai.log import write_eval_log
+from inspect_ai.model import ModelOutput, ModelUsage, get_model
 
 import wordcraft_kg
 from tests.apps.text_agents.scripted import PLAYERS, picks_of
@@ -33,7 +31,6 @@ from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.studies.result_readers import external_rows
@@ -41,12 +38,10 @@ from wordcraft_kg.studies.result_readers import external_rows
 pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
 
 KEYS = {"by_plan": "by_plan", "actions_per_game": "actions", "ci_low": "ci_low", "ci_high": "ci_high"}
-Answer = Callable[[Sequence[ChatMessage]], str]
-Play = Callable[..., EvalLog]
 
 
 @pytest.fixture(autouse=True)
-def untouched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def untouched(tmp_path, monkeypatch):
     """Take back what Inspect does to the root logger, which other tests listen to; it writes nothing at home."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     root = logging.getLogger()
@@ -58,11 +53,11 @@ def untouched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
 
 @pytest.fixture
-def play(tmp_path: Path) -> Play:
+def play(tmp_path):
     """Let a model, which is a function of the messages, play a task; nothing is shown."""
 
-    def play(task: Task, answer: Answer, **options: Any) -> EvalLog:
-        def output(messages: Sequence[ChatMessage], *_: object) -> ModelOutput:
+    def play(task, answer, **options):
+        def output(messages, *_):
             content = ModelOutput.from_content("mockllm", answer(messages))
             # Without a usage the mock counts tokens with tables from the network.
             content.usage = ModelUsage(input_tokens=100, output_tokens=10, total_tokens=110)
@@ -76,26 +71,26 @@ def play(tmp_path: Path) -> Play:
     return play
 
 
-def turn(messages: Sequence[ChatMessage]) -> int:
+def turn(messages):
     """Return the number of the model's messages."""
     return sum(message.role == "assistant" for message in messages)
 
 
-def scripted(task: Task, actions: dict[tuple[int, int], list[int]]) -> Answer:
+def scripted(task, actions):
     """Return a model that picks the slots of a scripted player; it recognises a game by the first state."""
     keys = {
         sample.input[1].text: (sample.metadata["task"], sample.metadata["distractor_seed"]) for sample in task.dataset
     }
     assert len(keys) == len(task.dataset)
 
-    def answer(messages: Sequence[ChatMessage]) -> str:
+    def answer(messages):
         one, other = actions[keys[messages[1].text]][2 * turn(messages) :][:2]
         return f"I wonder.\n{one + 1} + {other + 1}"
 
     return answer
 
 
-def metrics_of(log: EvalLog) -> dict[str, float]:
+def metrics_of(log):
     assert log.status == "success", log.error
     return {name: one.value for name, one in log.results.scores[0].metrics.items()}
 
@@ -113,7 +108,7 @@ def metrics_of(log: EvalLog) -> dict[str, float]:
     ids=["depth 1", "depth 2", "oracle", "many"],
 )
 def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_last_digit(
-    kitchen: OpenedGraph, play: Play, name: str, settings: dict[str, int], log_format: str
+    kitchen, play, name, settings, log_format
 ):
     amounts = {"depth": settings.get("depth", 1), "max_attempts": settings.get("attempts")}
     config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
@@ -141,7 +136,7 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
     assert log.eval.task_version == prompt_hash()[:12]
 
 
-def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(kitchen: OpenedGraph):
+def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(kitchen):
     sample = crafting("kitchen", tasks=3, distractor_seeds=2).dataset[1]
     assert (sample.id, sample.target) == ("test-21-0", World(kitchen, WordCraftConfig(part="test")).tasks[21].goal)
     system, user = sample.input
@@ -151,7 +146,7 @@ def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stay
     assert sample.metadata["graph_hash"] == kitchen.graph.hash
 
 
-def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play: Play):
+def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     task = crafting("kitchen", tasks=4, depth=2, max_invalid=1)
     answers = ("", "unicorn + [dragon]", "1 + 2\nthat is all", "1 + 1")
     answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
@@ -171,8 +166,8 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play: P
     assert prompts[1].startswith("Invalid answer: no answer")
 
 
-def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play: Play):
-    def answer(messages: Sequence[ChatMessage]) -> str:
+def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play):
+    def answer(messages):
         return "look up bread" if turn(messages) < 2 else "1 + 2"
 
     log = play(crafting("kitchen", tasks=2, knowledge="partial", look_ups=1), answer)
@@ -187,7 +182,7 @@ def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play: Play):
     assert (without.look_ups, without.invalid_actions, without.settings.knowledge) == (0, 4, "none")
 
 
-def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_path: Path, kitchen: OpenedGraph):
+def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_path, kitchen):
     scorer = SymbolicScorer(kitchen.graph, kitchen.split.partial)
     save_scorer(tmp_path / "model", scorer, kitchen, kg="partial")
     with pytest.raises(InspectTaskError, match="has no folds"):
@@ -196,8 +191,8 @@ def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_
     assert len(task.metadata["wordcraft_kg"]["settings"]["scorer"]) == 64
 
 
-def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen: OpenedGraph, play: Play):
-    def pair(number: int) -> str:
+def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen, play):
+    def pair(number):
         return f"{1 + number % 8} + {1 + number // 3 % 8}"
 
     numbers = iter(range(100))
@@ -212,13 +207,13 @@ def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen: O
     assert (result.games, result.success, result.settings.base) == (2, None, kitchen.graph.base)
 
 
-def test_a_log_of_repeated_games_is_refused(play: Play):
+def test_a_log_of_repeated_games_is_refused(play):
     log = play(crafting("kitchen", tasks=3), lambda messages: "1 + 1", epochs=2)
     with pytest.raises(ArtefactError, match=r"6 of 3 games.* instead of --epochs"):
         read_inspect_log(log.location)
 
 
-def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play: Play, kitchen: OpenedGraph):
+def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play, kitchen):
     log = play(crafting("kitchen", tasks=3, distractors=2), lambda messages: "1 + 2")
     success = read_inspect_log(log.location).success
     (row,) = external_rows(kitchen, TaskPlay("test", 1, 1), [1, 2], [Path(log.location)])
@@ -228,11 +223,11 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play: Pla
         external_rows(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
 
 
-def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: Path):
+def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
     task = crafting("kitchen", tasks=3, distractor_seeds=2)
     failing = task.dataset[4].input[1].text
 
-    def answer(messages: Sequence[ChatMessage]) -> str:
+    def answer(messages):
         if messages[1].text == failing:
             raise RuntimeError("the model is not there")
         return "1 + 1"
@@ -259,7 +254,7 @@ def test_a_log_without_some_of_the_games_gives_no_result(play: Play, tmp_path: P
             read_inspect_log(path)
 
 
-def test_other_logs_and_files_are_refused(play: Play, tmp_path: Path):
+def test_other_logs_and_files_are_refused(play, tmp_path):
     other = play(Task(dataset=[Sample(input="Say hello.", target="hello")], name="greeting"), lambda messages: "hello")
     with pytest.raises(ArtefactError, match="logs the task 'greeting'; expected wordcraft_kg/crafting"):
         read_inspect_log(other.location)
@@ -326,7 +321,7 @@ def test_finding_the_tasks_loads_no_torch():
     assert done.stdout.strip() == "set()"
 
 
-def test_without_inspect_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_without_inspect_the_error_names_the_extra(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "inspect_ai.log", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'inspect-ai>="):
         read_inspect_log(tmp_path / "log.eval")

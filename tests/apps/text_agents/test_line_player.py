@@ -11,7 +11,7 @@ import pytest
 
 from wordcraft_kg.apps.text_agents import line_player
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.line_player import MOST_CHARACTERS, LinePlayer, name_of
 from wordcraft_kg.base.errors import ConfigError, PlayerError
 
@@ -26,24 +26,24 @@ for line in sys.stdin:
 """
 
 
-def program(code: str) -> str:
+def program(code):
     return f"{shlex.quote(sys.executable)} -c {shlex.quote(code)}"
 
 
-def let_play(player: LinePlayer, game: Game, **rules: int) -> Conversation:
+def let_play(player, game, **rules):
     talk = Conversation(game, **rules)
     converse(talk, player.speaker(talk))
     return talk
 
 
-def test_a_program_plays_game_after_game_in_one_process(games: TaskGames):
+def test_a_program_plays_game_after_game_in_one_process(games):
     with LinePlayer(program(ORACLE)) as player:
         for task in range(10):
             talk = let_play(player, games.begin(task))
             assert (talk.game.is_made, talk.invalid_actions) == (True, 0)
 
 
-def test_a_line_has_all_that_a_program_needs(games: TaskGames, tmp_path: Path):
+def test_a_line_has_all_that_a_program_needs(games, tmp_path):
     log, first = tmp_path / "log", games.begin(0)
     echo = f"import sys\nfor line in sys.stdin: open({str(log)!r}, 'a').write(line); print('1 1', flush=True)"
     text, labels = Conversation(first).opening, list(first.labels)
@@ -71,8 +71,8 @@ def test_a_line_has_all_that_a_program_needs(games: TaskGames, tmp_path: Path):
         ("while True: input(); print('1 1'); print('1 1', flush=True)", "wrote extra lines"),
     ],
 )
-def test_a_program_that_breaks_the_protocol_is_an_error(games: TaskGames, code: str, fragment: str):
-    def play() -> None:
+def test_a_program_that_breaks_the_protocol_is_an_error(games, code, fragment):
+    def play():
         for task in range(3):
             let_play(player, games.begin(task))
             time.sleep(0.2)  # additional lines may take a moment
@@ -91,7 +91,7 @@ def test_a_program_that_never_reads_is_an_error_after_the_timeout_for_lines_of_a
 
 
 @pytest.mark.parametrize("then", ["import time; time.sleep(60)", "input(); print('1 1', flush=True)", ""])
-def test_processes_that_a_program_has_started_end_with_it(tmp_path: Path, then: str):
+def test_processes_that_a_program_has_started_end_with_it(tmp_path, then):
     pid = tmp_path / "pid"
     child = f"subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'], stdout=open({str(pid)!r}, 'w'))"
     code = f"import subprocess, sys\nchild = {child}\nopen({str(pid)!r}, 'w').write(str(child.pid))\n{then}"
@@ -116,7 +116,7 @@ def test_stderr_of_a_program_is_shown_without_control_characters_up_to_a_limit(c
     )
 
 
-def test_bytes_outside_utf_8_are_an_invalid_answer(games: TaskGames):
+def test_bytes_outside_utf_8_are_an_invalid_answer(games):
     code = "import os\nwhile True: input(); os.write(1, bytes([255, 254, 10]))"
     with LinePlayer(program(code)) as player:
         talk = let_play(player, games.begin(0))
@@ -137,7 +137,7 @@ def test_a_command_that_cannot_be_started_is_refused_without_its_arguments():
             LinePlayer(command, timeout=timeout)
 
 
-def test_a_player_is_called_after_its_script_and_never_after_an_option(tmp_path: Path):
+def test_a_player_is_called_after_its_script_and_never_after_an_option(tmp_path):
     script = tmp_path / "mine.py"
     script.touch()
     assert name_of(["python3.11", "-u", str(script), "--key", "sk-123"]) == "mine.py"
@@ -146,7 +146,7 @@ def test_a_player_is_called_after_its_script_and_never_after_an_option(tmp_path:
 
 
 @pytest.mark.parametrize("script", ["line_player.py", "chat_player.py"])
-def test_the_examples_play(games: TaskGames, script: str, chat_server: str):
+def test_the_examples_play(games, script, chat_server):
     path = Path(__file__).parents[3] / "examples" / script
     arguments = ["small", chat_server] if script == "chat_player.py" else []
     with LinePlayer(shlex.join([sys.executable, str(path), *arguments])) as player:

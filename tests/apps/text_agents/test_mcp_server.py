@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -27,17 +27,14 @@ from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_distinct
 from wordcraft_kg.apps.text_agents import hosted_games, mcp_server
 from wordcraft_kg.apps.text_agents.conversation import Play
-from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
 from wordcraft_kg.apps.text_agents.mcp_server import make_http_app, make_server, tools_hash
-from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games, record_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.web.serving import listen
 from wordcraft_kg.base.errors import ActionError, ArtefactError, EpisodeError
 from wordcraft_kg.envs.words import PROMPTS
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph
 
 ROOT = Path(__file__).parents[3]
 MODES = ("legacy", "auto")
@@ -50,26 +47,26 @@ Call = Callable[..., Awaitable[Reply]]
 
 
 @pytest.fixture
-def world(games: TaskGames) -> World:
+def world(games):
     return games.world
 
 
-def hosted(**options: Any) -> HostedGames:
+def hosted(**options):
     settings = GameSettings(**({"distractors": 3} if "open_ended" not in options else {}), **options)
     return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER, prompt_hash=tools_hash()))
 
 
-def connect(server: Any, use: Callable[[Client], Any], mode: str = "auto") -> Any:
+def connect(server, use, mode="auto"):
     """Connect a client to a server, and use the client."""
 
-    async def connected() -> Any:
+    async def connected():
         async with Client(server, mode=mode) as client:
             return await use(client)
 
     return asyncio.run(connected())
 
 
-async def called(client: Client, tool: str, **arguments: Any) -> Reply:
+async def called(client, tool, **arguments):
     """Call a tool; return its text and values, None on an error."""
     result = await client.call_tool(tool, arguments)
     (content,) = result.content
@@ -77,12 +74,12 @@ async def called(client: Client, tool: str, **arguments: Any) -> Reply:
     return content.text, result.structured_content
 
 
-def play_by_tools(host: HostedGames, play: Callable[[Call], Awaitable[Any]], mode: str = "auto") -> Any:
+def play_by_tools(host, play, mode="auto"):
     return connect(make_server(host), lambda client: play(partial(called, client)), mode)
 
 
 @contextmanager
-def served(host: HostedGames) -> Iterator[str]:
+def served(host):
     """Serve over HTTP in a thread of this process."""
     import uvicorn
 
@@ -99,13 +96,13 @@ def served(host: HostedGames) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_digit(world: World, mode: str):
+def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_digit(world, mode):
     slots = picks_of(random_distinct, world, 1)
     expected = Evaluator(world, distractor_seeds=1)(random_distinct)
     host, played = hosted(), []
     host.keep = lambda over: played.append(record_of(over.talk, over.messages))
 
-    async def play(call: Call) -> None:
+    async def play(call):
         for task in range(len(world.tasks)):
             _, begun = await call("begin", task=task)
             one, other = slots[task, 0]
@@ -118,11 +115,11 @@ def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_di
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_game_has_texts_and_values(world: World, mode: str):
+def test_a_game_has_texts_and_values(world, mode):
     one, other, goal = world.tasks[0].plans[0][0]
     results = ", ".join(world.graph.labels(world.graph.outcomes[world.graph.id_of(one), world.graph.id_of(other)]))
 
-    async def play(call: Call) -> None:
+    async def play(call):
         text, begun = await call("begin", task=0)
         assert (begun["goal"], begun["rules"] in text) == (goal, True)
         assert text.endswith("Attempts left: 1")
@@ -157,7 +154,7 @@ def test_an_invalid_call_is_a_tools_error_that_costs_nothing():
         ("fly", {}, "Unknown tool: fly"),
     )
 
-    async def play(call: Call) -> None:
+    async def play(call):
         game = (await call("begin", task=1))[1]["game"]
         for tool, arguments, expected in invalid:
             text, values = await call(tool, **({} if tool == "begin" else {"game": game}) | arguments)
@@ -181,11 +178,11 @@ def test_the_hash_covers_game_prompts_tool_schemas_and_instructions(monkeypatch,
     assert tools_hash.__wrapped__() != before
 
 
-def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen: OpenedGraph):
+def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen):
     pair = next(pair for pair in kitchen.graph.outcomes if {*pair} <= {*kitchen.graph.base_ids.tolist()})
     one, other = kitchen.graph.labels(pair)
 
-    async def play(client: Client) -> None:
+    async def play(client):
         (tool,) = (tool for tool in (await client.list_tools()).tools if tool.name == "begin")
         assert tool.input_schema["properties"] == {}
         _, begun = await called(client, "begin")
@@ -202,10 +199,10 @@ def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen: OpenedGraph):
 
 
 def test_look_ups_cost_no_attempt_are_counted_and_only_offered_with_knowledge():
-    async def names(client: Client) -> list[str]:
+    async def names(client):
         return [tool.name for tool in (await client.list_tools()).tools]
 
-    async def play(call: Call) -> None:
+    async def play(call):
         game = (await call("begin", task=0))[1]["game"]
         text, facts = await call("look_up", game=game, item="the Bread")
         assert text == "Known recipes with bread:\n" + "\n".join(facts["facts"])
@@ -220,7 +217,7 @@ def test_look_ups_cost_no_attempt_are_counted_and_only_offered_with_knowledge():
     play_by_tools(with_knowledge, play)
 
 
-def test_finished_games_are_forgotten_first_then_the_oldest_which_are_recorded(tmp_path: Path):
+def test_finished_games_are_forgotten_first_then_the_oldest_which_are_recorded(tmp_path):
     host = HostedGames(hosted().play, most=3)
     with kept_games(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
         names = [host.begin(task).name for task in range(3)]
@@ -236,7 +233,7 @@ def test_finished_games_are_forgotten_first_then_the_oldest_which_are_recorded(t
     ]
 
 
-def test_messages_of_a_game_have_a_limit_and_are_gone_with_the_record(monkeypatch: pytest.MonkeyPatch):
+def test_messages_of_a_game_have_a_limit_and_are_gone_with_the_record(monkeypatch):
     monkeypatch.setattr(hosted_games, "_MOST_CHARACTERS", 1_000)
     game = hosted().begin()
     for _ in range(20):
@@ -247,15 +244,15 @@ def test_messages_of_a_game_have_a_limit_and_are_gone_with_the_record(monkeypatc
     assert game.messages == []
 
 
-def header_of(host: HostedGames) -> GamesHeader:
+def header_of(host):
     return GamesHeader(player="clients", settings=host.play.settings)
 
 
-def games_of(path: Path) -> Sequence[PlayedTask | PlayedWorld]:
+def games_of(path):
     return read_games(path)[1]
 
 
-def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_path: Path):
+def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_path):
     path, host = tmp_path / "new" / "games.jsonl", hosted()
     header = header_of(host)
     with kept_games(path, header) as host.keep:
@@ -279,13 +276,13 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
     assert (two.task, two.actions, two.messages[1:]) == (7, 0, ("end", "The game was ended early."))
 
 
-def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path, monkeypatch):
     path, host = tmp_path / "games.jsonl", hosted()
 
-    def full(file: int) -> None:
+    def full(file):
         raise OSError(28, "No space left on device")
 
-    async def play(call: Call) -> None:
+    async def play(call):
         game = (await call("begin", task=0))[1]["game"]
         with monkeypatch.context() as patched:
             patched.setattr("os.fsync", full)
@@ -301,7 +298,7 @@ def test_a_record_that_cannot_be_written_is_an_error_and_written_later(tmp_path:
     assert (line.task, line.actions) == (0, 2)
 
 
-def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path: Path):
+def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path):
     path, host = tmp_path / "run.json", hosted()
     path.write_text('{"kind": "train-agent"}\n')
     before = path.stat().st_mtime_ns
@@ -310,7 +307,7 @@ def test_a_file_without_games_is_refused_and_not_even_touched(tmp_path: Path):
     assert path.stat().st_mtime_ns == before
 
 
-def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path: Path):
+def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path):
     path, host = tmp_path / "games.jsonl", hosted(open_ended=True, attempts=2)
     for _ in range(2):
         with kept_games(path, header_of(host)) as host.keep:
@@ -320,7 +317,7 @@ def test_games_in_the_open_ended_world_are_numbered_as_they_end(tmp_path: Path):
     assert [(one.game, len(one.known_after)) for one in games_of(path)] == [(0, 2), (1, 2)]
 
 
-async def transcript(call: Call, task: int) -> list[Any]:
+async def transcript(call, task):
     """Play a task and return all replies without the game's id."""
     text, begun = await call("begin", task=task, distractor_seed=1)
     assert begun is not None
@@ -331,19 +328,19 @@ async def transcript(call: Call, task: int) -> list[Any]:
     return [(text, {**(values or {}), "game": ""}) for text, values in replies]
 
 
-def transcripts(tasks: Sequence[int]) -> Callable[[Client], Awaitable[list[Any]]]:
-    async def play(client: Client) -> list[Any]:
+def transcripts(tasks):
+    async def play(client):
         return [await transcript(partial(called, client), task) for task in tasks]
 
     return play
 
 
-def played_alone(tasks: Sequence[int]) -> Any:
+def played_alone(tasks):
     return connect(make_server(hosted()), transcripts(tasks))
 
 
 @contextmanager
-def running(*options: str) -> Iterator[subprocess.Popen[bytes]]:
+def running(*options):
     """Run the command in another process."""
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -356,18 +353,18 @@ def running(*options: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def test_clients_of_both_versions_of_the_protocol_play_at_once_over_http():
-    async def session(address: str, task: int) -> list[Any]:
+    async def session(address, task):
         async with Client(address, mode=MODES[task % 2]) as client:
             return await transcript(partial(called, client), task)
 
-    async def together(address: str) -> list[Any]:
+    async def together(address):
         return await asyncio.gather(*(session(address, task) for task in range(4)))
 
     with served(hosted()) as address:
         assert asyncio.run(together(address)) == played_alone(range(4))
 
 
-def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path: Path):
+def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path):
     path = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7"}
     command = StdioServerParameters(command=sys.executable, args=COMMAND, env=path, cwd=tmp_path)
     assert connect(command, transcripts((0, 40)), "legacy") == played_alone((0, 40))
@@ -385,10 +382,10 @@ def test_malformed_messages_on_stdin_are_passed_over_and_the_last_ones_answered_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number: signal.Signals):
+def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number):
     with running() as process:
 
-        def write() -> None:
+        def write():
             with suppress(BrokenPipeError):
                 process.stdin.write(b"\n".join([PING] * 5_000))
 
@@ -405,7 +402,7 @@ def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number: signa
 
 
 def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_server_goes_on():
-    def status_of(body: bytes, path: str = "/mcp", **headers: str) -> tuple[int, str]:
+    def status_of(body, path="/mcp", **headers):
         given = {"Content-Type": "application/json", "Accept": "application/json, text/event-stream"}
         given |= {name.replace("_", "-"): value for name, value in headers.items()}
         answer = httpx2.post(address.replace("/mcp", path), content=body, headers=given, timeout=20)
@@ -428,7 +425,7 @@ def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_serve
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_over_http_a_game_goes_on_in_another_connection(mode: str):
+def test_over_http_a_game_goes_on_in_another_connection(mode):
     with served(hosted()) as address:
         _, begun = connect(address, lambda client: called(client, "begin", task=0), mode)
         _, state = connect(address, lambda client: called(client, "state", game=begun["game"]), mode)
@@ -436,11 +433,11 @@ def test_over_http_a_game_goes_on_in_another_connection(mode: str):
 
 
 @pytest.mark.slow
-def test_the_command_serves_over_http_and_answered_games_are_kept_though_it_is_killed(tmp_path: Path):
+def test_the_command_serves_over_http_and_answered_games_are_kept_though_it_is_killed(tmp_path):
     out = tmp_path / "games.jsonl"
     with running("--transport", "http", "--port", "0", "--json", "--out", str(out)) as process:
 
-        async def play(client: Client) -> None:
+        async def play(client):
             _, begun = await called(client, "begin", task=3)
             await called(client, "combine", game=begun["game"], first=1, second=1)
             process.send_signal(signal.SIGKILL)
@@ -450,7 +447,7 @@ def test_the_command_serves_over_http_and_answered_games_are_kept_though_it_is_k
     assert (line.task, line.termination) == (3, "same_twice")
 
 
-def test_bad_options_are_refused_before_anything_is_served(run: Any, tmp_path: Path):
+def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -464,7 +461,7 @@ def test_bad_options_are_refused_before_anything_is_served(run: Any, tmp_path: P
             assert (outcome.code, outcome.setting, fragment in outcome.err) == (1, setting, True), options
 
 
-def test_without_its_package_the_command_names_the_extra(run: Any, monkeypatch: pytest.MonkeyPatch):
+def test_without_its_package_the_command_names_the_extra(run, monkeypatch):
     monkeypatch.setattr("wordcraft_kg.base.extras.find_spec", lambda name: None)
     outcome = run("mcp", "kitchen")
     assert (outcome.code, outcome.kind) == (1, "MissingExtraError")

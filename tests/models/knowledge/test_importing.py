@@ -2,7 +2,6 @@
 
 import gzip
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +38,7 @@ water,water,zzyzx
 
 
 @pytest.fixture
-def wordnet(tmp_path: Path) -> Path:
+def wordnet(tmp_path):
     folder = tmp_path / "wordnet"
     folder.mkdir()
     lines = ["  1 the licence\n"]
@@ -59,13 +58,13 @@ def wordnet(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def opened(tmp_path: Path) -> OpenedGraph:
+def opened(tmp_path):
     (tmp_path / "book.csv").write_text(BOOK)
     return open_graph(tmp_path / "book.csv")
 
 
 @pytest.fixture
-def triples(tmp_path: Path) -> Path:
+def triples(tmp_path):
     path = tmp_path / "mine.tsv"
     path.write_text(
         "head\trelation\ttail\nflour\tmakes\tdough\t2\ndough\tmakes\tbread\nmill\tgives\tflour\nmill\tneeds\twheat\n"
@@ -73,7 +72,7 @@ def triples(tmp_path: Path) -> Path:
     return path
 
 
-def table_of(folder: Path, name: str):
+def table_of(folder, name):
     knowledge = read_knowledge(folder)
     (place,) = [place for place, info in enumerate(knowledge.record.tables) if info.name == name]
     entities = knowledge.record.entities
@@ -212,7 +211,7 @@ def test_triples_have_weights_and_directions(triples, opened, tmp_path):
 
 
 def test_conceptnet_keeps_english_words_and_weights(tmp_path):
-    def line(relation: str, start: str, end: str, about: str = '{"weight": 2.0}') -> str:
+    def line(relation, start, end, about='{"weight": 2.0}'):
         return "\t".join([f"/a/[{relation},{start},{end}]", relation, start, end, about]) + "\n"
 
     text = line("/r/IsA", "/c/en/bread/n", "/c/en/food") + line("/r/IsA", "/c/de/brot", "/c/en/food")

@@ -1,7 +1,6 @@
 """ComplEx: the matrix product scores, the paper's equations, and the training loop against PyKEEN's own."""
 
 import hypothesis.extra.numpy as npst
-import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -37,7 +36,7 @@ SHAPES = {
 }
 
 
-def embedding(shape: tuple[int, ...], seed: int, dtype: torch.dtype = torch.complex64) -> torch.Tensor:
+def embedding(shape, seed, dtype=torch.complex64):
     generator = torch.Generator().manual_seed(seed)
     return torch.randn(*shape, D, dtype=dtype, generator=generator)
 
@@ -48,21 +47,21 @@ def factory():
     return triples_factory(graph, graph.triples)
 
 
-def tiny_model(factory, **settings) -> ComplExN3:
+def tiny_model(factory, **settings):
     return ComplExN3(triples_factory=factory, embedding_dim=3, init_scale=0.7, random_seed=3, **settings)
 
 
-def loop_of(model, factory, **options) -> IndexedSymmetricLCWATrainingLoop:
+def loop_of(model, factory, **options):
     model.train()
     return IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory, **options)
 
 
-def weights(model: ComplExN3) -> tuple[np.ndarray, np.ndarray]:
+def weights(model):
     (entity,), (relation,) = model.entity_representations, model.relation_representations
     return entity._plain_forward().detach().numpy(), relation._plain_forward().detach().numpy()
 
 
-def assert_equal_to_pykeens(*inputs: torch.Tensor) -> None:
+def assert_equal_to_pykeens(*inputs):
     expected = ComplExInteraction()(*(x.resolve_conj() for x in inputs))
     torch.testing.assert_close(MatmulComplExInteraction()(*inputs), expected, atol=1e-5, rtol=1e-5)
 

@@ -36,7 +36,7 @@ FILES = ["folds.json", "folds.safetensors"]
 
 
 @pytest.fixture(scope="module")
-def folded(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folded(opened_kitchen, tmp_path_factory):
     """A cross-fitted ComplEx of the kitchen; read only."""
     return train(opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "folded").folder
 
@@ -252,11 +252,11 @@ def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_ag
 # --- spoilt folders --------------------------------------------------------------------------------------------------
 
 
-def drop(name: str):
+def drop(name):
     return lambda found: found.pop(name)
 
 
-def set_to(name: str, value: object):
+def set_to(name, value):
     return lambda found: found.__setitem__(name, value)
 
 

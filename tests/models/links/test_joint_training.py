@@ -13,19 +13,16 @@ from resumption import resume
 
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, write_knowledge
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.fitting import fit
-from wordcraft_kg.models.links.outside import OutsideTriples, read_outside
+from wordcraft_kg.models.links.outside import read_outside
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.links.regularisation import choose
-from wordcraft_kg.models.links.training import TrainedLinks
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
-from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.record import read_run
 
 Rows = list[tuple[str, ...]]
@@ -33,30 +30,30 @@ KITCHEN: Rows = [("egg", "isA", "other:food"), ("flour", "isA", "other:food"), (
 SHORT = ComplExConfig(dim=8, epochs=4, n3=0.01, folds=2)
 
 
-def knowledge_folder(path: Path, rows: Rows, number: int | None = None) -> str:
+def knowledge_folder(path, rows, number=None):
     record = KnowledgeRecord(source="a graph", entities=(), tables=(), triples=len(rows) if number is None else number)
     files = {"triples.tsv": "".join("\t".join(row) + "\n" for row in [("head", "relation", "tail"), *rows])}
     folder = write_knowledge(path, "test", Knowledge(record, ()), inputs={}, files=files if rows else {}, force=True)
     return str(folder)
 
 
-def silent(*args: int) -> None:
+def silent(*args):
     """Nobody watches."""
 
 
-def fitted(settings: ComplExConfig, graph: RecipeGraph, triples, outside: OutsideTriples | None) -> Scorer:
+def fitted(settings, graph, triples, outside):
     model = fit(settings, triples_factory(graph, triples, outside), silent, graph.num_entities)
     tensors = scorer_tensors(settings, model, triples, graph.num_entities)
     return make_scorer(*tensors, graph.entities, graph.hash)
 
 
 @pytest.fixture(scope="module")
-def outside(tmp_path_factory: pytest.TempPathFactory) -> str:
+def outside(tmp_path_factory):
     return knowledge_folder(tmp_path_factory.mktemp("outside") / "kitchen", KITCHEN)
 
 
 @pytest.fixture(scope="module")
-def joint(opened_kitchen: OpenedGraph, outside: str, tmp_path_factory: pytest.TempPathFactory) -> TrainedLinks:
+def joint(opened_kitchen, outside, tmp_path_factory):
     """A cross-fitted model with outside triples; read only."""
     return train(opened_kitchen, replace(SHORT, with_=(outside,)), tmp_path_factory.mktemp("models") / "joint")
 

@@ -19,7 +19,7 @@ from resumption import resume
 
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import training as link_training
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
@@ -106,7 +106,7 @@ def test_the_global_generators_do_not_influence_a_training(opened_kitchen, tmp_p
     assert weights(models[0]) == weights(models[1])
 
 
-def fail(*arguments: object, **settings: object) -> None:
+def fail(*arguments, **settings):
     raise RuntimeError("no more")
 
 
@@ -263,7 +263,7 @@ def test_resuming_on_another_split_is_an_error(tmp_path, opened_kitchen, parted_
 
 
 @pytest.fixture
-def unfinished(opened_kitchen: OpenedGraph, tmp_path: Path) -> Path:
+def unfinished(opened_kitchen, tmp_path):
     return train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
 
 
@@ -271,7 +271,7 @@ def unfinished(opened_kitchen: OpenedGraph, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def scripted_validation(monkeypatch: pytest.MonkeyPatch) -> None:
+def scripted_validation(monkeypatch):
     """Validation MRR is best in epoch 2, whatever the model says."""
     figures = [0.1, 0.4, 0.2, 0.4, 0.3, 0.3, 0.9, 0.9]
     monkeypatch.setattr(Epochs, "_validate", lambda epochs: figures[len(epochs.so_far.trace)])

@@ -3,7 +3,6 @@
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from graph_folders import write_graph
@@ -19,7 +18,7 @@ SHORT = ComplExConfig(dim=4, epochs=2, n3=0.1, folds=2)
 
 
 @pytest.fixture
-def on_disk(parted_folder: Path, tmp_path: Path) -> tuple[Path, Path]:
+def on_disk(parted_folder, tmp_path):
     """A model folder, and the graph folder beside it, for a test to move or replace."""
     shutil.copytree(parted_folder, tmp_path / "graph")
     return train(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model").folder, tmp_path / "graph"

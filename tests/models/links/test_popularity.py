@@ -13,7 +13,7 @@ from wordcraft_kg.models.links.popularity import DIMS, log_counts, with_populari
 from wordcraft_kg.models.scorers.factors import ComplExScorer
 
 
-def counted(triples: np.ndarray, relation: int, entity: int, column: int) -> int:
+def counted(triples, relation, entity, column):
     return sum(1 for triple in triples.tolist() if triple[1] == relation and triple[column] == entity)
 
 

@@ -14,11 +14,11 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
 
 
-def draws() -> tuple[float, float, float]:
+def draws():
     return random.random(), float(np.random.rand()), float(torch.rand(()))  # noqa: NPY002
 
 
-def draws_and_fails() -> None:
+def draws_and_fails():
     draws()
     raise ZeroDivisionError
 

@@ -1,11 +1,9 @@
 """Scorers from models that PyKEEN's own pipeline has trained."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
-from pykeen.pipeline import PipelineResult, pipeline
+from pykeen.pipeline import pipeline
 from pykeen.triples import TriplesFactory
 
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
@@ -16,12 +14,12 @@ from wordcraft_kg.models.links.pykeen_import import from_pykeen
 from wordcraft_kg.models.saving import save_scorer
 
 
-def train(model: str = "DistMult", **settings: Any) -> PipelineResult:
+def train(model="DistMult", **settings):
     quiet, kind = {"use_tqdm": False}, {"model": model, "model_kwargs": {"embedding_dim": 4}}
     return pipeline(**kind, epochs=1, random_seed=0, training_kwargs=quiet, evaluation_kwargs=quiet, **settings)
 
 
-def on_kitchen(model: str = "DistMult", **settings: Any) -> PipelineResult:
+def on_kitchen(model="DistMult", **settings):
     return train(model, dataset="wordcraft", dataset_kwargs={"graph": "kitchen", **settings})
 
 

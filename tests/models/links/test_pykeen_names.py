@@ -3,7 +3,6 @@
 import math
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from graph_folders import write_graph
@@ -30,12 +29,12 @@ for resolver, name in (
 
 
 @pytest.fixture(autouse=True)
-def own_pykeen_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def own_pykeen_cache(tmp_path, monkeypatch):
     """Keep PyKEEN's cache of datasets out of the user's home."""
     monkeypatch.setattr("pykeen.datasets.utils.PYKEEN_DATASETS", tmp_path / "pykeen-cache")
 
 
-def settings(graph: str | Path) -> dict[str, object]:
+def settings(graph):
     """Settings of PyKEEN's pipelines that name our dataset, model and loop."""
     names = {"dataset": "wordcraft", "model": "ComplExN3", "training_loop": "IndexedSymmetricLCWA", "device": "cpu"}
     return {

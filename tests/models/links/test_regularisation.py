@@ -17,7 +17,6 @@ from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
-from wordcraft_kg.models.links.records import Choice
 from wordcraft_kg.models.links.regularisation import HELD_OUT, N3, POPULARITY, choose, split_of_train
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
@@ -26,16 +25,16 @@ from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_tripl
 OPEN = ComplExConfig(dim=8, epochs=20)
 
 
-def silent(done: int, total: int) -> None:
+def silent(done, total):
     """Nobody watches."""
 
 
-def opened(graph: RecipeGraph, **settings: object) -> OpenedGraph:
+def opened(graph, **settings):
     return OpenedGraph(graph, make_split(graph, SplitConfig(**settings)), "here")
 
 
 @pytest.fixture(scope="module")
-def choice(opened_kitchen: OpenedGraph) -> Choice:
+def choice(opened_kitchen):
     found = choose(opened_kitchen, OPEN, silent)
     assert found is not None
     return found
@@ -76,7 +75,7 @@ def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen,
     assert found is not None
     fold = split_of_train(opened_kitchen.split, HELD_OUT, OPEN.seed)
 
-    def mrr(scorer) -> float:
+    def mrr(scorer):
         return mean_reciprocal_rank(rank_triples(scorer, fold.held_out("test"), fold.graph.triples))
 
     for candidate in found.candidates:

@@ -15,16 +15,13 @@ from wordcraft_kg.models.links.builders import make_training_loop
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import FULL_SOFTMAX, NEGATIVES, ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
-from wordcraft_kg.models.links.symmetric_lcwa import (
-    SampledSymmetricLCWATrainingLoop,
-    sampled_cross_entropy,
-)
+from wordcraft_kg.models.links.symmetric_lcwa import SampledSymmetricLCWATrainingLoop, sampled_cross_entropy
 
 SIZE, QUERIES = 9, 5
 
 
 @pytest.fixture
-def scores() -> torch.Tensor:
+def scores():
     return torch.randn(QUERIES, SIZE, dtype=torch.float64, generator=torch.Generator().manual_seed(0)) * 2
 
 
@@ -34,12 +31,12 @@ def factory():
     return triples_factory(graph, graph.triples)
 
 
-def sampled_loss(scores: torch.Tensor, targets: torch.Tensor, drawn: torch.Tensor, expected: torch.Tensor):
+def sampled_loss(scores, targets, drawn, expected):
     true = scores[torch.arange(len(scores)), targets]
     return sampled_cross_entropy(true, scores[:, drawn], expected.log(), drawn == targets[:, None])
 
 
-def slow_sampled_loss(scores, targets, drawn, expected) -> float:
+def slow_sampled_loss(scores, targets, drawn, expected):
     """The formula of the docstring, by loops."""
     total = 0.0
     for row, target in zip(scores.tolist(), targets.tolist(), strict=True):
@@ -70,7 +67,7 @@ def test_the_loss_follows_its_formula_with_repeated_and_true_entities_in_the_sam
 
 
 @pytest.fixture
-def loop(factory) -> SampledSymmetricLCWATrainingLoop:
+def loop(factory):
     model = ComplExN3(triples_factory=factory, embedding_dim=3, init_scale=0.7, random_seed=3)
     model.train()
     return SampledSymmetricLCWATrainingLoop(model, factory, num_sampled=4_000)

@@ -9,7 +9,6 @@ from refusals import refuses
 from small_scorers import embeddings
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
@@ -24,17 +23,17 @@ from wordcraft_kg.reports.link_report import make_link_report
 class Lengths(Scorer):
     """Scores a triple by the lengths of its labels."""
 
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _score(self, heads, relations, tails):
         lengths = torch.tensor([float(len(label)) for label in self.entities])
         return lengths[heads] - 2 * lengths[tails] + relations
 
 
 @pytest.fixture
-def mine(opened_kitchen: OpenedGraph) -> Lengths:
+def mine(opened_kitchen):
     return Lengths(opened_kitchen.graph.entities, opened_kitchen.graph.hash)
 
 
-def complex_scorer(opened: OpenedGraph) -> ComplExScorer:
+def complex_scorer(opened):
     return ComplExScorer(embeddings(opened.graph.num_entities, 3), opened.graph.entities, opened.graph.hash)
 
 

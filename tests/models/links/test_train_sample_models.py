@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
 from wordcraft_kg.evaluation.links import view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.graphs.triples import is_in, recipe_triples, triples_hash
@@ -40,18 +38,18 @@ PLAIN = replace(SHORT, folds=0)
 
 
 @pytest.fixture(scope="module")
-def with_train_sample(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def with_train_sample(opened_kitchen, tmp_path_factory):
     """A cross-fitted ComplEx of half of the recipes, a fifth of them wrong; read only."""
     return train(opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "with_train_sample").folder
 
 
 @pytest.fixture(scope="module")
-def plain(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plain(opened_kitchen, tmp_path_factory):
     """The same without folds; read only."""
     return train(opened_kitchen, PLAIN, tmp_path_factory.mktemp("models") / "plain").folder
 
 
-def folds_of(opened: OpenedGraph):
+def folds_of(opened):
     folds = make_folds(opened.split, 3)
     return folds.with_train_sample(draw_train_sample(opened.split, 0.5, 0.2, 1, of_recipe=folds.of_recipe))
 

@@ -7,7 +7,6 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 from small_scorers import normal
-from torch import Tensor
 
 from wordcraft_kg.models.policies.attention import FOLD_LIMIT, Slots, TableAttention, masked_softmax, mix_logits
 from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, look_up
@@ -16,27 +15,27 @@ KEY_SIZE = 3
 NUM_ENTITIES = 7
 
 
-def attention_of(dim: int) -> TableAttention:
+def attention_of(dim):
     attention = TableAttention(dim, KEY_SIZE)
     for i, parameter in enumerate(attention.parameters()):
         parameter.data = normal(*parameter.shape, seed=i + 1)
     return attention
 
 
-def alpha_of(attention: TableAttention, vectors: EntityVectors, goal: Tensor, selection: Tensor, table: Tensor):
+def alpha_of(attention, vectors, goal, selection, table):
     rows = attention.rows({**vectors.weights(), **attention.weights()}, goal, selection)
     return Slots(vectors.weights().get("vectors"), table).dot(rows)
 
 
 @pytest.mark.parametrize(("dim", "is_folded"), [(5, True), (FOLD_LIMIT, True), (FOLD_LIMIT + 1, False)])
-def test_keys_are_folded_into_the_query_up_to_the_limit(dim: int, is_folded: bool):
+def test_keys_are_folded_into_the_query_up_to_the_limit(dim, is_folded):
     weights = attention_of(dim).weights()
     assert (len(weights) == 2) is is_folded
     assert weights["query"].shape == (2 * dim, dim if is_folded else KEY_SIZE)
 
 
 @pytest.mark.parametrize("shape", [(), (4,), (2, 3), (2, 3, 2), (0, 3)])
-def test_vectors_are_looked_up_for_ids_of_any_shape(shape: tuple[int, ...]):
+def test_vectors_are_looked_up_for_ids_of_any_shape(shape):
     vectors = EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, 5)).weights()["vectors"]
     ids = torch.randint(NUM_ENTITIES + 1, shape, generator=torch.Generator().manual_seed(0))
     found = look_up(vectors, ids)
@@ -46,7 +45,7 @@ def test_vectors_are_looked_up_for_ids_of_any_shape(shape: tuple[int, ...]):
 
 
 @st.composite
-def masked_logits(draw: st.DrawFn) -> tuple[Tensor, Tensor]:
+def masked_logits(draw):
     """Logits as large as their differences can be, and masks with at least one slot that holds something."""
     size, num_slots = draw(st.integers(1, 4)), draw(st.integers(1, 5))
     numbers = st.floats(-(2.0**126), 2.0**126, width=32) | st.floats(-5, 5, width=32)
@@ -59,7 +58,7 @@ def masked_logits(draw: st.DrawFn) -> tuple[Tensor, Tensor]:
 @given(masked_logits())
 @example((torch.tensor([[1e38, -1e38, 0.0]]), torch.tensor([[False, True, True]])))
 @example((torch.tensor([[float("inf"), float("nan"), 1.0]]), torch.tensor([[False, False, True]])))
-def test_a_masked_slot_has_probability_exactly_zero_and_the_others_share_one(drawn: tuple[Tensor, Tensor]):
+def test_a_masked_slot_has_probability_exactly_zero_and_the_others_share_one(drawn):
     logits, mask = drawn
     found = masked_softmax(logits, mask)
     assert found.shape == logits.shape
@@ -71,7 +70,7 @@ def test_a_masked_slot_has_probability_exactly_zero_and_the_others_share_one(dra
 
 
 @given(masked_logits())
-def test_the_log_policy_is_the_log_of_the_softmax_with_slots_first(drawn: tuple[Tensor, Tensor]):
+def test_the_log_policy_is_the_log_of_the_softmax_with_slots_first(drawn):
     logits, mask = drawn
     found = log_policy(logits.masked_fill(~mask, -torch.inf))
     assert found.shape == logits.T.shape
@@ -85,7 +84,7 @@ LARGE = st.floats(-(2.0**100), 2.0**100, width=32) | st.sampled_from([0.0, -1.0,
 @given(lambdas=st.tuples(LARGE, LARGE, LARGE), mask=st.lists(st.booleans(), min_size=4, max_size=4).filter(any))
 @example(lambdas=(0.0, 0.0, 0.0), mask=[True, False, False, False])  # in the released code λ → 0 unmasks empty slots
 @example(lambdas=(1e30, -1e30, 1e30), mask=[False, True, False, True])
-def test_a_masked_slot_has_probability_exactly_zero_for_any_lambda(lambdas: tuple[float, ...], mask: list[bool]):
+def test_a_masked_slot_has_probability_exactly_zero_for_any_lambda(lambdas, mask):
     logits = torch.tensor([[[9.0, 1.0, -3.0, 0.5], [1e3, 2.0, -1e3, 0.0], [0.0, -5.0, 7.0, 1.0]]])
     real = torch.tensor([mask])
     probabilities = torch.softmax(mix_logits(logits, torch.tensor([lambdas]), real), dim=1)
@@ -98,7 +97,7 @@ MIDDLE_IS_EMPTY = torch.tensor([[True, False, True]])
 
 
 @pytest.mark.parametrize("lam", [math.nan, math.inf, -math.inf, 3e38])
-def test_a_masked_slot_stays_masked_even_if_lambda_is_broken(lam: float):
+def test_a_masked_slot_stays_masked_even_if_lambda_is_broken(lam):
     assert mix_logits(torch.ones(1, 2, 3), torch.tensor([[lam, 1.0]]), MIDDLE_IS_EMPTY)[0, 1] == -torch.inf
 
 

@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 from refusals import refuses
 from small_scorers import BareScorer, normal
 from small_scorers import states as states_of
-from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.attention import FOLD_LIMIT, AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
-from wordcraft_kg.models.policies.policy import EntityVectors, Policy
+from wordcraft_kg.models.policies.policy import EntityVectors
 from wordcraft_kg.models.policies.sources.registry import make_sources
 
 SIZE = 7
@@ -34,20 +33,20 @@ FEATURES = {
 }
 
 
-def randomised(policy: Policy, scale: float = 0.5) -> Policy:
+def randomised(policy, scale=0.5):
     """Give all parameters values that say something, the same for policies of one shape."""
     for i, parameter in enumerate(policy.parameters()):
         parameter.data = normal(*parameter.shape, seed=i) * scale
     return policy
 
 
-def attention(features: str = "dense", knows: bool = False, **settings) -> AttentionPolicy:
+def attention(features="dense", knows=False, **settings):
     config = PolicyConfig(**SIZES, **settings)
     sources = make_sources(config.sources, SCORER) if knows else ()
     return randomised(AttentionPolicy(config, FEATURES[features](), sources))
 
 
-def mlp(features: str = "dense", num_slots: int = SLOTS) -> MLPPolicy:
+def mlp(features="dense", num_slots=SLOTS):
     return randomised(MLPPolicy(PolicyConfig("mlp", **SIZES), FEATURES[features](), num_slots))
 
 
@@ -71,16 +70,16 @@ any_policy = pytest.mark.parametrize("kind", KINDS)
 any_attention = pytest.mark.parametrize("kind", ATTENTIVE)
 
 
-def states(size: int = 9, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+def states(size=9, seed=0):
     return states_of(SIZE, size, SLOTS, seed)
 
 
-def channels(output) -> dict[str, Tensor]:
+def channels(output):
     """The tensors of an output that are there."""
     return {name: value for name, value in output._asdict().items() if value is not None}
 
 
-def same(found, expected, *, exactly: bool = False) -> None:
+def same(found, expected, *, exactly=False):
     """Compare the tensors of two outputs."""
     for name, tensor in channels(expected).items():
         torch.testing.assert_close(channels(found)[name], tensor, **({"atol": 0, "rtol": 0} if exactly else CLOSE))
@@ -89,15 +88,15 @@ def same(found, expected, *, exactly: bool = False) -> None:
 CLOSE = {"atol": 1e-5, "rtol": 1e-5}
 
 
-def dot(one: list[float], other: list[float]) -> float:
+def dot(one, other):
     return sum(x * y for x, y in zip(one, other, strict=True))
 
 
-def affine(matrix: list[list[float]], vector: list[float], bias: list[float]) -> list[float]:
+def affine(matrix, vector, bias):
     return [dot(row, vector) + b for row, b in zip(matrix, bias, strict=True)]
 
 
-def softmax(logits: list[float]) -> list[float]:
+def softmax(logits):
     total = sum(math.exp(x - max(logits)) for x in logits)
     return [math.exp(x - max(logits)) / total for x in logits]
 
@@ -105,29 +104,29 @@ def softmax(logits: list[float]) -> list[float]:
 class Slow:
     """A policy's formulas for a single state, on lists of floats; empty slots are left out before anything else."""
 
-    def __init__(self, policy: Policy):
+    def __init__(self, policy):
         self.config, self.is_knowing = policy.config, bool(policy.sources)
         self.p = {name: tensor.double().tolist() for name, tensor in policy.state_dict().items()}
         x = torch.eye(SIZE) if policy.vectors.is_one_hot else policy.vectors.vectors
         self.x = [*x.double().tolist(), [0.0] * x.shape[1]]
 
-    def alpha(self, goal: int, selection: int, row: list[int]) -> list[float]:
+    def alpha(self, goal, selection, row):
         """``α_i = Q([x_g; x_s]) · K(x_i) / √d``."""
         query = self.layer("attention.query", self.x[goal] + self.x[selection])
         keys = [[dot(weights, self.x[entity]) for weights in self.p["attention.key.weight"]] for entity in row]
         return [dot(query, key) / math.sqrt(len(query)) for key in keys]
 
-    def layer(self, name: str, vector: list[float]) -> list[float]:
+    def layer(self, name, vector):
         return affine(self.p[f"{name}.weight"], vector, self.p[f"{name}.bias"])
 
-    def head(self, name: str, alpha: list[float], row: list[int]) -> list[float]:
+    def head(self, name, alpha, row):
         """``MLP(Σ_i w_i W x_i)``, W applied to every slot."""
         weights = softmax(alpha) if self.config.value_readout == "softmax" else alpha
         of_slots = [[dot(w, self.x[entity]) for w in self.p[f"{name}.0.weight"]] for entity in row]
         inner = affine(list(zip(*of_slots, strict=True)), weights, self.p[f"{name}.0.bias"])
         return self.layer(f"{name}.2", [max(y, 0.0) for y in inner])
 
-    def sources(self, goal: int, selection: int, row: list[int]) -> list[list[float]]:
+    def sources(self, goal, selection, row):
         """α, u and v as far as they are in use."""
         held = selection != NOTHING
         u = [SCORER.score(entity, "combinesWith", selection).item() if held else 0.0 for entity in row]
@@ -135,12 +134,12 @@ class Slow:
         alpha = [] if self.config.kg_only else [self.alpha(goal, selection, row)]
         return alpha + [{"u": u, "v": v}[source] for source in self.config.sources]
 
-    def lambdas(self, alpha: list[float], row: list[int]) -> list[float]:
+    def lambdas(self, alpha, row):
         """``λ = MLP(wᵀ x)``, perhaps brought to positive numbers of sum 1."""
         found = self.head("mixture", alpha, row)
         return softmax(found) if self.config.mixing == "softmax" else found
 
-    def beta(self, goal: int, selection: int, row: list[int]) -> list[float]:
+    def beta(self, goal, selection, row):
         """``β_i = λα·α_i + λu·u_i + λv·v_i``; without a scorer α_i."""
         alpha = self.alpha(goal, selection, row)
         if not self.is_knowing:
@@ -148,27 +147,27 @@ class Slow:
         sources, lambdas = self.sources(goal, selection, row), self.lambdas(alpha, row)
         return [dot(lambdas, [source[i] for source in sources]) for i in range(len(row))]
 
-    def mlp(self, goal: int, selection: int, row: list[int]) -> tuple[list[float], float]:
+    def mlp(self, goal, selection, row):
         """One hidden layer on everything in its order, empty slots as zeros; logits of all slots, and the value."""
         everything = [y for entity in (goal, selection, *row) for y in self.x[entity]]
         inner = [max(y, 0.0) for y in self.layer("hidden", everything)]
         return self.layer("logits", inner), self.layer("value", inner)[0]
 
 
-def one_by_one(state: tuple[Tensor, Tensor, Tensor]):
+def one_by_one(state):
     """Goal, selection, the slots that hold something, and what they hold, for each state."""
     for goal, selection, row in zip(*(part.tolist() for part in state), strict=True):
         real = [i for i, entity in enumerate(row) if entity != NOTHING]
         yield goal, selection, real, [row[i] for i in real]
 
 
-def close(found: Tensor, expected: list[float]) -> None:
+def close(found, expected):
     torch.testing.assert_close(found.double(), torch.tensor(expected).double(), atol=1e-5, rtol=1e-4)
 
 
 @pytest.mark.parametrize("fold_limit", [FOLD_LIMIT, 3])
 @pytest.mark.parametrize("kind", [kind for kind in ATTENTIVE if kind not in KNOWING])
-def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind: str, fold_limit: int, monkeypatch):
+def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind, fold_limit, monkeypatch):
     monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", fold_limit)
     policy, state = KINDS[kind](), states()
     logits = policy(*state).logits
@@ -179,7 +178,7 @@ def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind
 
 
 @any_attention
-def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind: str):
+def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind):
     policy, state = KINDS[kind](), states()
     slow = Slow(policy)
     expected = [slow.head("value", slow.alpha(g, s, row), row)[0] for g, s, _, row in one_by_one(state)]
@@ -188,7 +187,7 @@ def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind: str):
 
 
 @pytest.mark.parametrize("kind", KNOWING)
-def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_table(kind: str):
+def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_table(kind):
     policy, state = KINDS[kind](), states()
     slow, output = Slow(policy), policy(*state)
     for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
@@ -202,7 +201,7 @@ def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_tab
 
 
 @pytest.mark.parametrize("features", FEATURES)
-def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_order(features: str):
+def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_order(features):
     policy, state = mlp(features), states()
     output = policy(*state)
     for i, whole in enumerate(zip(*(part.tolist() for part in state), strict=True)):
@@ -213,7 +212,7 @@ def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_o
 
 
 @any_policy
-def test_outputs_have_their_shapes_and_are_minus_infinity_exactly_where_a_slot_is_empty(kind: str):
+def test_outputs_have_their_shapes_and_are_minus_infinity_exactly_where_a_slot_is_empty(kind):
     policy, (goal, selection, table) = KINDS[kind](), states()
     output = policy(goal, selection, table)
     count = len(policy.labels)
@@ -231,7 +230,7 @@ def test_outputs_have_their_shapes_and_are_minus_infinity_exactly_where_a_slot_i
 
 
 @any_policy
-def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind: str):
+def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind):
     policy, state = KINDS[kind](), states()
     batch = channels(policy(*state))
     for i in range(9):
@@ -244,7 +243,7 @@ def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind: s
 
 
 @any_policy
-def test_weights_that_are_passed_in_are_the_ones_in_use(kind: str):
+def test_weights_that_are_passed_in_are_the_ones_in_use(kind):
     policy, other = KINDS[kind](), KINDS[kind]()
     for parameter in other.parameters():
         parameter.data = parameter.data.flip(0) * 0.9 + 0.05
@@ -254,19 +253,19 @@ def test_weights_that_are_passed_in_are_the_ones_in_use(kind: str):
 
 
 @any_policy
-def test_tables_with_other_strides_are_read_in_the_same_order(kind: str):
+def test_tables_with_other_strides_are_read_in_the_same_order(kind):
     policy, (goal, selection, table) = KINDS[kind](), states()
     same(policy(goal, selection, table.T.contiguous().T), policy(goal, selection, table))
 
 
 @any_policy
-def test_a_batch_without_states_has_an_output_without_rows(kind: str):
+def test_a_batch_without_states_has_an_output_without_rows(kind):
     output = KINDS[kind]()(*(part[:0] for part in states()))
     assert (tuple(output.logits.shape), tuple(output.value.shape)) == ((0, SLOTS), (0,))
 
 
 @any_policy
-def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind: str):
+def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind):
     policy, state = KINDS[kind](), states()
     logits, value, *_ = policy(*state)
     taken = (state[2] != NOTHING).int().argmax(1)
@@ -288,7 +287,7 @@ def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind: str):
 @any_attention
 @settings(max_examples=15)
 @given(order=st.permutations(range(SLOTS)), seed=st.integers(0, 20))
-def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind: str, order: list[int], seed: int):
+def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind, order, seed):
     policy, (goal, selection, table) = KINDS[kind](), states(seed=seed)
     plain, permuted = policy(goal, selection, table), policy(goal, selection, table[:, order])
     sources = None if plain.sources is None else plain.sources[:, :, order]
@@ -296,7 +295,7 @@ def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind: str,
 
 
 @any_attention
-def test_empty_slots_at_the_end_of_a_table_change_nothing(kind: str):
+def test_empty_slots_at_the_end_of_a_table_change_nothing(kind):
     policy, (goal, selection, table) = KINDS[kind](), states()
     plain = policy(goal, selection, table)
     wide = policy(goal, selection, torch.cat([table, torch.full((9, 3), NOTHING)], dim=1))
@@ -319,7 +318,7 @@ def test_a_source_that_is_switched_off_takes_no_weight_unlike_in_the_released_co
 
 
 @pytest.mark.parametrize("kg_only", [False, True])
-def test_with_nothing_selected_u_cannot_change_the_policy(kg_only: bool):
+def test_with_nothing_selected_u_cannot_change_the_policy(kg_only):
     goal, _, table = states()
     nothing = torch.full_like(goal, NOTHING)
     policy = attention(knows=True, kg_only=kg_only)
@@ -338,7 +337,7 @@ def test_free_coefficients_begin_at_about_one_for_every_source():
 
 
 @pytest.mark.parametrize("num_slots", [SLOTS - 1, SLOTS + 1])
-def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots: int):
+def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots):
     table = torch.zeros(2, num_slots, dtype=torch.int64)
     with pytest.raises(ConfigError, match=rf"tables have {num_slots} slots: this mlp was made for {SLOTS}"):
         mlp()(table[:, 0], table[:, 0], table)
@@ -367,7 +366,7 @@ def test_a_setting_that_cannot_be_is_refused_by_its_name(setting, value):
 @pytest.mark.parametrize(
     ("use", "sources"), [("u", ("u",)), ("v", ("v",)), ("v,u", ("u", "v")), (" u , v ", ("u", "v")), ("u,u", ("u",))]
 )
-def test_scores_in_use_come_in_the_order_u_v(use: str, sources: tuple[str, ...]):
+def test_scores_in_use_come_in_the_order_u_v(use, sources):
     assert PolicyConfig(use=use).sources == sources
 
 

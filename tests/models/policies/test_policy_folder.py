@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from wordcraft_kg.graphs import COMBINES_WITH, RecipeGraph
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, read_policy, write_constants, write_parameters
-from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.runs.record import end_run, start_run
@@ -49,7 +47,7 @@ any_kind = pytest.mark.parametrize("kind", KINDS)
 
 
 @pytest.fixture
-def vector_file(home: Path) -> Path:
+def vector_file(home):
     """A text file with a vector for each entity."""
     path = home / "vectors.txt"
     rows = np.random.default_rng(0).normal(size=(SIZE, 3)).round(3).astype(str).tolist()
@@ -58,22 +56,22 @@ def vector_file(home: Path) -> Path:
 
 
 @pytest.fixture
-def make(vector_file: Path) -> Callable[..., Policy]:
+def make(vector_file):
     """Make one of the kinds of policies."""
 
-    def make(kind: str, seed: int = 0) -> Policy:
+    def make(kind, seed=0):
         features = KINDS[kind]["features"]
         return plain(**{**KINDS[kind], "features": str(vector_file) if features == "a file" else features}, seed=seed)
 
     return make
 
 
-def plain(features="one-hot", seed=0, scorer=None, observed=GRAPH.triples, graph=GRAPH, **settings) -> Policy:
+def plain(features="one-hot", seed=0, scorer=None, observed=GRAPH.triples, graph=GRAPH, **settings):
     config = PolicyConfig(**SIZES, features=features, **settings)
     return make_policy(config, graph, SLOTS, scorer=scorer, observed=observed, seed=seed)[0]
 
 
-def states(num_entities: int = SIZE) -> tuple[Tensor, Tensor, Tensor]:
+def states(num_entities=SIZE):
     generator = torch.Generator().manual_seed(0)
     table = torch.randint(num_entities + 1, (10, SLOTS), generator=generator)
     table[:, 0] = torch.arange(10) % num_entities
@@ -82,7 +80,7 @@ def states(num_entities: int = SIZE) -> tuple[Tensor, Tensor, Tensor]:
     return torch.arange(10) % num_entities, selection, table
 
 
-def assert_equal_bits(one: Policy, other: Policy) -> None:
+def assert_equal_bits(one, other):
     assert type(one) is type(other)
     assert one.config == other.config
     assert one.labels == other.labels
@@ -93,14 +91,14 @@ def assert_equal_bits(one: Policy, other: Policy) -> None:
         assert (found is None and expected is None) or torch.equal(found, expected)
 
 
-def train_a_step(policy: Policy) -> None:
+def train_a_step(policy):
     logits, value, *_ = policy(*states())
     (logits[logits.isfinite()].sum() + value.sum()).backward()
     torch.optim.SGD(policy.parameters(), lr=0.1).step()
 
 
 @any_kind
-def test_the_same_seed_makes_the_same_policy_and_another_seed_another(make: Callable[..., Policy], kind: str):
+def test_the_same_seed_makes_the_same_policy_and_another_seed_another(make, kind):
     assert_equal_bits(make(kind, seed=3), make(kind, seed=3))
     one, other = (dict(make(kind, seed=seed).named_parameters()) for seed in (3, 4))
     differing = {name for name in one if not torch.equal(one[name], other[name])}
@@ -108,7 +106,7 @@ def test_the_same_seed_makes_the_same_policy_and_another_seed_another(make: Call
 
 
 @any_kind
-def test_making_a_policy_leaves_every_global_generator_as_it_was(make, kind: str, monkeypatch: pytest.MonkeyPatch):
+def test_making_a_policy_leaves_every_global_generator_as_it_was(make, kind, monkeypatch):
     seeded_devices: list[int] = []
     monkeypatch.setattr(torch.cuda, "manual_seed_all", seeded_devices.append)
     before = global_states()
@@ -119,7 +117,7 @@ def test_making_a_policy_leaves_every_global_generator_as_it_was(make, kind: str
 
 @pytest.mark.parametrize("features", ["one-hot", "random", "shuffled:one-hot", "shuffled:random", "a file"])
 @pytest.mark.parametrize("policy", ["attention", "mlp"])
-def test_vectors_are_those_of_the_features_for_the_seed(features: str, policy: str, vector_file: Path):
+def test_vectors_are_those_of_the_features_for_the_seed(features, policy, vector_file):
     spec = str(vector_file) if features == "a file" else features
     made, found = make_policy(PolicyConfig(policy, spec, **SIZES), GRAPH, SLOTS, seed=5)
     expected = make_features(spec, GRAPH.entities, seed=5)
@@ -139,7 +137,7 @@ def test_learned_features_have_the_size_of_the_settings_and_no_description():
     assert "vectors.vectors" in dict(policy.named_parameters())
 
 
-def test_pooling_and_missing_words_are_those_of_the_settings(home: Path):
+def test_pooling_and_missing_words_are_those_of_the_settings(home):
     graph = RecipeGraph.from_recipes([("big pot", "pot", "big"), ("pot", "unheard", "big pot")])
     path = home / "v.txt"
     path.write_text("big 1 -4\npot 3 -8\n")
@@ -176,7 +174,7 @@ def test_a_scorer_of_another_graph_is_refused():
 @pytest.mark.parametrize(
     ("setting", "options"), [("policy", {"policy": "mlp", "scorer": SCORER}), ("kg_only", {"kg_only": True})]
 )
-def test_settings_that_do_not_go_together_are_refused(setting: str, options: dict[str, object]):
+def test_settings_that_do_not_go_together_are_refused(setting, options):
     with refuses(setting):
         plain(**options)
 
@@ -190,20 +188,20 @@ def test_only_an_mlp_depends_on_the_number_of_slots():
     assert plain(policy="mlp").num_slots == SLOTS
 
 
-def written(folder: Path, policy: Policy, graph: RecipeGraph = GRAPH) -> Path:
+def written(folder, policy, graph=GRAPH):
     folder.mkdir(exist_ok=True)
     write_constants(folder, policy)
     write_parameters(folder, policy)
     return folder
 
 
-def read(folder: Path) -> Policy:
+def read(folder):
     parameters = safetensors.torch.load_file(folder / "policy.safetensors")
     return read_policy(folder, (folder / "constants.safetensors").read_bytes(), parameters)
 
 
 @any_kind
-def test_a_policy_is_the_same_bit_by_bit_after_reading_it(make: Callable[..., Policy], kind: str, tmp_path: Path):
+def test_a_policy_is_the_same_bit_by_bit_after_reading_it(make, kind, tmp_path):
     policy = make(kind)
     train_a_step(policy)
     found = read(written(tmp_path / "run", policy))
@@ -214,7 +212,7 @@ def test_a_policy_is_the_same_bit_by_bit_after_reading_it(make: Callable[..., Po
 
 
 @any_kind
-def test_training_changes_the_parameters_and_not_the_constants(make: Callable[..., Policy], kind: str, tmp_path: Path):
+def test_training_changes_the_parameters_and_not_the_constants(make, kind, tmp_path):
     policy = make(kind)
     before = written(tmp_path / "before", policy)
     train_a_step(policy)
@@ -228,14 +226,14 @@ def test_training_changes_the_parameters_and_not_the_constants(make: Callable[..
     assert constants == set(policy.state_dict()) - parameters
 
 
-def test_reading_needs_no_vector_file(make: Callable[..., Policy], vector_file: Path, tmp_path: Path):
+def test_reading_needs_no_vector_file(make, vector_file, tmp_path):
     policy = make("a file")
     folder = written(tmp_path / "run", policy)
     vector_file.unlink()
     assert_equal_bits(read(folder), policy)
 
 
-def test_reading_draws_nothing_from_the_global_generators(tmp_path: Path):
+def test_reading_draws_nothing_from_the_global_generators(tmp_path):
     folder = written(tmp_path, plain("learned", scorer=SCORER))
     before = global_states()
     read(folder)
@@ -243,27 +241,27 @@ def test_reading_draws_nothing_from_the_global_generators(tmp_path: Path):
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """A finished run with nothing in it but a policy."""
     folder = written(tmp_path / "run", plain("random", scorer=SCORER))
     end_run(folder, start_run(folder, "train-agent"), "done", FILES)
     return folder
 
 
-def edited(folder: Path, **changes: object) -> Path:
+def edited(folder, **changes):
     path = folder / "policy.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
     return folder
 
 
-def test_a_finished_run_is_all_that_a_policy_needs(folder: Path):
+def test_a_finished_run_is_all_that_a_policy_needs(folder):
     policy = load_policy(str(folder))
     assert_equal_bits(policy, read(folder))
     assert (policy.entities, policy.graph_hash) == (GRAPH.entities, GRAPH.hash)
 
 
 @pytest.mark.parametrize("name", [*FILES, "run.json"])
-def test_a_file_that_is_changed_or_missing_is_an_artefact_error_that_names_it(folder: Path, name: str):
+def test_a_file_that_is_changed_or_missing_is_an_artefact_error_that_names_it(folder, name):
     flip_bit(folder / name, 0, bit=5)
     with pytest.raises(ArtefactError, match=f"{name} is damaged"):
         load_policy(folder)
@@ -285,13 +283,13 @@ def test_a_file_that_is_changed_or_missing_is_an_artefact_error_that_names_it(fo
     ],
     ids=str,
 )
-def test_a_description_that_does_not_fit_the_weights_is_an_artefact_error(folder: Path, changes: dict[str, object]):
+def test_a_description_that_does_not_fit_the_weights_is_an_artefact_error(folder, changes):
     with pytest.raises(ArtefactError, match=r"policy\.json and the weights"):
         read(edited(folder, **changes))
 
 
 @pytest.mark.parametrize("slots", [None, "4", SLOTS + 1, -3])
-def test_an_mlp_with_other_slots_and_truncated_constants_are_artefact_errors(tmp_path: Path, slots: object):
+def test_an_mlp_with_other_slots_and_truncated_constants_are_artefact_errors(tmp_path, slots):
     folder = written(tmp_path, plain("random", policy="mlp"))
     parameters = safetensors.torch.load_file(folder / "policy.safetensors")
     for kept in (0, 7, 100, -1):
@@ -322,7 +320,7 @@ SPOILT: dict[str, tuple[Callable[[Tensors], Tensors], str]] = {
 
 
 @pytest.mark.parametrize("kind", SPOILT)
-def test_parameters_that_do_not_fit_are_an_artefact_error_of_one_line(folder: Path, kind: str):
+def test_parameters_that_do_not_fit_are_an_artefact_error_of_one_line(folder, kind):
     constants = (folder / "constants.safetensors").read_bytes()
     whole = safetensors.torch.load_file(folder / "policy.safetensors")
     spoil, fragment = SPOILT[kind]
@@ -334,7 +332,7 @@ def test_parameters_that_do_not_fit_are_an_artefact_error_of_one_line(folder: Pa
 
 @pytest.mark.parametrize("features", ["one-hot", "learned", "random"])
 @pytest.mark.parametrize("policy", ["attention", "mlp"])
-def test_policies_of_another_kind_of_features_do_not_pass_for_each_other(tmp_path: Path, features: str, policy: str):
+def test_policies_of_another_kind_of_features_do_not_pass_for_each_other(tmp_path, features, policy):
     folder = written(tmp_path, plain(features, policy=policy))
     settings = asdict(PolicyConfig(policy, "learned" if features == "one-hot" else "one-hot", **SIZES))
     with pytest.raises(ArtefactError):

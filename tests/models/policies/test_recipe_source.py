@@ -1,7 +1,5 @@
 """w: the score of a slot's recipe with the entity held or with its best partner, and which recipes speak for it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -12,11 +10,9 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import OUTSIDE
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.policies.sources.source import Source
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -24,25 +20,25 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 
 @pytest.fixture(scope="module")
-def cross_fitted(recipes_folder: Path) -> CrossFitted:
+def cross_fitted(recipes_folder):
     found = load_scorer(recipes_folder)
     assert isinstance(found, CrossFitted)
     return found
 
 
 @pytest.fixture(scope="module")
-def scorer(cross_fitted: CrossFitted) -> RecipeScorer:
+def scorer(cross_fitted):
     assert isinstance(cross_fitted.whole, RecipeScorer)
     return cross_fitted.whole
 
 
 @pytest.fixture(scope="module")
-def w(scorer: RecipeScorer) -> Source:
+def w(scorer):
     (source,) = make_sources(["w"], scorer)
     return source
 
 
-def states(size: int, rows: int = 40) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def states(size, rows=40):
     """States in which the entity held is often on the table."""
     goal, selection, table = states_of(size, rows, 6)
     table[:, 4:] = torch.where(torch.arange(rows)[:, None] % 3 == 0, size, table[:, 4:])
@@ -50,7 +46,7 @@ def states(size: int, rows: int = 40) -> tuple[torch.Tensor, torch.Tensor, torch
     return goal, selection, table
 
 
-def slow_w(scorer: RecipeScorer, goal: int, held: int, table: list[int]) -> list[float]:
+def slow_w(scorer, goal, held, table):
     """W by its definition, slot by slot; empty slots have 0."""
     size = len(scorer.entities)
     partners = [held] if held != size else [entity for entity in table if entity != size]
@@ -60,7 +56,7 @@ def slow_w(scorer: RecipeScorer, goal: int, held: int, table: list[int]) -> list
     ]
 
 
-def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w: Source, scorer: RecipeScorer):
+def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w, scorer):
     goal, selection, table = states(w.num_entities)
     found = w(goal, selection, table)
     for row in range(len(goal)):
@@ -70,14 +66,14 @@ def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w: Source,
         torch.testing.assert_close(single[0], found[row], rtol=1e-4, atol=1e-4)
 
 
-def test_permuting_the_slots_permutes_w(w: Source):
+def test_permuting_the_slots_permutes_w(w):
     goal, selection, table = states(w.num_entities)
     order = torch.tensor([3, 0, 5, 1, 4, 2])
     expected = w(goal, selection, table)[:, order]
     torch.testing.assert_close(w(goal, selection, table[:, order]), expected, rtol=1e-4, atol=1e-4)
 
 
-def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer: RecipeScorer):
+def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer):
     (kept,) = make_sources(["w"], scorer)
     goal, selection, table = states(kept.num_entities)
     first = kept(goal, selection, table)
@@ -90,9 +86,7 @@ def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer: Recipe
     torch.testing.assert_close(kept(goal, selection, table), fresh(goal, selection, table), rtol=0, atol=0)
 
 
-def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(
-    cross_fitted: CrossFitted, opened: OpenedGraph
-):
+def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(cross_fitted, opened):
     world = World(opened, WordCraftConfig(part="all", num_distractors=3))
     (source,) = make_sources(["w"], cross_fitted, tasks=world.tasks)
     state = engine_states.states_of(BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks))))
@@ -127,7 +121,7 @@ def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(
     assert seen == {0, 1, 2}
 
 
-def test_the_partner_of_a_slot_is_the_entity_held(w: Source):
+def test_the_partner_of_a_slot_is_the_entity_held(w):
     nothing = w.num_entities
     goal, selection, table = torch.tensor([7]), torch.tensor([3]), torch.tensor([[3, 4, nothing, 5]])
     evidence = w.evidence(goal, selection, table, limit=2)
@@ -135,7 +129,7 @@ def test_the_partner_of_a_slot_is_the_entity_held(w: Source):
     assert all(len(told.supporting) <= 2 for told in evidence if told)
 
 
-def test_sources_of_links_have_no_evidence_and_a_scorer_of_links_has_no_w(scorer: RecipeScorer):
+def test_sources_of_links_have_no_evidence_and_a_scorer_of_links_has_no_w(scorer):
     links = TableScorer(
         torch.stack([scorer.table(0), scorer.table(1)]), scorer.entities, scorer.graph_hash, name="links"
     )

@@ -2,8 +2,6 @@
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
-from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -12,7 +10,6 @@ import pytest
 import torch
 from refusals import refuses
 from small_scorers import BareScorer, scaled_scorer
-from torch import Tensor
 
 import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg.agents.agent_folder import open_agent
@@ -22,7 +19,7 @@ from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
-from wordcraft_kg.graphs import RELATIONS, RecipeGraph, open_graph
+from wordcraft_kg.graphs import RELATIONS, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.policies.config import PolicyConfig
@@ -51,13 +48,13 @@ any_sources = pytest.mark.parametrize("names", [("u",), ("v",), ("u", "v")], ids
 SCORER = BareScorer(SIZE)
 
 
-def knowledge_of(names, scorer: TripleScorer = SCORER):
+def knowledge_of(names, scorer=SCORER):
     """Return a function of states that gives the scores of all sources, shape (B, S, A)."""
     sources = make_sources(names, scorer)
     return lambda *state: torch.stack([source(*state) for source in sources], dim=1)
 
 
-def states(size: int = 7, num_slots: int = 4) -> tuple[Tensor, Tensor, Tensor]:
+def states(size=7, num_slots=4):
     """Goals, selections that differ from row to row and are sometimes nothing, and tables with empty slots."""
     goal = torch.arange(size) % SIZE
     selection = (torch.arange(size) * 2 + 1) % (SIZE + 1)
@@ -67,10 +64,10 @@ def states(size: int = 7, num_slots: int = 4) -> tuple[Tensor, Tensor, Tensor]:
     return goal, selection, table
 
 
-def slow_scores(names, goal: Tensor, selection: Tensor, table: Tensor) -> list[list[list[float]]]:
+def slow_scores(names, goal, selection, table):
     """``u_i = L(e_i, combinesWith, e_s)`` and ``v_i = L(e_i, componentOf, e_g)``, one question for each slot."""
 
-    def ask(entity: int, relation: str, other: int) -> float:
+    def ask(entity, relation, other):
         return 0.0 if NOTHING in (entity, other) else SCORER.score(entity, relation, other).item()
 
     keys = {"u": ("combinesWith", selection.tolist()), "v": ("componentOf", goal.tolist())}
@@ -91,7 +88,7 @@ def test_u_and_v_are_the_scores_of_each_slot_with_the_selection_and_with_the_goa
 
 @pytest.mark.parametrize("scale", ["standardise", "ranks", "none"])
 @pytest.mark.parametrize("self_edges", ["keep", "drop"])
-def test_a_policy_sees_exactly_the_scores_that_observations_show(kitchen: RecipeGraph, scale, self_edges):
+def test_a_policy_sees_exactly_the_scores_that_observations_show(kitchen, scale, self_edges):
     scorer = NeighbourScorer(kitchen, kitchen.triples[::2])
     sources = make_sources(["u", "v"], scorer, ScoreView(scale, self_edges))
     settings = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}
@@ -131,7 +128,7 @@ def test_later_changes_of_the_scorer_do_not_change_the_scores():
 
 
 @any_sources
-def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names, monkeypatch: pytest.MonkeyPatch):
+def test_tables_that_would_not_fit_are_refused_before_the_scorer_is_asked(names, monkeypatch):
     needed = len(names) * (SIZE + 1) ** 2 * 4
     monkeypatch.setattr(registry, "TABLE_LIMIT", needed)
     make_sources(names, SCORER)
@@ -150,16 +147,14 @@ class Factored(BareScorer):
 
 
 @pytest.fixture
-def no_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_tables(monkeypatch):
     monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
 
 
 @any_sources
 @pytest.mark.parametrize("scale", ["standardise", "none"])
 @pytest.mark.parametrize("self_edges", ["keep", "observed", "drop"])
-def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(
-    names, scale, self_edges, monkeypatch: pytest.MonkeyPatch
-):
+def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(names, scale, self_edges, monkeypatch):
     view = ScoreView(scale, self_edges, np.array([[1, 0, 1]]))
     everything = torch.arange(SIZE + 1)
     goal, held, slot = torch.cartesian_prod(everything[:-1], everything, everything).T
@@ -174,7 +169,7 @@ def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(
 
 @pytest.mark.parametrize("by_factors", [False, True])
 @pytest.mark.parametrize("name", ["u", "v"])  # w's is among the tests of recipe scorers
-def test_a_source_is_restored_from_its_constants(name, by_factors, monkeypatch: pytest.MonkeyPatch):
+def test_a_source_is_restored_from_its_constants(name, by_factors, monkeypatch):
     if by_factors:
         monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
     (full,) = make_sources([name], Factored(SIZE), ScoreView("standardise", "drop"))
@@ -192,14 +187,14 @@ def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_sca
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> str:
+def folder(tmp_path_factory):
     """A cross-fitted ComplEx of the kitchen; read only."""
     config = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=1, n3=0.1, folds=2))
     return str(train_links(config, tmp_path_factory.mktemp("models") / "model").folder)
 
 
 def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
-    folder: str, tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
+    folder, tmp_path, no_tables, monkeypatch
 ):
     monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
     with pytest.raises(ConfigError, match="score table"):
@@ -207,9 +202,7 @@ def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
     assert not (tmp_path / "run").exists()
 
 
-def test_an_agent_learns_with_factors_and_its_policy_comes_back(
-    folder: str, tmp_path: Path, no_tables, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_agent_learns_with_factors_and_its_policy_comes_back(folder, tmp_path, no_tables, monkeypatch):
     monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
     policy = PolicyConfig(scale="standardise")
     config = AgentConfig("kitchen", folder, TaskConfig(), policy, ImpalaConfig(steps=512))
@@ -232,26 +225,26 @@ class Triple(Source):
     label = Label("third", "t", "makes the goal with {selection}")
     reads_task = True
 
-    def __init__(self, num_entities: int, offsets: Tensor | None = None):
+    def __init__(self, num_entities, offsets=None):
         super().__init__(num_entities)
         self.register_buffer("offsets", torch.zeros(0) if offsets is None else offsets)
 
     @classmethod
-    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Triple":
+    def of_scorer(cls, scorer, view):
         return cls(len(scorer.entities), 10 + torch.arange(500.0))
 
     @classmethod
-    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Triple":
+    def restored(cls, num_entities, constants):
         return cls(num_entities, torch.empty_like(constants["offsets"]))
 
-    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
+    def forward(self, goal, selection, table, task=None):
         product = torch.sin(1.0 + table * (goal + 1)[:, None] * (selection + 1)[:, None])
         shift = 0 if task is None else self.offsets[task][:, None]
         return torch.where(table == self.num_entities, 0.0, product + shift)
 
 
 @pytest.fixture(params=["registered", "installed"])
-def third(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+def third(request, monkeypatch, tmp_path):
     """Make the source known by a call, or by the entry point of an installed package."""
     monkeypatch.setattr(registry, "_CLASSES", {**registry._CLASSES})
     for name in {*LABELS} - {"u", "v", "w"}:
@@ -271,7 +264,7 @@ def third(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_p
     installed_sources.cache_clear()
 
 
-def test_a_third_source_trains_saves_plays_and_explains(third, folder: str, tmp_path: Path):
+def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path):
     opened = open_graph("kitchen")
     config = AgentConfig("kitchen", folder, TaskConfig(), PolicyConfig(use="third,u"), ImpalaConfig(steps=2_000))
     trained = train_agent(config, tmp_path / "run")
@@ -292,7 +285,7 @@ def test_a_third_source_trains_saves_plays_and_explains(third, folder: str, tmp_
 
 
 @pytest.mark.parametrize("name", ["alpha", "u", "w"])
-def test_a_source_may_not_take_the_name_of_one_that_is_built_in(name: str):
+def test_a_source_may_not_take_the_name_of_one_that_is_built_in(name):
     taking = type("Taking", (Triple,), {"label": Label(name, "x", "anything")})
     with pytest.raises(ConfigError, match="built in"):
         register_source(taking)

@@ -1,8 +1,6 @@
 """Entities that the graph does not have, scored by the words of their labels."""
 
 import shutil
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ import torch
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.statistics import standardised
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.recipes import fitting
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.inductive import extended, with_words
@@ -25,7 +22,7 @@ NEW = ("naan", "muffin", "cheese cake")
 
 
 @pytest.fixture(scope="module")
-def vectors(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def vectors(opened_kitchen, tmp_path_factory):
     """A file of vectors of all words of the kitchen and of `naan`, which has that of `bread`, and `muffin`."""
     rng = np.random.default_rng(0)
     words = sorted({word for label in opened_kitchen.graph.entities for word in label.split()} | {"muffin"})
@@ -37,24 +34,24 @@ def vectors(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture(scope="module")
-def folder(opened_kitchen: OpenedGraph, vectors: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(opened_kitchen, vectors, tmp_path_factory):
     settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors))
     out = tmp_path_factory.mktemp("models") / "kitchen-recipes"
     return train_recipes(RecipesConfig(opened_kitchen.source, settings), out).folder
 
 
 @pytest.fixture(scope="module")
-def scorer(folder: Path) -> RecipeScorer:
+def scorer(folder):
     loaded = load_scorer(folder)
     assert isinstance(loaded, RecipeScorer)
     return loaded
 
 
-def wider(folder: Path, scorer: RecipeScorer, labels: Sequence[str] = NEW) -> RecipeScorer:
+def wider(folder, scorer, labels=NEW):
     return with_words(folder, scorer, labels)
 
 
-def assert_tables_agree(one: RecipeScorer, other: RecipeScorer, size: int) -> None:
+def assert_tables_agree(one, other, size):
     """Both scorers give the first entities nearly the same scores."""
     for relation in ("combinesWith", "componentOf"):
         expected, table = (scorer.table(relation)[:size, :size] for scorer in (one, other))

@@ -9,7 +9,7 @@ import torch
 from link_helpers import random_graph, same_files
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, open_graph
+from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, TableInfo, write_knowledge
@@ -26,24 +26,24 @@ from wordcraft_kg.runs.config_file import read_config
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
 
-def write_book(path: Path, recipes: list[tuple[str, str, str]]) -> str:
+def write_book(path, recipes):
     path.write_text("\n".join(["ingredient_a,ingredient_b,result", *map(",".join, recipes)]))
     return str(path)
 
 
-def labelled(graph: RecipeGraph, rows: np.ndarray) -> list[tuple[str, str, str]]:
+def labelled(graph, rows):
     return [tuple(graph.entities[entity] for entity in row) for row in rows.tolist()]
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory: pytest.TempPathFactory) -> OpenedGraph:
+def opened(tmp_path_factory):
     graph = random_graph(1, 12, 60)
     book = write_book(tmp_path_factory.mktemp("book") / "mine.csv", labelled(graph, graph.recipes))
     return open_graph(book, SplitConfig(seed=3))
 
 
 @pytest.fixture
-def knowledge(opened: OpenedGraph, tmp_path: Path) -> Path:
+def knowledge(opened, tmp_path):
     """A folder with a part table and a pair table, with labels in reverse order and one label missing."""
     generator = torch.Generator().manual_seed(0)
     part, pair = torch.randn(2, 11, 11, generator=generator).half()

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,12 +18,12 @@ from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.recipes import training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import cosines
-from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge
+from wordcraft_kg.models.scorers.pair_features import FEATURES
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.runs import parallel
 
@@ -32,7 +31,7 @@ SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
 
 @pytest.fixture(scope="module")
-def book(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def book(tmp_path_factory):
     """A book so small that a fit takes a moment."""
     path = tmp_path_factory.mktemp("books") / "small.csv"
     graph = random_graph(1, 12, 60)
@@ -42,7 +41,7 @@ def book(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def small(book: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small(book, tmp_path_factory):
     """A recipe scorer of that book; read only."""
     return train_recipes(RecipesConfig(str(book), SMALL), tmp_path_factory.mktemp("models") / "small").folder
 
@@ -100,14 +99,14 @@ def test_an_interrupted_run_continues_with_the_fits_that_are_missing(book, small
 # --- what is held out ------------------------------------------------------------------------------------------------
 
 
-def folds_of(graph: RecipeGraph, fold_of: dict[tuple[str, ...], int]) -> Folds:
+def folds_of(graph, fold_of):
     """Folds by the labels of recipes; those that are not named are the test part."""
     of_recipe = np.array([fold_of.get(graph.labels(row), OUTSIDE) for row in graph.recipes.tolist()], dtype=np.int64)
     parts = np.where(of_recipe == OUTSIDE, 2, 0).astype(np.int8)
     return Folds(Split(graph, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
 
 
-def fitted(fit: tuple[RecipeKnowledge, LinkRankers]) -> dict[str, torch.Tensor]:
+def fitted(fit):
     """All tensors of a fit."""
     knowledge, rankers = fit
     of_links = {
@@ -116,7 +115,7 @@ def fitted(fit: tuple[RecipeKnowledge, LinkRankers]) -> dict[str, torch.Tensor]:
     return knowledge.constants() | of_links
 
 
-def same_tensors(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
+def same_tensors(one, other):
     assert one.keys() == other.keys()
     return all(torch.equal(one[name], other[name]) for name in one)
 
@@ -175,7 +174,7 @@ def test_by_goal_known_recipes_score_highest_and_constant_features_have_no_weigh
 # --- spoilt folders --------------------------------------------------------------------------------------------------
 
 
-def swap(tensors: dict[str, torch.Tensor]) -> None:
+def swap(tensors):
     for name in [name.removeprefix("fold0.") for name in tensors if name.startswith("fold0.")]:
         one, other = f"fold0.{name}", f"fold1.{name}"
         tensors[one], tensors[other] = tensors[other], tensors[one]

@@ -14,7 +14,7 @@ from scipy.special import expit, softmax
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, Split, open_graph
+from wordcraft_kg.graphs import RecipeGraph, Split, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in
 from wordcraft_kg.models.links.config import ComplExConfig
@@ -30,35 +30,34 @@ from wordcraft_kg.models.scorers.calibration import (
     predictions,
     rank_log_odds,
 )
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 
 CENTRES = np.arange(-calibration.END, calibration.END + calibration.WIDTH / 2, calibration.WIDTH)
 
 
 @pytest.fixture(scope="module")
-def folder(opened_kitchen: OpenedGraph, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(opened_kitchen, tmp_path_factory):
     """A cross-fitted ComplEx of the kitchen; read only."""
     settings = ComplExConfig(dim=16, epochs=15, n3=0.1, popularity=1.0, folds=3)
     return train(opened_kitchen, settings, tmp_path_factory.mktemp("models") / "folded").folder
 
 
 @pytest.fixture(scope="module")
-def scorer(folder: Path) -> CrossFitted:
+def scorer(folder):
     return load_scorer(folder)
 
 
 @pytest.fixture(scope="module")
-def folds(scorer: CrossFitted, opened_kitchen: OpenedGraph) -> Folds:
+def folds(scorer, opened_kitchen):
     return make_folds(opened_kitchen.split, scorer.count, scorer.record.seed)
 
 
-def fitted(scorer: CrossFitted, folds: Folds) -> Probabilities:
+def fitted(scorer, folds):
     seen = [predictions(scorer.left_out(fold), folds, fold) for fold in range(folds.count)]
     return Probabilities.fit(scorer.whole, folds, seen)
 
 
-def counts(chances: np.ndarray, share: float, folds: int = 2, amount: float = 4_000.0) -> tuple[np.ndarray, np.ndarray]:
+def counts(chances, share, folds=2, amount=4_000.0):
     """Expected counts where the true triples have these chances, and a share of them is known."""
     weights = amount * np.exp(-((CENTRES / 3) ** 2))
     true = np.tile(weights * chances * share, (folds, 1))
@@ -66,7 +65,7 @@ def counts(chances: np.ndarray, share: float, folds: int = 2, amount: float = 4_
 
 
 @pytest.mark.parametrize("share", [0.3, 0.8])
-def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share: float):
+def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share):
     low, high = SEGMENTS
     part = [np.minimum(CENTRES, low), np.clip(CENTRES - low, 0, high - low), np.maximum(CENTRES - high, 0)]
     slopes = (1.2, 0.6, 0.3)
@@ -79,7 +78,7 @@ def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share: float):
 
 
 @pytest.mark.parametrize("slope", [-1.0, 0.0])
-def test_a_higher_score_is_never_less_probable(slope: float):
+def test_a_higher_score_is_never_less_probable(slope):
     true, others = counts(expit(-4 + slope * CENTRES), 0.5)
     curve = fit_curve(true, others, 0.5)
     assert curve.slopes == ()
@@ -89,7 +88,7 @@ def test_a_higher_score_is_never_less_probable(slope: float):
 
 
 @pytest.mark.parametrize("known", [0, 5, "all"])
-def test_a_fold_of_one_class_has_its_base_rate_and_says_why(known: int | str):
+def test_a_fold_of_one_class_has_its_base_rate_and_says_why(known):
     true, others = np.zeros((2, 2, len(CENTRES)))
     if known == "all":
         true[:, 100:200] = 1
@@ -113,7 +112,7 @@ def test_places_are_log_odds_of_ranks_with_ties_halved():
     assert rank_log_odds(np.array([7.0]), np.full(5, 7.0)) == pytest.approx(0)
 
 
-def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer: CrossFitted, folds: Folds):
+def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer, folds):
     size, known = len(scorer.entities), {tuple(row) for row in folds.triples().tolist()}
     for fold in range(folds.count):
         seen = predictions(scorer.left_out(fold), folds, fold)
@@ -127,7 +126,7 @@ def test_every_triple_outside_training_is_counted_once_and_the_others_not(scorer
         np.testing.assert_array_equal(seen.others.sum(axis=-1), others)
 
 
-def test_a_sample_of_pairs_stands_for_all(scorer: CrossFitted, folds: Folds, monkeypatch: pytest.MonkeyPatch):
+def test_a_sample_of_pairs_stands_for_all(scorer, folds, monkeypatch):
     everything = predictions(scorer.left_out(0), folds, 0)
     monkeypatch.setattr(calibration, "MAX_CELLS", 4_000)
     sample = predictions(scorer.left_out(0), folds, 0)
@@ -137,7 +136,7 @@ def test_a_sample_of_pairs_stands_for_all(scorer: CrossFitted, folds: Folds, mon
     np.testing.assert_array_equal(sample.others, again.others)
 
 
-def test_recipes_outside_train_change_nothing_but_by_their_number(scorer: CrossFitted, folds: Folds):
+def test_recipes_outside_train_change_nothing_but_by_their_number(scorer, folds):
     """The results of all test recipes are replaced; only what is looked at could change."""
     graph, split = folds.split.graph, folds.split
     recipes, outside = graph.recipes.copy(), ~split.is_in("train")
@@ -150,7 +149,7 @@ def test_recipes_outside_train_change_nothing_but_by_their_number(scorer: CrossF
     assert fitted(scorer, changed) == fitted(scorer, folds) == scorer.probabilities
 
 
-def test_the_share_that_is_known_follows_from_the_number_of_recipes(folds: Folds):
+def test_the_share_that_is_known_follows_from_the_number_of_recipes(folds):
     train_recipes, outside = folds.split.is_in("train").sum(), (~folds.split.is_in("train")).sum()
     plain = 1 / (1 + outside * folds.count / train_recipes)
     # A fold keeps all recipes of its pairs, so all its pairs are new; but the more recipes are known, the fewer are its
@@ -159,9 +158,7 @@ def test_the_share_that_is_known_follows_from_the_number_of_recipes(folds: Folds
     assert plain + 0.01 < known_share(folds, COMPONENT_OF) < plain + 0.15
 
 
-def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
-    scorer: CrossFitted, opened_kitchen: OpenedGraph
-):
+def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(scorer, opened_kitchen):
     split, size = opened_kitchen.split, len(scorer.entities)
     everything = torch.arange(size)
     for relation in (COMBINES_WITH, COMPONENT_OF):
@@ -179,7 +176,7 @@ def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
         assert float(chances[~known].sum()) == pytest.approx(len(unseen), rel=0.35)
 
 
-def test_pairs_of_an_entity_with_itself_have_a_rate_of_their_own(scorer: CrossFitted):
+def test_pairs_of_an_entity_with_itself_have_a_rate_of_their_own(scorer):
     first = scorer.probabilities.relations[0]
     own = Curve(intercept=-1.0, slopes=(), rate=0.25, true=1, cells=4)
     changed = msgspec.structs.replace(first, itself=own)
@@ -190,7 +187,7 @@ def test_pairs_of_an_entity_with_itself_have_a_rate_of_their_own(scorer: CrossFi
     assert chances[0, 1] == scorer.probability(0, 0, 1) != chances[0, 0]
 
 
-def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder: Path, tmp_path: Path):
+def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder, tmp_path):
     copy = Path(shutil.copytree(folder, tmp_path / "copy"))
     run = json.loads((copy / "run.json").read_text())
     assert run["outputs"]["calibration.json"] == sha256_of(copy / "calibration.json")
@@ -214,7 +211,7 @@ def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder:
         before.result_probabilities(0, 1)
 
 
-def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path: Path):
+def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path):
     config = RecipesConfig("kitchen", RecipeScorerConfig(folds=3, features="one-hot"))
     scorer = load_scorer(train_recipes(config, tmp_path / "model").folder)
     temperature = scorer.probabilities.temperature
@@ -227,7 +224,7 @@ def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path: Pat
     folds = make_folds(opened.split, 3, scorer.record.seed)
     seen = [predictions(scorer.left_out(fold), folds, fold) for fold in range(3)]
 
-    def loss(value: float) -> float:
+    def loss(value):
         pairs = [pair for part in seen for pair in zip(part.results, part.right, strict=True)]
         return -sum(np.log(softmax(row / value)[right].sum()) for row, right in pairs)
 

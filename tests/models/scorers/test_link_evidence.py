@@ -7,7 +7,7 @@ import pytest
 from link_helpers import random_graph
 from small_scorers import normal
 
-from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, OpenedGraph, Recipe, RecipeGraph
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, Recipe, RecipeGraph
 from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
@@ -18,11 +18,11 @@ SIZE = GRAPH.num_entities
 KNOWN = GRAPH.recipes[::2]
 
 
-def scorer_of(graph: RecipeGraph, seed: int = 0) -> TableScorer:
+def scorer_of(graph, seed=0):
     return TableScorer(normal(2, graph.num_entities, graph.num_entities, seed=seed), graph.entities, graph.hash)
 
 
-def slow_links(recipes: list[list[int]]) -> dict[tuple[int, int, int], list[int]]:
+def slow_links(recipes):
     """Every link of some recipes, and the rows of those that give it."""
     found: dict[tuple[int, int, int], list[int]] = {}
     for row, (a, b, c) in enumerate(recipes):
@@ -32,11 +32,11 @@ def slow_links(recipes: list[list[int]]) -> dict[tuple[int, int, int], list[int]
 
 
 @pytest.fixture(scope="module")
-def evidence() -> LinkEvidence:
+def evidence():
     return LinkEvidence(scorer_of(GRAPH), KNOWN)
 
 
-def test_links_speak_that_share_an_end_as_much_as_the_others_are_alike(evidence: LinkEvidence):
+def test_links_speak_that_share_an_end_as_much_as_the_others_are_alike(evidence):
     links = slow_links(KNOWN.tolist())
     kinds = set()
     for head, relation, tail in product(range(SIZE), range(len(RELATIONS)), range(SIZE)):
@@ -53,7 +53,7 @@ def test_links_speak_that_share_an_end_as_much_as_the_others_are_alike(evidence:
     assert len(kinds) > 6, "the graph has too few kinds of links"
 
 
-def test_those_that_say_most_come_first_with_their_share_of_all_evidence(evidence: LinkEvidence):
+def test_those_that_say_most_come_first_with_their_share_of_all_evidence(evidence):
     for head, relation, tail in product(range(SIZE), range(len(RELATIONS)), range(SIZE)):
         everything = evidence.reason(head, relation, tail, limit=1_000)
         weights = [witness.weight for witness in everything.witnesses]
@@ -64,7 +64,7 @@ def test_those_that_say_most_come_first_with_their_share_of_all_evidence(evidenc
         assert evidence.reason(head, relation, tail, limit=2).witnesses == everything.witnesses[:2]
 
 
-def test_a_witness_names_the_recipes_that_give_it_and_a_learned_link_its_own(evidence: LinkEvidence):
+def test_a_witness_names_the_recipes_that_give_it_and_a_learned_link_its_own(evidence):
     links = slow_links(KNOWN.tolist())
     of_label = {label: i for i, label in enumerate(GRAPH.entities)}
     learned = 0
@@ -91,7 +91,7 @@ def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
     assert reason.more == 2
 
 
-def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen: OpenedGraph):
+def test_recipes_of_a_dose_speak_as_they_were_taught(opened_kitchen):
     graph = opened_kitchen.graph
     train_sample = draw_train_sample(opened_kitchen.split, train_fraction=0.5, label_noise=0.5)
     evidence = LinkEvidence(NeighbourScorer(graph, train_sample.triples), train_sample.recipes)

@@ -23,7 +23,7 @@ from wordcraft_kg.models.scorers.pair_features import (
 SIZE = 12
 
 
-def knowledge(seed: int, num_recipes: int = 70) -> RecipeKnowledge:
+def knowledge(seed, num_recipes=70):
     """What random recipes of 12 entities say, with a random ranker; more of them than may speak for a goal."""
     graph = random_graph(seed, SIZE, num_recipes)
     draws = torch.Generator().manual_seed(seed)
@@ -37,11 +37,11 @@ def knowledge(seed: int, num_recipes: int = 70) -> RecipeKnowledge:
 
 
 @pytest.fixture(scope="module")
-def known() -> RecipeKnowledge:
+def known():
     return knowledge(0)
 
 
-def tables(rows: int = 30, slots: int = 6, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
+def tables(rows=30, slots=6, seed=0):
     """Goals and tables with the same entity twice, goals on the table, and empty slots between others."""
     rng = np.random.default_rng(seed)
     table = torch.from_numpy(rng.integers(SIZE + 1, size=(rows, slots)))
@@ -52,7 +52,7 @@ def tables(rows: int = 30, slots: int = 6, seed: int = 0) -> tuple[torch.Tensor,
     return goal, table
 
 
-def slow_features(known: RecipeKnowledge, a: int, b: int, goal: int, model: int) -> dict[str, float]:
+def slow_features(known, a, b, goal, model):
     """Every feature of a pair, by its definition."""
     parts, pairs = known.parts[model].double(), known.pairs[model].double()
     words, alike, counts = known.words.double(), known.alike[model].double(), known.counts[model].double()
@@ -95,7 +95,7 @@ def test_every_feature_is_what_its_definition_says():
             torch.testing.assert_close(found[:, row, pair], torch.tensor(list(slow.values())), rtol=1e-3, atol=1e-3)
 
 
-def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(known: RecipeKnowledge):
+def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(known):
     graph = random_graph(0, SIZE, 70)
     recipes = graph.recipes.tolist()
     alike = normalised(Base.of(graph.recipes, known.words[:-1, :-1].float()).kernel) ** 2
@@ -116,7 +116,7 @@ def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(kno
         assert set(known.results[0, known.numbers[0, a, b]].tolist()) - {SIZE} == made_of
 
 
-def test_the_order_of_a_pair_and_of_the_slots_does_not_matter(known: RecipeKnowledge):
+def test_the_order_of_a_pair_and_of_the_slots_does_not_matter(known):
     goal, table = tables()
     model = torch.zeros_like(goal)
     scores = known(goal, table, model)
@@ -126,7 +126,7 @@ def test_the_order_of_a_pair_and_of_the_slots_does_not_matter(known: RecipeKnowl
     torch.testing.assert_close(moved, scores[:, order][:, :, order], rtol=1e-4, atol=1e-4)
 
 
-def test_a_pair_with_an_empty_slot_has_no_score_and_changes_none(known: RecipeKnowledge):
+def test_a_pair_with_an_empty_slot_has_no_score_and_changes_none(known):
     goal, table = tables()
     model = torch.zeros_like(goal)
     scores = known(goal, table, model)
@@ -151,7 +151,7 @@ def test_a_stack_answers_as_each_of_its_models_does():
 
 
 @pytest.mark.parametrize("num_recipes", [70, 3])
-def test_those_who_speak_are_the_terms_of_the_evidence(num_recipes: int):
+def test_those_who_speak_are_the_terms_of_the_evidence(num_recipes):
     stack = RecipeKnowledge.stacked([knowledge(0, num_recipes), knowledge(1, num_recipes)])
     recipes = {tuple(row) for row in random_graph(1, SIZE, num_recipes).recipes.tolist()}
     for a, b, goal in ((0, 1, 2), (3, 3, 4), (5, 6, 5), *list(recipes)[:3]):

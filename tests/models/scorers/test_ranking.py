@@ -3,7 +3,6 @@
 import itertools
 from fractions import Fraction
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,6 @@ from small_scorers import table_scorer
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import bootstrap, interval
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.complex import ComplExN3
@@ -28,7 +26,6 @@ from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factor
 from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
 from wordcraft_kg.models.scorers import ranking as link_prediction
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
     CalibrationBin,
@@ -46,12 +43,12 @@ from wordcraft_kg.models.scorers.ranking import (
 HITS = (1, 3, 10)
 
 
-def constant_scorer(num_entities: int) -> TableScorer:
+def constant_scorer(num_entities):
     return table_scorer(np.full((len(RELATIONS), num_entities, num_entities), 0.5))
 
 
 @st.composite
-def rankings(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rankings(draw):
     """A table of few different scores, queries (known or not, repeated or not) and known triples."""
     size, levels = draw(st.integers(1, 6)), draw(st.integers(1, 4))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
@@ -82,9 +79,7 @@ def test_ranks_do_not_depend_on_the_batches(case):
 
 
 @pytest.mark.parametrize("cells", [1, 11, 40])
-def test_of_many_entities_fewer_queries_are_scored_at_once(
-    opened_kitchen: OpenedGraph, monkeypatch: pytest.MonkeyPatch, cells: int
-):
+def test_of_many_entities_fewer_queries_are_scored_at_once(opened_kitchen, monkeypatch, cells):
     graph = opened_kitchen.graph
     scorer = FrequencyScorer(graph, opened_kitchen.split.partial)
     queries = opened_kitchen.split.held_out("test")
@@ -102,7 +97,7 @@ def test_of_many_entities_fewer_queries_are_scored_at_once(
     assert max(blocks) == cells
 
 
-def test_a_sample_is_of_the_size_asked_for_in_order_and_of_its_seed(opened_kitchen: OpenedGraph):
+def test_a_sample_is_of_the_size_asked_for_in_order_and_of_its_seed(opened_kitchen):
     triples = opened_kitchen.graph.triples
     one, again, other = (sampled(triples, 40, seed) for seed in (0, 0, 1))
     assert len(one) == 40
@@ -127,7 +122,7 @@ def test_ranking_leaves_the_scorers_table_as_it_was():
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_scores_that_are_not_finite_are_an_artefact_error(value: float):
+def test_scores_that_are_not_finite_are_an_artefact_error(value):
     table = np.zeros((2, 4, 4))
     table[1, 2, 3] = value
     triples = np.array([[2, 1, 0]])
@@ -135,7 +130,7 @@ def test_scores_that_are_not_finite_are_an_artefact_error(value: float):
         rank_triples(table_scorer(table), triples, triples)
 
 
-def exact_model(opened: OpenedGraph) -> ComplExN3:
+def exact_model(opened):
     factory = triples_factory(opened.graph, opened.split.partial)
     with pykeen_guard(seed=0, threads=1):
         model = ComplExN3(triples_factory=factory, embedding_dim=4, random_seed=0)
@@ -146,7 +141,7 @@ def exact_model(opened: OpenedGraph) -> ComplExN3:
     return exact(model)
 
 
-def exact(model: Any) -> Any:
+def exact(model):
     """Round the weights to multiples of 1/16: scores are exact in single precision, with real ties."""
     with torch.no_grad():
         for parameter in model.parameters():
@@ -154,7 +149,7 @@ def exact(model: Any) -> Any:
     return model.eval()
 
 
-def pykeens_metrics(opened: OpenedGraph, model: Any) -> Any:
+def pykeens_metrics(opened, model):
     return RankBasedEvaluator(filtered=True).evaluate(
         model,
         torch.from_numpy(opened.split.held_out("test").copy()),
@@ -164,7 +159,7 @@ def pykeens_metrics(opened: OpenedGraph, model: Any) -> Any:
     )
 
 
-def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen: OpenedGraph):
+def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen):
     graph, split = opened_kitchen.graph, opened_kitchen.split
     model = exact_model(opened_kitchen)
     theirs = pykeens_metrics(opened_kitchen, model)
@@ -210,7 +205,7 @@ def test_random_metrics_equal_the_mean_over_all_permutations():
     assert as_values(random_metrics(pd.DataFrame({"candidates": sizes}))) == pytest.approx(expected)
 
 
-def test_slices_part_the_queries_by_relation_and_side(opened_kitchen: OpenedGraph):
+def test_slices_part_the_queries_by_relation_and_side(opened_kitchen):
     graph = opened_kitchen.graph
     ranks = rank_triples(constant_scorer(graph.num_entities), graph.triples[::9], graph.triples)
     masks = slice_masks(ranks)
@@ -265,7 +260,7 @@ def test_an_interval_leaves_out_half_the_rest_on_each_side():
     assert interval(np.arange(1001.0), level=0.5) == pytest.approx((250, 750))
 
 
-def test_an_interval_contains_its_mean_and_covers_the_truth(opened_kitchen: OpenedGraph):
+def test_an_interval_contains_its_mean_and_covers_the_truth(opened_kitchen):
     rng, covered = np.random.default_rng(0), 0
     for seed in range(60):
         ranks = pd.DataFrame({"rank": rng.choice([1.0, 2.0, 4.0], size=80), "candidates": 10})
@@ -287,7 +282,7 @@ def test_an_mrr_over_fewer_than_five_recipes_has_no_interval(recipes):
     assert (with_interval(ranks, np.repeat(np.arange(recipes), 2)).mrr_ci is None) == (recipes < 5)
 
 
-def answers(confidence: list[float], right: list[bool]) -> pd.DataFrame:
+def answers(confidence, right):
     top = [1 if is_right else 2 for is_right in right]
     return pd.DataFrame({"confidence": confidence, "side": "tail", "head": 0, "tail": 1, "top": top})
 

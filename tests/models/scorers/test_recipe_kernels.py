@@ -41,7 +41,7 @@ SIZE = 9
 """Entities; the last one is in no recipe."""
 
 
-def drawn_recipes(seed: int, count: int = 14) -> np.ndarray:
+def drawn_recipes(seed, count=14):
     rng = np.random.default_rng(seed)
     rows = rng.integers(SIZE - 1, size=(count, 3))
     rows[0, 1] = rows[0, 0]  # a recipe of one entity twice
@@ -49,7 +49,7 @@ def drawn_recipes(seed: int, count: int = 14) -> np.ndarray:
     return rows
 
 
-def drawn_vectors(seed: int) -> np.ndarray:
+def drawn_vectors(seed):
     vectors = np.random.default_rng([seed, 1]).standard_normal((SIZE, 4)).astype(np.float32)
     vectors[3] = 0  # a word without a vector
     return vectors
@@ -64,14 +64,14 @@ CASES = [
 any_recipes = pytest.mark.parametrize("recipes", CASES)
 
 
-def graph_of(recipes: np.ndarray) -> RecipeGraph:
+def graph_of(recipes):
     """A graph whose ids are those of the rows, with every entity in it."""
     rows = np.concatenate([recipes, [[i, i, i] for i in range(SIZE)]])
     return RecipeGraph.from_recipes([tuple(f"e{i}" for i in row) for row in rows], name="drawn")
 
 
 @any_recipes
-def test_profiles_are_the_damped_rows_of_links_and_contexts(recipes: np.ndarray):
+def test_profiles_are_the_damped_rows_of_links_and_contexts(recipes):
     found = profiles(recipes, SIZE)
     expected = slow_profiles(recipes.tolist(), SIZE)
     gram = [[sum(v * other.get(c, 0) for c, v in row.items()) for other in expected] for row in expected]
@@ -82,14 +82,14 @@ def test_profiles_are_the_damped_rows_of_links_and_contexts(recipes: np.ndarray)
 
 
 @any_recipes
-def test_the_similarity_is_that_of_profiles_and_words(recipes: np.ndarray):
+def test_the_similarity_is_that_of_profiles_and_words(recipes):
     vectors = drawn_vectors(0)
     found = similarity(recipes, cosines(torch.tensor(vectors)))
     np.testing.assert_allclose(found.numpy(), slow_similarity(recipes.tolist(), vectors), atol=1e-6)
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(3, 40))
-def test_the_similarity_without_words_is_positive_semi_definite_and_follows_a_renaming(seed: int, count: int):
+def test_the_similarity_without_words_is_positive_semi_definite_and_follows_a_renaming(seed, count):
     recipes, nothing = drawn_recipes(seed, count), torch.zeros(SIZE, SIZE)
     kernel = similarity(recipes, nothing)
     assert torch.linalg.eigvalsh(kernel.double())[0] > -1e-6
@@ -118,7 +118,7 @@ def test_an_entity_is_as_similar_to_itself_as_can_be_and_one_of_no_recipe_to_not
 
 
 @pytest.mark.parametrize("dimensions", [0, 2, 30], ids=["no words", "few dimensions", "many dimensions"])
-def test_products_with_the_similarity_need_no_matrix(dimensions: int, monkeypatch: pytest.MonkeyPatch):
+def test_products_with_the_similarity_need_no_matrix(dimensions, monkeypatch):
     monkeypatch.setattr("wordcraft_kg.models.scorers.low_rank_kernel.CELLS", 3 * SIZE)
     rng = np.random.default_rng(0)
     vectors = rng.standard_normal((SIZE, dimensions)).astype(np.float32)
@@ -130,7 +130,7 @@ def test_products_with_the_similarity_need_no_matrix(dimensions: int, monkeypatc
 
 
 @given(seed=st.integers(0, 10_000), ridge=st.sampled_from([0.1, 1.0, 7.0]))
-def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed: int, ridge: float):
+def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed, ridge):
     rng = np.random.default_rng(seed)
     parts, links = rng.standard_normal((5, 7)), (rng.random((5, 5)) < 0.4).astype(float)
     kernel = parts @ parts.T / 7
@@ -139,18 +139,18 @@ def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed: int, ridge: 
 
 
 @any_recipes
-def test_completion_counts_paths_of_three_pairs_of_the_same_result(recipes: np.ndarray):
+def test_completion_counts_paths_of_three_pairs_of_the_same_result(recipes):
     np.testing.assert_allclose(completion(recipes, SIZE).numpy(), slow_completion(recipes.tolist(), SIZE), atol=1e-6)
 
 
 @any_recipes
-def test_link_matrices_hold_the_triples(recipes: np.ndarray):
+def test_link_matrices_hold_the_triples(recipes):
     tables = torch.stack(link_matrices(recipes, SIZE))
     expected = {(r, h, t) for h, r, t in recipe_triples(recipes).tolist()}
     assert {tuple(cell) for cell in torch.nonzero(tables).tolist()} == expected
 
 
-def smoother(rows: SparseSimilarity, size: int = SIZE) -> np.ndarray:
+def smoother(rows, size=SIZE):
     """K (K + λ)⁻¹, written out."""
     kernel = rows.times(np.eye(size, dtype=np.float32)).astype(float)
     return kernel @ np.linalg.inv(kernel + SMOOTHING * np.eye(size))
@@ -171,7 +171,7 @@ def test_two_steps_smooth_heads_and_tails():
     np.testing.assert_allclose(found, smooth @ links @ smooth, atol=1e-2)
 
 
-def _term(weight: float, matrix: np.ndarray) -> Term:
+def _term(weight, matrix):
     matrix = matrix.astype(np.float32)
     return Term(weight, matrix.__matmul__, matrix.T.__matmul__)
 
@@ -203,7 +203,7 @@ def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
 
 @any_recipes
 @pytest.mark.parametrize("kind", [KernelScorer, LowRankKernelScorer])
-def test_scorers_of_any_recipes_are_finite_and_the_same_again(kind: type, recipes: np.ndarray):
+def test_scorers_of_any_recipes_are_finite_and_the_same_again(kind, recipes):
     graph = graph_of(recipes)
     for vectors in (None, drawn_vectors(0)):
         tables = [torch.stack([kind(graph, recipes, vectors).table(r) for r in (0, 1)]) for _ in range(2)]
@@ -211,7 +211,7 @@ def test_scorers_of_any_recipes_are_finite_and_the_same_again(kind: type, recipe
         assert torch.equal(*tables)
 
 
-def test_the_low_rank_scorer_of_full_rank_ranks_like_two_steps_and_completion(kitchen: RecipeGraph):
+def test_the_low_rank_scorer_of_full_rank_ranks_like_two_steps_and_completion(kitchen):
     recipes = kitchen.recipes
     scorer = LowRankKernelScorer(kitchen, recipes, rank=kitchen.num_entities)
     smooth = smoother(SparseSimilarity.of(recipes, kitchen.num_entities), kitchen.num_entities)
@@ -225,8 +225,8 @@ def test_the_low_rank_scorer_of_full_rank_ranks_like_two_steps_and_completion(ki
     assert isinstance(scorer, FactoredScorer)
 
 
-def test_a_lower_rank_loses_a_part_and_another_seed_finds_the_same(kitchen: RecipeGraph):
-    def scores(rank: int, seed: int = 0) -> np.ndarray:
+def test_a_lower_rank_loses_a_part_and_another_seed_finds_the_same(kitchen):
+    def scores(rank, seed=0):
         return LowRankKernelScorer(kitchen, kitchen.recipes, rank=rank, seed=seed).table("componentOf").numpy().ravel()
 
     whole = scores(kitchen.num_entities)
@@ -236,15 +236,13 @@ def test_a_lower_rank_loses_a_part_and_another_seed_finds_the_same(kitchen: Reci
         assert high > 0.9
 
 
-def test_the_scorer_is_a_table_where_it_fits_and_factors_above(kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch):
+def test_the_scorer_is_a_table_where_it_fits_and_factors_above(kitchen, monkeypatch):
     assert type(kernel_scorer(kitchen, kitchen.recipes)) is KernelScorer
     monkeypatch.setattr("wordcraft_kg.models.scorers.low_rank_kernel.TABLE_LIMIT", 1_000)
     assert type(kernel_scorer(kitchen, kitchen.recipes)) is LowRankKernelScorer
 
 
-def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(
-    kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(kitchen, monkeypatch):
     for kind in (KernelScorer, LowRankKernelScorer):
         with refuses("vectors"):
             kind(kitchen, kitchen.recipes, np.zeros((3, 4)))
@@ -255,7 +253,7 @@ def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(
         KernelScorer(kitchen, kitchen.recipes)
 
 
-def validation_mrrs(graph: RecipeGraph, seed: int) -> tuple[float, float]:
+def validation_mrrs(graph, seed):
     """Validation MRR of the recipe kernel and of the neighbour rule."""
     split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
     vectors = glove_features(graph.entities).vectors
@@ -269,5 +267,5 @@ def test_the_kernel_predicts_unseen_links_of_everyday_1_better_than_neighbours()
     assert found == pytest.approx((0.247, 0.163), abs=0.003)
 
 
-def test_the_kernel_predicts_unseen_links_of_little_alchemy(alchemy: RecipeGraph):
+def test_the_kernel_predicts_unseen_links_of_little_alchemy(alchemy):
     assert validation_mrrs(alchemy, seed=11) == pytest.approx((0.349, 0.216), abs=0.003)

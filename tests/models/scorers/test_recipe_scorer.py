@@ -1,25 +1,23 @@
 """The recipe scorer as others use it: scores of recipes and of links, and the recipes that speak for one."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
 
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, whole_of
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 
 
 @pytest.fixture(scope="module")
-def cross_fitted(recipes_folder: Path) -> CrossFitted:
+def cross_fitted(recipes_folder):
     return load_scorer(recipes_folder)
 
 
 @pytest.fixture(scope="module")
-def scorer(cross_fitted: CrossFitted) -> RecipeScorer:
+def scorer(cross_fitted):
     found = whole_of(cross_fitted)
     assert isinstance(found, RecipeScorer)
     assert isinstance(found, RecipeScores)
@@ -27,7 +25,7 @@ def scorer(cross_fitted: CrossFitted) -> RecipeScorer:
     return found
 
 
-def test_a_recipe_has_one_score_however_it_is_asked(scorer: RecipeScorer):
+def test_a_recipe_has_one_score_however_it_is_asked(scorer):
     size = len(scorer.entities)
     rng = np.random.default_rng(0)
     a, b, results = (torch.from_numpy(rng.integers(size, size=50)) for _ in range(3))
@@ -47,9 +45,7 @@ def test_a_recipe_has_one_score_however_it_is_asked(scorer: RecipeScorer):
         scorer.score_recipes("waater", "flour", "dough")
 
 
-def test_a_loaded_cross_fitted_scorer_scores_recipes_as_the_scorer_of_all_recipes(
-    cross_fitted: CrossFitted, scorer: RecipeScorer
-):
+def test_a_loaded_cross_fitted_scorer_scores_recipes_as_the_scorer_of_all_recipes(cross_fitted, scorer):
     assert isinstance(cross_fitted, RecipeScores)
     recipe = "flour", "water", "dough"
     assert torch.equal(cross_fitted.score_recipes(*recipe), scorer.score_recipes(*recipe))
@@ -57,7 +53,7 @@ def test_a_loaded_cross_fitted_scorer_scores_recipes_as_the_scorer_of_all_recipe
     assert torch.equal(cross_fitted.recipes, scorer.recipes)
 
 
-def test_scores_of_links_are_those_of_the_link_ranker(scorer: RecipeScorer, cross_fitted: CrossFitted):
+def test_scores_of_links_are_those_of_the_link_ranker(scorer, cross_fitted):
     everything = torch.arange(len(scorer.entities))
     for relation in (COMBINES_WITH, COMPONENT_OF):
         table = scorer.table(relation)
@@ -68,16 +64,14 @@ def test_scores_of_links_are_those_of_the_link_ranker(scorer: RecipeScorer, cros
     assert not torch.equal(pairs, scorer.table(COMPONENT_OF))
 
 
-def test_a_scorer_made_from_its_tensors_scores_the_same(scorer: RecipeScorer):
+def test_a_scorer_made_from_its_tensors_scores_the_same(scorer):
     again = RecipeScorer(scorer.tensors(), scorer.entities, scorer.graph_hash)
     a, b, results = torch.randint(len(scorer.entities), (3, 200), generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(again.score_recipes(a, b, results), scorer.score_recipes(a, b, results), rtol=0, atol=0)
     assert again.supporting_recipes("flour", "water", "dough") == scorer.supporting_recipes("flour", "water", "dough")
 
 
-def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others(
-    scorer: RecipeScorer, cross_fitted: CrossFitted, kitchen
-):
+def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others(scorer, cross_fitted, kitchen):
     known = {Recipe(*kitchen.labels(row)) for row in scorer.recipes.tolist()}
     row = next(row for row, fold in enumerate(cross_fitted.of_recipe) if fold == 1)
     a, b, result = kitchen.labels(kitchen.recipes[row])

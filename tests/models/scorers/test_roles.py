@@ -7,17 +7,15 @@ from link_helpers import random_graph
 from small_scorers import complex_scorer, cosine, normal, table_scorer
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.roles import ROLES, EntityRoles, centred
-from wordcraft_kg.models.scorers.scorer import Scorer
 
 GRAPH = random_graph(num_entities=9, num_recipes=30)
 SIZE = GRAPH.num_entities
 
 
-def slow_rows(scorer: Scorer, relation: int, side: str) -> list[list[float]]:
+def slow_rows(scorer, relation, side):
     """Scores of each entity with all others, less the means by row and by column, plus that of all."""
     size = len(scorer.entities)
     scores = scorer.table(relation).tolist()
@@ -31,7 +29,7 @@ def slow_rows(scorer: Scorer, relation: int, side: str) -> list[list[float]]:
 @pytest.mark.parametrize(
     "scorer", [table_scorer(normal(2, SIZE, SIZE)), complex_scorer(SIZE, 3)], ids=["table", "factors"]
 )
-def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scorer: Scorer):
+def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scorer):
     found = EntityRoles.of(scorer)
     for relation, side in ROLES:
         rows = slow_rows(scorer, relation, side)
@@ -40,7 +38,7 @@ def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scor
         np.testing.assert_allclose(alike, expected, atol=1e-5)
 
 
-def test_the_nearest_entities_have_the_highest_cosine_of_standardised_scores(opened_kitchen: OpenedGraph):
+def test_the_nearest_entities_have_the_highest_cosine_of_standardised_scores(opened_kitchen):
     scorer = NeighbourScorer(opened_kitchen.graph, opened_kitchen.split.partial)
     tables = [centred(scorer.table(relation).double().numpy()) for relation in (0, 1)]
     profiles = np.concatenate([part / table.std() for table in tables for part in (table, table.T)], axis=1)
@@ -66,7 +64,7 @@ def test_an_entity_that_all_score_alike_is_like_none():
     assert [value for _, value in constant.nearest(0, limit=3)] == [0, 0, 0]
 
 
-def test_too_many_pairs_without_factors_are_refused(monkeypatch: pytest.MonkeyPatch):
+def test_too_many_pairs_without_factors_are_refused(monkeypatch):
     monkeypatch.setattr(config, "TABLE_LIMIT", 8 * SIZE**2 - 1)
     with pytest.raises(ConfigError, match="comparing entities by scores needs a score table"):
         EntityRoles.of(table_scorer(normal(2, SIZE, SIZE)))

@@ -45,29 +45,29 @@ SCORER = WholeScorer()
 NOISE = TableScorer(SCORER.scores.detach(), GRAPH.entities, GRAPH.hash)
 
 
-def tables_of(**settings) -> np.ndarray:
+def tables_of(**settings):
     scorer = scaled_scorer(SCORER, **settings)
     return torch.stack([scorer.table(name) for name in RELATIONS]).numpy()
 
 
-def off_diagonal(table: np.ndarray) -> list[float]:
+def off_diagonal(table):
     return [float(table[i, j]) for i in range(len(table)) for j in range(len(table)) if i != j]
 
 
-def slow_standardised(table: list[list[float]]) -> list[list[float]]:
+def slow_standardised(table):
     """Every score less the mean, over the standard deviation, both of pairs of different entities."""
     others = [x for i, row in enumerate(table) for j, x in enumerate(row) if i != j]
     mean, deviation = statistics.fmean(others), statistics.pstdev(others)
     return [[(x - mean) / deviation for x in row] for row in table]
 
 
-def slow_ranks(table: list[list[float]]) -> list[list[float]]:
+def slow_ranks(table):
     """How many scores are lower, plus the middle place among equal ones."""
     whole = [x for row in table for x in row]
     return [[sum(other < x for other in whole) + (whole.count(x) + 1) / 2 for x in row] for row in table]
 
 
-def slow_log_softmax(table: list[list[float]]) -> list[list[float]]:
+def slow_log_softmax(table):
     """``log(exp score(h, t) / Σ_h' exp score(h', t))``."""
     totals = [math.log(sum(math.exp(row[t]) for row in table)) for t in range(len(table))]
     return [[x - total for x, total in zip(row, totals, strict=True)] for row in table]
@@ -83,7 +83,7 @@ SLOW = {
 
 @any_scale
 @any_relation
-def test_each_relation_is_scaled_on_its_own_by_the_formula_of_the_scale(scale: str, relation: int):
+def test_each_relation_is_scaled_on_its_own_by_the_formula_of_the_scale(scale, relation):
     expected = SLOW[scale](NOISE.table(relation).tolist())
     np.testing.assert_allclose(tables_of(scale=scale)[relation], expected, atol=1e-5)
 
@@ -101,7 +101,7 @@ NUMBERS = st.floats(-50, 50, width=32) | st.sampled_from([0.0, 1.0, -2.5])
 
 
 @given(st.integers(2, 5).flatmap(lambda n: st.lists(NUMBERS, min_size=n * n, max_size=n * n)))
-def test_ranks_follow_the_scores_and_equal_scores_get_equal_ranks(numbers: list[float]):
+def test_ranks_follow_the_scores_and_equal_scores_get_equal_ranks(numbers):
     size = math.isqrt(len(numbers))
     scores = torch.tensor(numbers).view(1, size, size).repeat(len(RELATIONS), 1, 1)
     ranks = scaled_scorer(table_scorer(scores), scale="ranks").table(COMBINES_WITH).flatten().tolist()
@@ -120,13 +120,13 @@ def test_log_softmax_goes_over_the_heads_of_a_tail_and_stands_large_scores():
 @pytest.mark.parametrize("scale", SCALED)
 @pytest.mark.parametrize("size", [3, 7, 80])
 @pytest.mark.parametrize("value", [0.0, 0.1])
-def test_a_scorer_that_cannot_tell_pairs_apart_scores_zero_on_any_scale(scale: str, size: int, value: float):
+def test_a_scorer_that_cannot_tell_pairs_apart_scores_zero_on_any_scale(scale, size, value):
     constant = table_scorer(torch.full((len(RELATIONS), size, size), value))
     assert scaled_scorer(constant, scale=scale).scores.abs().max() < 1e-6
 
 
 @pytest.mark.parametrize("scale", SCALED)
-def test_rounding_is_not_blown_up_where_only_self_scores_differ(scale: str):
+def test_rounding_is_not_blown_up_where_only_self_scores_differ(scale):
     for table in scaled_scorer(table_scorer(torch.eye(80).repeat(2, 1, 1)), scale=scale).scores:
         assert max(map(abs, off_diagonal(table.numpy()))) < 1e-6
         assert (table.diag() > 0.5).all()
@@ -134,7 +134,7 @@ def test_rounding_is_not_blown_up_where_only_self_scores_differ(scale: str):
 
 @any_scale
 @pytest.mark.parametrize("kept", [(), (2,), (0, 5)])
-def test_observed_self_edges_are_kept_and_the_others_become_the_mean(scale: str, kept: tuple[int, ...]):
+def test_observed_self_edges_are_kept_and_the_others_become_the_mean(scale, kept):
     loops = [[entity, COMBINES_WITH, entity] for entity in kept]
     others = [[3, COMPONENT_OF, 3], [4, COMBINES_WITH, 6], [6, COMBINES_WITH, 4], [7, COMPONENT_OF, 8]]
     found = tables_of(scale=scale, self_edges="observed", observed=np.array(others + loops))
@@ -145,7 +145,7 @@ def test_observed_self_edges_are_kept_and_the_others_become_the_mean(scale: str,
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
-def mean_of(table: np.ndarray, scale: str) -> float:
+def mean_of(table, scale):
     """The mean over different entities: 0 for all scales but ``none``."""
     mean = float(np.mean(off_diagonal(table)))
     assert scale == "none" or mean == pytest.approx(0, abs=1e-6)
@@ -162,7 +162,7 @@ def test_an_unknown_scale_or_kind_of_self_edges_and_observed_ones_without_triple
 
 
 @any_scale
-def test_dropped_self_edges_are_those_of_combines_with_only(scale: str):
+def test_dropped_self_edges_are_those_of_combines_with_only(scale):
     found, expected = tables_of(scale=scale, self_edges="drop"), tables_of(scale=scale)
     np.testing.assert_allclose(np.diag(found[COMBINES_WITH]), mean_of(found[COMBINES_WITH], scale), rtol=1e-6)
     assert off_diagonal(found[COMBINES_WITH]) == off_diagonal(expected[COMBINES_WITH])
@@ -178,7 +178,7 @@ def test_self_edges_are_kept_whatever_was_observed():
 
 
 @any_scale
-def test_scaling_twice_gives_the_same_bits_and_changes_nothing_in_the_scorer(scale: str):
+def test_scaling_twice_gives_the_same_bits_and_changes_nothing_in_the_scorer(scale):
     before = SCORER.scores.detach().clone()
     one, other = (scaled_scorer(SCORER, scale=scale, self_edges="drop") for _ in range(2))
     assert torch.equal(one.scores, other.scores)
@@ -193,7 +193,7 @@ FACTORED = complex_scorer(SIZE, 4, shift=0.3)
 @any_relation
 @pytest.mark.parametrize("scale", FACTORED_SCALES)
 @pytest.mark.parametrize("self_edges", ["keep", "observed", "drop"])
-def test_factors_give_the_scores_of_the_scaled_table(relation: int, scale: str, self_edges: str):
+def test_factors_give_the_scores_of_the_scaled_table(relation, scale, self_edges):
     scorer, loops = FACTORED, np.array([[2, relation, 2], [3, relation, 4]])
     options = {"self_edges": self_edges, "observed": loops}
     expected = scaled_table(scorer, relation, scale, **options)
@@ -210,6 +210,6 @@ def test_factors_that_tell_no_pairs_apart_score_zero():
 
 
 @pytest.mark.parametrize("scale", ["ranks", "log-softmax"])
-def test_a_scale_that_needs_the_table_is_refused_for_factors(scale: str):
+def test_a_scale_that_needs_the_table_is_refused_for_factors(scale):
     with refuses("scale"):
         scaled_factors(FACTORED, COMBINES_WITH, scale)

@@ -5,8 +5,6 @@ import math
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
-from pathlib import Path
 
 import hypothesis.extra.numpy as npst
 import numpy as np
@@ -21,7 +19,7 @@ from small_scorers import embeddings
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError
-from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, OpenedGraph, RecipeGraph
+from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, RecipeGraph
 from wordcraft_kg.models.links import builders
 from wordcraft_kg.models.links.config import LinkModelConfig
 from wordcraft_kg.models.scorers import config
@@ -50,20 +48,20 @@ any_scorer = pytest.mark.parametrize("scorer", SCORERS.values(), ids=SCORERS)
 any_relation = pytest.mark.parametrize("relation", range(len(RELATIONS)), ids=RELATIONS)
 
 
-def same_tables(one: Scorer, other: Scorer) -> None:
+def same_tables(one, other):
     for relation in RELATIONS:
         torch.testing.assert_close(one.table(relation), other.table(relation), atol=1e-5, rtol=1e-5)
 
 
 @any_scorer
-def test_a_scorer_follows_the_protocol(scorer: Scorer):
+def test_a_scorer_follows_the_protocol(scorer):
     assert isinstance(scorer, TripleScorer)
     assert not isinstance(GRAPH, TripleScorer)
     assert (scorer.entities, scorer.graph_hash) == (GRAPH.entities, GRAPH.hash)
     assert scorer.score(0, COMPONENT_OF, 1).dtype == scorer.table(COMBINES_WITH).dtype == torch.float32
 
 
-def shapes_of(*shapes: tuple[int, ...]) -> npst.BroadcastableShapes:
+def shapes_of(*shapes):
     return npst.BroadcastableShapes(shapes, np.broadcast_shapes(*shapes))
 
 
@@ -91,7 +89,7 @@ def test_batched_scores_of_any_broadcastable_ids_equal_single_scores(name, shape
 
 @any_scorer
 @any_relation
-def test_the_table_of_a_relation_holds_the_scores_of_all_pairs(scorer: Scorer, relation: int):
+def test_the_table_of_a_relation_holds_the_scores_of_all_pairs(scorer, relation):
     expected = scorer.score(EVERYTHING[:, None], relation, EVERYTHING[None, :])
     torch.testing.assert_close(scorer.table(relation), expected, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(scorer.table(RELATIONS[relation]), scorer.table(relation))
@@ -99,7 +97,7 @@ def test_the_table_of_a_relation_holds_the_scores_of_all_pairs(scorer: Scorer, r
 
 @any_scorer
 @any_relation
-def test_labels_and_ids_give_the_same_scores(scorer: Scorer, relation: int):
+def test_labels_and_ids_give_the_same_scores(scorer, relation):
     heads, tails = [3, 1, 4], [1, 5, 9]
     by_id = scorer.score(heads, relation, tails)
     names = [[GRAPH.entities[i] for i in ids] for ids in (heads, tails)]
@@ -114,7 +112,7 @@ def test_labels_and_ids_give_the_same_scores(scorer: Scorer, relation: int):
 
 
 @any_scorer
-def test_no_ids_give_no_scores(scorer: Scorer):
+def test_no_ids_give_no_scores(scorer):
     assert scorer.score([], COMPONENT_OF, []).shape == (0,)
     assert scorer.score(torch.empty(0, 3, dtype=torch.int64), COMPONENT_OF, 1).shape == (0, 3)
 
@@ -133,7 +131,7 @@ REFUSED = [
 
 @any_scorer
 @pytest.mark.parametrize(("triple", "fragment"), REFUSED)
-def test_ids_out_of_range_and_unknown_labels_are_refused_with_those_that_are_known(scorer: Scorer, triple, fragment):
+def test_ids_out_of_range_and_unknown_labels_are_refused_with_those_that_are_known(scorer, triple, fragment):
     with pytest.raises(UnknownEntityError, match=fragment):
         scorer.score(*triple)
     if isinstance(triple[1], str):
@@ -142,7 +140,7 @@ def test_ids_out_of_range_and_unknown_labels_are_refused_with_those_that_are_kno
 
 
 @any_scorer
-def test_another_graphs_ids_are_refused(scorer: Scorer):
+def test_another_graphs_ids_are_refused(scorer):
     check_scorer(scorer, GRAPH)
     check_scorer(scorer, RecipeGraph(GRAPH.entities, GRAPH.recipes, GRAPH.base_ids, name="an equal one"))
     other = random_graph(seed=1, num_entities=12, num_recipes=30)
@@ -151,7 +149,7 @@ def test_another_graphs_ids_are_refused(scorer: Scorer):
 
 
 @any_scorer
-def test_top_lists_the_best_entities_of_an_open_slot(scorer: Scorer):
+def test_top_lists_the_best_entities_of_an_open_slot(scorer):
     table = scorer.table(COMPONENT_OF)
     for found, scores in (
         (scorer.top(None, "componentOf", 2, limit=4), table[:, 2]),
@@ -185,7 +183,7 @@ def test_complex_scores_are_those_of_equation_1():
 
 
 @pytest.mark.parametrize(("limit", "kind"), [(PAIRS_BYTES, TableScorer), (PAIRS_BYTES - 1, ComplExScorer)])
-def test_embeddings_become_a_table_where_it_fits_the_limit(monkeypatch: pytest.MonkeyPatch, limit: int, kind: type):
+def test_embeddings_become_a_table_where_it_fits_the_limit(monkeypatch, limit, kind):
     monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", limit)
     assert type(make_scorer("complex", EMBEDDINGS, GRAPH.entities, GRAPH.hash)) is kind
 
@@ -246,11 +244,11 @@ def test_the_neighbour_scorer_follows_its_formula(power):
 
 
 @pytest.fixture(params=["complex_folder", "distmult_folder"])
-def folder(request: pytest.FixtureRequest) -> Path:
+def folder(request):
     return request.getfixturevalue(request.param)
 
 
-def test_a_loaded_scorer_follows_the_protocol_and_knows_its_graph(folder: Path, opened_kitchen: OpenedGraph):
+def test_a_loaded_scorer_follows_the_protocol_and_knows_its_graph(folder, opened_kitchen):
     scorer = load_scorer(folder, graph=opened_kitchen.graph)
     assert isinstance(scorer, TripleScorer)
     assert (scorer.entities, scorer.graph_hash) == (opened_kitchen.graph.entities, opened_kitchen.graph.hash)
@@ -259,14 +257,14 @@ def test_a_loaded_scorer_follows_the_protocol_and_knows_its_graph(folder: Path, 
         load_scorer(folder, graph=GRAPH)
 
 
-def test_a_loaded_scorer_has_the_scores_of_the_weights_in_the_folder(complex_folder: Path):
+def test_a_loaded_scorer_has_the_scores_of_the_weights_in_the_folder(complex_folder):
     weights = safetensors.torch.load_file(complex_folder / "model.safetensors")
     scorer = load_scorer(complex_folder)
     assert scorer.table(COMPONENT_OF).abs().max() > 0
     same_tables(scorer, ComplExScorer(weights, scorer.entities, scorer.graph_hash))
 
 
-def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder: Path):
+def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):
     weights = safetensors.torch.load_file(distmult_folder / "model.safetensors")
     entity, relation = (
         weights[f"pykeen.{kind}_representations.0._embeddings.weight"] for kind in ("entity", "relation")
@@ -276,7 +274,7 @@ def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder: Pa
     same_tables(scorer, TableScorer(expected, scorer.entities, scorer.graph_hash))
 
 
-def test_loading_and_using_a_scorer_does_not_import_pykeen(folder: Path):
+def test_loading_and_using_a_scorer_does_not_import_pykeen(folder):
     code = (
         "import sys; from wordcraft_kg.models.scorers.folder import load_scorer\n"
         f"load_scorer({str(folder)!r}).top(None, 'componentOf', 'bread', 1); sys.exit('pykeen' in sys.modules)"
@@ -292,20 +290,17 @@ def test_loading_and_using_a_scorer_does_not_import_pykeen(folder: Path):
         ("graph", "is a graph folder; expected a model"),
     ],
 )
-def test_loading_what_is_no_model_is_refused(
-    complex_folder: Path, parted_folder: Path, tmp_path: Path, place: str, fragment: str
-):
+def test_loading_what_is_no_model_is_refused(complex_folder, parted_folder, tmp_path, place, fragment):
     (tmp_path / "model").symlink_to(complex_folder)
     (tmp_path / "graph").symlink_to(parted_folder)
     with pytest.raises(ArtefactError, match=fragment):
         load_scorer(tmp_path / place)
 
 
-Spoilt = Callable[[str], tuple[Path, Path]]
 PARTS = ("model.safetensors", "vocabulary.json")
 
 
-def mended(folder: Path, name: str) -> Path:
+def mended(folder, name):
     """Give the run record the hash of a changed file, as somebody who changes it on purpose would."""
     run = json.loads((folder / "run.json").read_text())
     run["outputs"][name] = sha256_of(folder / name)
@@ -320,7 +315,7 @@ PLACES = (0.0, 0.001, 0.01, 0.1, 0.33, 0.5, 0.75, 0.9, 1.0)
 @pytest.mark.parametrize(
     "damage", [*(("flip", place, bit) for place in PLACES for bit in (0, 5)), *(("cut", n) for n in (0, 4, 100, -1))]
 )
-def test_a_flipped_bit_and_a_cut_anywhere_is_an_artefact_error_that_names_the_file(spoilt: Spoilt, name, damage):
+def test_a_flipped_bit_and_a_cut_anywhere_is_an_artefact_error_that_names_the_file(spoilt, name, damage):
     folder, path = spoilt(name)
     if damage[0] == "flip":
         flip_bit(path, int(damage[1] * (path.stat().st_size - 1)), damage[2])
@@ -331,7 +326,7 @@ def test_a_flipped_bit_and_a_cut_anywhere_is_an_artefact_error_that_names_the_fi
 
 
 @pytest.mark.parametrize("name", [*PARTS, "run.json"])
-def test_a_missing_file_is_an_artefact_error_that_names_it(spoilt: Spoilt, name):
+def test_a_missing_file_is_an_artefact_error_that_names_it(spoilt, name):
     folder, path = spoilt(name)
     path.unlink()
     with pytest.raises(ArtefactError, match=rf"{name} is missing|has none of .*{name}"):
@@ -339,7 +334,7 @@ def test_a_missing_file_is_an_artefact_error_that_names_it(spoilt: Spoilt, name)
 
 
 @pytest.mark.parametrize("kind", ["empty", "a list", "of an unknown scorer"])
-def test_a_vocabulary_of_another_kind_is_an_artefact_error(spoilt: Spoilt, kind: str):
+def test_a_vocabulary_of_another_kind_is_an_artefact_error(spoilt, kind):
     folder, path = spoilt("vocabulary.json")
     unknown = json.loads(path.read_text()) | {"scorer": "magic"}
     path.write_text(json.dumps({"empty": {}, "a list": [], "of an unknown scorer": unknown}[kind]))
@@ -355,7 +350,7 @@ def test_a_table_of_any_strides_scores_like_a_plain_one():
     assert torch.equal(scorer.table(COMBINES_WITH), scores[COMBINES_WITH])
 
 
-def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(monkeypatch: pytest.MonkeyPatch):
+def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(monkeypatch):
     monkeypatch.setattr(config, "TABLE_LIMIT", PAIRS_BYTES)
     NeighbourScorer(GRAPH, GRAPH.triples)
     monkeypatch.setattr(config, "TABLE_LIMIT", PAIRS_BYTES - 1)
@@ -364,7 +359,7 @@ def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(m
 
 
 def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
-    complex_folder: Path, opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    complex_folder, opened_kitchen, tmp_path, monkeypatch
 ):
     config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=0)
     distmult = train(opened_kitchen, config, tmp_path / "table").folder
@@ -378,7 +373,7 @@ def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
 
 
 def test_a_model_that_needs_a_table_too_large_is_refused_before_training_with_models_that_do_not(
-    opened_kitchen: OpenedGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    opened_kitchen, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(builders, "TABLE_LIMIT", 0)
     with pytest.raises(ConfigError, match=r"'rotate' needs a score table.*distmult, and ComplEx"):
@@ -387,7 +382,7 @@ def test_a_model_that_needs_a_table_too_large_is_refused_before_training_with_mo
 
 
 @pytest.mark.parametrize("dtype", [torch.complex64, torch.int64, torch.float64])
-def test_embeddings_of_another_type_are_an_artefact_error(spoilt: Spoilt, dtype: torch.dtype):
+def test_embeddings_of_another_type_are_an_artefact_error(spoilt, dtype):
     folder, path = spoilt("model.safetensors")
     tensors = safetensors.torch.load_file(path)
     path.write_bytes(safetensors.torch.save({**tensors, "entity_real": tensors["entity_real"].to(dtype)}))

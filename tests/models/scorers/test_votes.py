@@ -18,7 +18,7 @@ KNOWN = GRAPH.recipes[::2]
 EVERYTHING = torch.arange(SIZE)
 
 
-def slow_weight(one: int, other: int, result: int, unseen: float) -> float:
+def slow_weight(one, other, result, unseen):
     """exp score(one + other -> result) by the formula of the docstring, counted recipe by recipe."""
     votes = [sum(entity in recipe[:2] and recipe[2] == result for recipe in KNOWN.tolist()) for entity in (one, other)]
     if one == other:
@@ -28,7 +28,7 @@ def slow_weight(one: int, other: int, result: int, unseen: float) -> float:
 
 
 @pytest.mark.parametrize("unseen", [0.01, 0.5])
-def test_recipes_and_triples_are_scored_by_the_formulas(unseen: float):
+def test_recipes_and_triples_are_scored_by_the_formulas(unseen):
     assert np.any(KNOWN[:, 0] == KNOWN[:, 1])
     scorer = VoteScorer(GRAPH, KNOWN, unseen=unseen)
     weights = np.array(
@@ -61,7 +61,7 @@ def test_without_recipes_nothing_is_preferred():
     assert all(len(scorer.table(relation).unique()) == 1 for relation in RELATIONS)
 
 
-def test_recipes_are_scored_where_the_scores_of_all_pairs_would_be_too_many(monkeypatch: pytest.MonkeyPatch):
+def test_recipes_are_scored_where_the_scores_of_all_pairs_would_be_too_many(monkeypatch):
     monkeypatch.setattr(config, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
     scorer = VoteScorer(GRAPH, KNOWN)
     assert scorer.score_recipes(0, 1, EVERYTHING).shape == (SIZE,)

@@ -2,9 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,15 +13,13 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.server import make_app
 from wordcraft_kg.graphs import RecipeBook, SplitConfig
 
-OpenPage = Callable[..., Any]
 
-
-def values_of(lines: Any) -> list[str]:
+def values_of(lines):
     return [lines.nth(i).input_value() for i in range(lines.count())]
 
 
 @pytest.mark.parametrize("has_script", [True, False])
-def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_script: bool):
+def test_a_table_is_edited_and_asked_again(open_page, site, has_script):
     page = open_page(java_script_enabled=has_script)
     page.goto(f"{site}/episode?part=train&task=3")
     before = page.locator("main").inner_text()
@@ -55,7 +50,7 @@ def test_a_table_is_edited_and_asked_again(open_page: OpenPage, site: str, has_s
     assert page.locator("main").inner_text() == before
 
 
-def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_page: OpenPage, tmp_path: Path):
+def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_page, tmp_path):
     rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
     explored = explored_of(RecipeBook.of("hostile", rows), SplitConfig("none"), tmp_path, distractors=4)
     with served(make_app(explored)) as site:
@@ -77,9 +72,7 @@ def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_pa
             assert not page.locator("main img, main script").count()
 
 
-def test_a_training_is_followed_and_agents_are_compared(
-    open_page: OpenPage, kitchen_folder: Path, run_folder: Path, tmp_path: Path
-):
+def test_a_training_is_followed_and_agents_are_compared(open_page, kitchen_folder, run_folder, tmp_path):
     live = tmp_path / "live"
     shutil.copytree(run_folder, live, ignore=shutil.ignore_patterns("evaluation.json", "report"))
     record = json.loads((live / "run.json").read_text())

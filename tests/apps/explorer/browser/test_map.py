@@ -2,16 +2,12 @@
 
 import re
 import time
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 
-OpenPage = Callable[..., Any]
-
 
 @pytest.fixture
-def page(open_page: OpenPage, site: str) -> Any:
+def page(open_page, site):
     """The map."""
     page = open_page(viewport={"width": 1280, "height": 1000})
     page.goto(f"{site}/map")
@@ -19,7 +15,7 @@ def page(open_page: OpenPage, site: str) -> Any:
     return page
 
 
-def seen(page: Any) -> tuple[float, float, float]:
+def seen(page):
     """The map's place and zoom, once it has been drawn."""
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     found = page.locator("svg.world .view").get_attribute("transform") or "translate(0 0) scale(1)"
@@ -27,7 +23,7 @@ def seen(page: Any) -> tuple[float, float, float]:
     return left, top, zoom
 
 
-def until(page: Any, expression: str) -> None:
+def until(page, expression):
     """Wait until something holds; the site's policy forbids Playwright's own way."""
     end = time.monotonic() + 20
     while not page.evaluate(expression):
@@ -35,16 +31,16 @@ def until(page: Any, expression: str) -> None:
         page.wait_for_timeout(20)
 
 
-def centre(dot: Any) -> tuple[float, float]:
+def centre(dot):
     box = dot.bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
-def dot_of(page: Any, label: str) -> Any:
+def dot_of(page, label):
     return page.locator("svg.world a", has_text=label).first.locator("circle")
 
 
-def middle(page: Any) -> tuple[float, float]:
+def middle(page):
     page.locator("svg.world").scroll_into_view_if_needed()
     return centre(page.locator("svg.world"))
 
@@ -59,14 +55,14 @@ OVERLAPS = """() => {
 
 
 @pytest.mark.parametrize("width", [380, 1280])
-def test_names_of_groups_cover_no_other_name(page: Any, width: int):
+def test_names_of_groups_cover_no_other_name(page, width):
     page.set_viewport_size({"width": width, "height": 900})
     page.wait_for_timeout(500)
     shown, covering = page.evaluate(OVERLAPS)
     assert (shown >= 3, covering) == (True, 0)
 
 
-def test_dragging_moves_the_map_and_opens_nothing(page: Any):
+def test_dragging_moves_the_map_and_opens_nothing(page):
     dot = dot_of(page, "bread")
     x, y = centre(dot)
     before = page.url
@@ -82,14 +78,14 @@ def test_dragging_moves_the_map_and_opens_nothing(page: Any):
     assert page.url == before
 
 
-def test_a_click_on_a_dot_chooses_it(page: Any):
+def test_a_click_on_a_dot_chooses_it(page):
     dot_of(page, "bread").click()
     page.wait_for_url("**entity=bread")
     assert page.locator("svg.world a.chosen text").text_content() == "bread"
     assert page.locator("svg.world .links path").count() >= 2
 
 
-def test_the_wheel_zooms_at_the_pointer_and_gives_more_room_for_names(page: Any):
+def test_the_wheel_zooms_at_the_pointer_and_gives_more_room_for_names(page):
     before = page.locator("svg.world a:not(.far)").count()
     dot = dot_of(page, "flour")
     x, y = centre(dot)
@@ -102,7 +98,7 @@ def test_the_wheel_zooms_at_the_pointer_and_gives_more_room_for_names(page: Any)
     assert page.locator("svg.world a:not(.far) text").first.evaluate(height) < 20  # names stay as large as they were
 
 
-def test_zooming_out_at_the_end_scrolls_the_page(page: Any):
+def test_zooming_out_at_the_end_scrolls_the_page(page):
     page.set_viewport_size({"width": 1280, "height": 500})
     page.mouse.move(*middle(page))
     before = page.evaluate("scrollY")
@@ -112,8 +108,8 @@ def test_zooming_out_at_the_end_scrolls_the_page(page: Any):
 
 
 @pytest.mark.parametrize("has_keys", [False, True])
-def test_buttons_and_keys_zoom_and_move_the_map(page: Any, has_keys: bool):
-    def do(name: str, key: str) -> tuple[float, float, float]:
+def test_buttons_and_keys_zoom_and_move_the_map(page, has_keys):
+    def do(name, key):
         page.keyboard.press(key) if has_keys else page.get_by_role("button", name=name).click()
         return seen(page)
 
@@ -128,7 +124,7 @@ def test_buttons_and_keys_zoom_and_move_the_map(page: Any, has_keys: bool):
     assert do("Whole map", "0") == (0, 0, 1)
 
 
-def test_the_map_cannot_be_lost(page: Any):
+def test_the_map_cannot_be_lost(page):
     page.locator("svg.world").focus()
     for _ in range(60):
         page.keyboard.press("ArrowRight")
@@ -144,7 +140,7 @@ def test_the_map_cannot_be_lost(page: Any):
     assert shown > 5
 
 
-def test_from_dot_to_dot_by_arrows_and_enter_chooses(page: Any):
+def test_from_dot_to_dot_by_arrows_and_enter_chooses(page):
     stop = page.locator('svg.world a[tabindex="0"]')
     assert stop.count() == 1
     stop.focus()
@@ -161,7 +157,7 @@ def test_from_dot_to_dot_by_arrows_and_enter_chooses(page: Any):
     assert page.locator("h1").inner_text() == f"Map: {chosen}"
 
 
-def test_pointing_at_a_dot_shows_its_links_and_leaving_hides_them(page: Any):
+def test_pointing_at_a_dot_shows_its_links_and_leaving_hides_them(page):
     assert page.locator(".links + g path").count() == 0
     dot_of(page, "flour").hover()
     kinds = page.locator(".links + g path").evaluate_all("paths => paths.map(path => path.getAttribute('class'))")
@@ -170,7 +166,7 @@ def test_pointing_at_a_dot_shows_its_links_and_leaving_hides_them(page: Any):
     until(page, "!document.querySelector('.links + g path')")
 
 
-def test_two_fingers_zoom(page: Any):
+def test_two_fingers_zoom(page):
     x, y = middle(page)
     page.evaluate(
         """([x, y]) => {

@@ -1,8 +1,6 @@
 """Properties of every page, labels that look like markup, and the search box by keyboard, in a real browser."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,17 +9,14 @@ from tests.apps.explorer.browser.conftest import served
 from tests.apps.explorer.shown import HOSTILE
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.apps.explorer.server import make_app
 
-OpenPage = Callable[..., Any]
-Visits = Callable[[Any], Iterator[str]]
 PHONE = {"width": 360, "height": 640}
 PAPER = {"width": 718, "height": 1000}
 """A4 in pixels, without its margins."""
 
 
-def visit(page: Any, address: str) -> str:
+def visit(page, address):
     """Open an address and return the page's heading."""
     page.goto(address)
     return page.locator("h1").inner_text()
@@ -33,7 +28,7 @@ SHORTEN = """() => document.querySelectorAll('tbody, ul, ol').forEach(
 """Keeps the first rows of tables and lists: the others are of the same kind."""
 
 
-def test_each_page_of_the_menu_is_reached_from_the_first_page(open_page: OpenPage, site: str, explored: Explored):
+def test_each_page_of_the_menu_is_reached_from_the_first_page(open_page, site, explored):
     page = open_page()
     visit(page, site)
     titles = [one.title for one in PAGES.values() if one.title and one.is_there(explored)]
@@ -47,7 +42,7 @@ def test_each_page_of_the_menu_is_reached_from_the_first_page(open_page: OpenPag
     assert page.url == f"{site}/home"
 
 
-def test_each_page_is_the_same_after_it_is_loaded_again(open_page: OpenPage, visits: Visits):
+def test_each_page_is_the_same_after_it_is_loaded_again(open_page, visits):
     page = open_page()
     for _ in visits(page):
         before = page.url, page.locator("main").inner_text()
@@ -66,7 +61,7 @@ TOO_WIDE = """() => {
 
 
 @pytest.mark.parametrize("medium", ["screen", "print"])
-def test_no_page_is_wider_than_a_phone_or_a_sheet_of_paper(open_page: OpenPage, visits: Visits, medium: str):
+def test_no_page_is_wider_than_a_phone_or_a_sheet_of_paper(open_page, visits, medium):
     page = open_page(viewport=PHONE if medium == "screen" else PAPER)
     page.emulate_media(media=medium)
     for address in visits(page):
@@ -77,7 +72,7 @@ CUT = """() => [...document.querySelectorAll('.scroll')].filter(e => e.scrollWid
   .map(e => e.getAttribute('aria-label'))"""
 
 
-def test_on_a_usual_screen_no_table_is_cut_and_all_headings_begin_at_one_place(open_page: OpenPage, visits: Visits):
+def test_on_a_usual_screen_no_table_is_cut_and_all_headings_begin_at_one_place(open_page, visits):
     page, edges = open_page(viewport={"width": 1400, "height": 900}), set()
     for address in visits(page):
         assert page.evaluate(CUT) == [], address
@@ -85,7 +80,7 @@ def test_on_a_usual_screen_no_table_is_cut_and_all_headings_begin_at_one_place(o
     assert len(edges) == 1
 
 
-def test_letters_of_charts_can_be_read_on_a_phone(open_page: OpenPage, site: str):
+def test_letters_of_charts_can_be_read_on_a_phone(open_page, site):
     page = open_page(viewport=PHONE)
     visit(page, f"{site}/run/guided")
     heights = page.locator("figure svg text").evaluate_all("texts => texts.map(e => e.getBoundingClientRect().height)")
@@ -104,7 +99,7 @@ FOCUSED = """() => {
 }"""
 
 
-def test_tab_reaches_everything_and_one_sees_where_one_is(open_page: OpenPage, visits: Visits):
+def test_tab_reaches_everything_and_one_sees_where_one_is(open_page, visits):
     page = open_page()
     for address in visits(page):
         page.evaluate(SHORTEN)
@@ -121,7 +116,7 @@ def test_tab_reaches_everything_and_one_sees_where_one_is(open_page: OpenPage, v
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_that_matters(open_page: OpenPage, visits: Visits, scheme: str):
+def test_axe_finds_nothing_that_matters(open_page, visits, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     options: dict[str, Any] = {"resultTypes": ["violations"]}
     if scheme == "dark":
@@ -133,7 +128,7 @@ def test_axe_finds_nothing_that_matters(open_page: OpenPage, visits: Visits, sch
         assert not [(one["id"], one["nodes"][:5]) for one in violations if one["impact"] != "minor"], address
 
 
-def test_each_page_works_without_javascript(open_page: OpenPage, site: str, visits: Visits):
+def test_each_page_works_without_javascript(open_page, site, visits):
     page = open_page(java_script_enabled=False)
     for _ in visits(page):
         assert page.locator("h1").inner_text()
@@ -148,7 +143,7 @@ def test_each_page_works_without_javascript(open_page: OpenPage, site: str, visi
     assert "flour" in page.locator("h1").inner_text()
 
 
-def test_the_files_of_a_static_site_work_from_a_disk(open_page: OpenPage, static_site: Path, explored: Explored):
+def test_the_files_of_a_static_site_work_from_a_disk(open_page, static_site, explored):
     page = open_page()
     visit(page, (static_site / "index.html").as_uri())
     for title in page.locator(".top nav a").all_inner_texts():
@@ -179,7 +174,7 @@ LONG, MARKUP = max(HOSTILE, key=len), HOSTILE[1]
 
 
 @pytest.fixture(scope="module")
-def predicted_site(hostile_predictor: LinkPredictor) -> Iterator[str]:
+def predicted_site(hostile_predictor):
     """The site of a graph of hostile labels with two models."""
     models = {name: replace(hostile_predictor, name=name) for name in ("one", "other")}
     with served(make_app(Explored(hostile_predictor.model.opened, models))) as address:
@@ -195,7 +190,7 @@ def predicted_site(hostile_predictor: LinkPredictor) -> Iterator[str]:
     ],
     ids=range(7),
 )
-def test_long_labels_and_markup_break_no_page_of_predictions(open_page, predicted_site: str, name: str, choices):
+def test_long_labels_and_markup_break_no_page_of_predictions(open_page, predicted_site, name, choices):
     page, shown = open_page(viewport=PHONE), PAGES[name]
     page.goto(predicted_site + shown.address(shown.state(**choices)))
     assert page.evaluate(TOO_WIDE) == []
@@ -204,7 +199,7 @@ def test_long_labels_and_markup_break_no_page_of_predictions(open_page, predicte
         assert label is None or label in page.locator("h1").inner_text()
 
 
-def test_a_form_that_is_sent_keeps_a_hostile_entity(open_page: OpenPage, predicted_site: str):
+def test_a_form_that_is_sent_keeps_a_hostile_entity(open_page, predicted_site):
     page, entity = open_page(), PAGES["entity"]
     for label in ("a/b", MARKUP):
         page.goto(predicted_site + entity.address(entity.state(entity=label)))
@@ -214,12 +209,12 @@ def test_a_form_that_is_sent_keeps_a_hostile_entity(open_page: OpenPage, predict
         assert page.get_by_label("Training links").input_value() == "true"
 
 
-def choices(page: Any) -> list[str]:
+def choices(page):
     page.locator("#found li").first.wait_for()
     return page.locator("#found li").all_inner_texts()
 
 
-def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page: OpenPage, site: str):
+def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page, site):
     page = open_page()
     page.goto(site)
     page.keyboard.press("/")
@@ -239,7 +234,7 @@ def test_slash_leads_to_the_search_and_enter_to_the_chosen_entity(open_page: Ope
     assert page.locator("h1").inner_text() == "bread"
 
 
-def test_escape_closes_the_list_and_enter_then_lists_all_that_fit(open_page: OpenPage, site: str):
+def test_escape_closes_the_list_and_enter_then_lists_all_that_fit(open_page, site):
     page = open_page()
     page.goto(f"{site}/map")
     page.keyboard.press("/")
@@ -253,7 +248,7 @@ def test_escape_closes_the_list_and_enter_then_lists_all_that_fit(open_page: Ope
     assert "bread" in page.locator("main").inner_text()
 
 
-def test_a_slash_in_a_text_is_a_slash(open_page: OpenPage, site: str):
+def test_a_slash_in_a_text_is_a_slash(open_page, site):
     page = open_page()
     page.goto(f"{site}/map")
     page.locator("#entity").fill("")
@@ -261,7 +256,7 @@ def test_a_slash_in_a_text_is_a_slash(open_page: OpenPage, site: str):
     assert page.locator("#entity").input_value() == "/"
 
 
-def test_the_way_back_leads_through_the_states_before(open_page: OpenPage, site: str):
+def test_the_way_back_leads_through_the_states_before(open_page, site):
     page = open_page()
     page.goto(f"{site}/map")
     page.locator("#details a").first.click()

@@ -1,10 +1,7 @@
 """People's pages in a real browser: by mouse, by keyboard alone, without a script, on a phone, and under axe."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -13,9 +10,6 @@ from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers
 from wordcraft_kg.apps.people.web_app import make_study_app
-from wordcraft_kg.graphs import RecipeGraph
-
-OpenPage = Callable[..., Any]
 
 
 @dataclass
@@ -25,12 +19,12 @@ class Served:
     address: str
     folder: Path
 
-    def lines(self) -> list[SimpleNamespace]:
+    def lines(self):
         return lines_of(self.folder)
 
 
 @pytest.fixture
-def study(kitchen: RecipeGraph, tmp_path: Path) -> Iterator[Served]:
+def study(kitchen, tmp_path):
     asked = Study(kitchen, StudyConfig(tasks=2, distractors=(8,), forms=1))
     folder = tmp_path / "study"
     with kept_answers(folder, asked) as answers, served(make_study_app(asked, answers)) as address:
@@ -38,20 +32,20 @@ def study(kitchen: RecipeGraph, tmp_path: Path) -> Iterator[Served]:
 
 
 @pytest.fixture
-def open_page(study: Served, open_page: OpenPage) -> OpenPage:
+def open_page(study, open_page):
     """Open pages that are closed before the server that they load their files from."""
     return open_page
 
 
 @pytest.fixture
-def page(open_page: OpenPage, study: Served) -> Any:
+def page(open_page, study):
     """A page with the first task."""
     page = open_page()
     begin(page, study)
     return page
 
 
-def begin(page: Any, study: Served) -> None:
+def begin(page, study):
     """Agree, and go to the first task."""
     page.goto(study.address)
     page.get_by_role("button", name="Yes, I agree").click()
@@ -59,17 +53,17 @@ def begin(page: Any, study: Served) -> None:
     page.wait_for_url("**/task")
 
 
-def thing(page: Any, slot: int) -> Any:
+def thing(page, slot):
     """A thing on the table, from 0."""
     return page.locator(".table button").nth(slot)
 
 
-def after(place: int) -> str:
+def after(place):
     """The page after an answer."""
     return "**/feedback/*" if place < 2 else ("**/task" if place < 3 else "**/end")
 
 
-def pick(page: Any, first: int, second: int, check: Callable[[], object] = lambda: None) -> None:
+def pick(page, first, second, check=lambda: None):
     """Answer with two things on the table, and check the page between them."""
     thing(page, first).click()
     page.wait_for_url(f"**first={first + 1}")
@@ -77,13 +71,13 @@ def pick(page: Any, first: int, second: int, check: Callable[[], object] = lambd
     thing(page, second).click()
 
 
-def go_on(page: Any) -> None:
+def go_on(page):
     """Leave the feedback for the next task."""
     page.locator("a.next").click()
     page.wait_for_url("**/task")
 
 
-def test_a_session_by_mouse(page: Any, study: Served):
+def test_a_session_by_mouse(page, study):
     for place in range(4):
         pick(page, place, 5, lambda: page.locator(".table button", has_text="first item").wait_for())
         page.wait_for_url(after(place))
@@ -94,7 +88,7 @@ def test_a_session_by_mouse(page: Any, study: Served):
     assert all(line.actions == (line.table[place], line.table[5]) for place, line in enumerate(study.lines()))
 
 
-def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
+def test_a_session_by_keyboard_alone(open_page, study):
     page = open_page()
     page.goto(study.address)
     agree = page.get_by_role("button", name="Yes, I agree")
@@ -122,7 +116,7 @@ def test_a_session_by_keyboard_alone(open_page: OpenPage, study: Served):
     assert slots == [(0, 1), (9, 8), (4, 4), (2, 0)]
 
 
-def test_a_double_click_is_one_pick(page: Any, study: Served):
+def test_a_double_click_is_one_pick(page, study):
     thing(page, 3).dblclick()
     page.wait_for_url("**first=4")
     page.wait_for_timeout(500)
@@ -133,7 +127,7 @@ def test_a_double_click_is_one_pick(page: Any, study: Served):
     assert len(study.lines()) == 1
 
 
-def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key_is(page: Any):
+def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key_is(page):
     thing(page, 3).click()
     page.wait_for_url("**first=4")
     page.evaluate(
@@ -146,13 +140,13 @@ def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key
     page.wait_for_url("**/feedback/1")
 
 
-def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pick(page: Any):
+def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pick(page):
     press = "document.body.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }))"
     page.evaluate(f"for (const key of ['1', '2', '3']) {press}")
     page.wait_for_url("**first=1")
 
 
-def test_the_back_button_and_reloads_change_no_answer(page: Any, study: Served):
+def test_the_back_button_and_reloads_change_no_answer(page, study):
     task = page.url
     pick(page, 0, 1)
     page.wait_for_url("**/feedback/1")
@@ -170,7 +164,7 @@ def test_the_back_button_and_reloads_change_no_answer(page: Any, study: Served):
     assert study.lines()[1].loads >= 2
 
 
-def test_a_click_while_the_server_is_away_is_sent_again_by_a_reload(open_page: OpenPage, study: Served, chromium: Any):
+def test_a_click_while_the_server_is_away_is_sent_again_by_a_reload(open_page, study, chromium):
     context = chromium.new_context()
     page = context.new_page()
     begin(page, study)
@@ -188,11 +182,11 @@ def test_a_click_while_the_server_is_away_is_sent_again_by_a_reload(open_page: O
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page: OpenPage, study: Served, scheme: str):
+def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page, study, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     page = open_page(color_scheme=scheme, viewport={"width": 360, "height": 700})
 
-    def check() -> None:
+    def check():
         found = axe.run(page).response["violations"]
         assert not [(one["id"], [node["html"][:150] for node in one["nodes"]]) for one in found], page.url
         assert page.evaluate("document.documentElement.scrollWidth") <= 360, page.url

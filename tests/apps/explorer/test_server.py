@@ -231,9 +231,10 @@ def test_models_and_runs_are_found_by_name_and_the_first_without(explored):
     assert explored.predictor(names[1]).name == names[1]
     with pytest.raises(UnknownEntityError, match="Did you mean 'kitchen-complex'"):
         explored.predictor("kitchen-complx")
-    for kind in ("model", "run"):
+    bare = Explored(explored.opened)
+    for kind, find in (("model", bare.predictor), ("run", bare.followed)):
         with pytest.raises(ConfigError, match=f"--{kind}"):
-            getattr(Explored(explored.opened), {"model": "predictor"}.get(kind, kind))()
+            find()
 
 
 def test_folders_of_one_name_are_told_apart_by_their_parents(kitchen_folder, links_folder, tmp_path):

@@ -29,7 +29,7 @@ from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import scorer_players
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.base.statistics import paired_difference, student_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -116,7 +116,7 @@ def scorer_figures(opened: OpenedGraph, part: str, name: str, words: str, specs:
 
 def agent_figures(
     opened: OpenedGraph, part: str, words: str, specs: Sequence[str], steps: int, home: Path
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Return the success of an agent, trained where missing, and of its scorer alone on the same tables."""
     graph, model, run = (str(home / name) for name in ("graph", "model", "run"))
     if not Path(graph).exists():
@@ -131,12 +131,13 @@ def agent_figures(
         "agent": PolicyPlayer(agent.policy),
         "scorer": scorer_players(opened.graph, alone.scorer, alone.triples)["w, best pair"],
     }
-    figures = {}
+    figures: dict[str, Any] = {}
     for amount in (8, 1):
         evaluator = Evaluator(World(opened, agent.config.tasks.environment(part, amount)), distractor_seeds=SEEDS)  # type: ignore[arg-type]
-        success = {name: float(evaluator(player).success.mean()) for name, player in players.items()}
-        figures |= {f"{name} {amount}": rate for name, rate in success.items()}
-        figures[f"gain {amount}"] = success["agent"] - success["scorer"]
+        success = {name: evaluator(player).success for name, player in players.items()}
+        figures |= {f"{name} {amount}": float(won.mean()) for name, won in success.items()}
+        gain, low, high = paired_difference(success["agent"], success["scorer"])
+        figures |= {f"gain {amount}": gain, f"gain {amount} over tasks": [low, high]}
     return figures
 
 
@@ -176,14 +177,15 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
     for name in names:
         same = [row for row in rows if row["row"] == name]
         yield f"{name:24}" + "  ".join(
-            f"{figure} {np.mean([row[figure] for row in same]):.3f} {shown([row[figure] for row in same])}"
+            f"{figure} {np.mean([row[figure] for row in same]):.3f} "
+            + shown([row[figure] for row in same], -1.0 if figure.startswith("gain") else 0.0)
             for figure in same[0]
             if isinstance(same[0][figure], float)
         )
 
 
-def shown(values: list[float]) -> str:
-    ends = student_interval(values)
+def shown(values: list[float], lowest: float) -> str:
+    ends = student_interval(values, within=(lowest, 1.0))
     interval = f"[{ends[0]:.3f}, {ends[1]:.3f}] " if ends else ""
     return interval + "(" + " ".join(f"{value:.3f}" for value in values) + ")"
 

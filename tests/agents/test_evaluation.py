@@ -288,6 +288,38 @@ def test_players_go_by_name(opened):
         assert_equal(evaluator(player_of(policy, kind)), evaluator(player))
 
 
+def test_decisions_are_equal_exactly_where_the_same_pairs_are_combined_in_the_same_order(opened):
+    evaluator = Evaluator(
+        World(opened, WordCraftConfig(part="test", num_distractors=1, max_attempts=2)), distractor_seeds=1
+    )
+
+    def play(choose):
+        played = [[] for _ in evaluator.tasks]
+
+        def player(state, _):
+            slots = choose(state)
+            for row in np.flatnonzero(state.attempts_left > 0):
+                played[row].append(int(state.table[row, slots[row]]))
+            return slots
+
+        found = evaluator(player).decisions[:, 0]
+        return found, [[sorted(picks[i : i + 2]) for i in range(0, len(picks), 2)] for picks in played]
+
+    rng = np.random.default_rng(4)
+    chance = [rng.random(len(evaluator.tasks)) for _ in range(3)]
+    (one, pairs), (other, others), (swapped, _) = (
+        play(choose)
+        for choose in (
+            lambda state: state.random_actions(chance[0] if (state.selection == state.nothing).all() else chance[1]),
+            lambda state: state.random_actions(chance[0] if (state.selection == state.nothing).all() else chance[2]),
+            lambda state: state.random_actions(chance[1] if (state.selection == state.nothing).all() else chance[0]),
+        )
+    )
+    assert (one == other).tolist() == [mine == yours for mine, yours in zip(pairs, others, strict=True)]
+    assert 0 < (one == other).sum() < len(one)
+    np.testing.assert_array_equal(one, swapped)
+
+
 @pytest.mark.parametrize("use", ["u", "v", "u,v"])
 def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
     config = WordCraftConfig(part="all", num_distractors=6)

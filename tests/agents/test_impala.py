@@ -17,10 +17,12 @@ from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeGraph, open_graph
+from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import PolicyOutput
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
+from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 
 BATCH = 8
 SIZES = {"embedding_size": 6, "key_size": 5, "value_size": 7, "hidden_size": 9}
@@ -33,6 +35,11 @@ def scorer(opened):
 
 
 @pytest.fixture(scope="module")
+def cross_fitted(opened):
+    return cross_fit(opened.split, lambda ids: FrequencyScorer(opened.graph, recipe_triples(ids)), folds=3)
+
+
+@pytest.fixture(scope="module")
 def trainer(opened):
     """Return a maker of small trainers; rewards are shaped, so that there are some."""
 
@@ -42,7 +49,8 @@ def trainer(opened):
         tasks = WordCraftConfig(**{"depth": depth, "num_distractors": 2, "reward": "official", **dict(world)})
         engine = BatchEngine(World(opened, tasks), config.batch_size, device=env_device)
         kind = PolicyConfig(**{**SMALL, **dict(policy)})
-        made, _ = make_policy(kind, opened.graph, engine.num_slots, scorer=scorer, seed=policy_seed)
+        tasks = engine.world.tasks
+        made, _ = make_policy(kind, opened.graph, engine.num_slots, scorer=scorer, tasks=tasks, seed=policy_seed)
         return Impala(made, engine.reset(env_seed), config)
 
     return make
@@ -82,15 +90,16 @@ class SlowImpala:
 
     def look(self, policy, state):
         """Return log-probabilities by slot of the entities that are there, the value, and λ."""
-        goal, selection, table = state
-        output = policy(torch.tensor([goal]), torch.tensor([selection]), torch.tensor([table]))
+        goal, selection, table, task = state
+        ids = (torch.tensor([part]) for part in (goal, selection, table))
+        output = policy(*ids, task=torch.tensor([task]), is_learning=True)
         there = [slot for slot, entity in enumerate(table) if entity != self.nothing]
         log_probs = torch.log_softmax(output.logits[0, there], dim=0)
         return dict(zip(there, log_probs, strict=True)), output.value[0], output.lambdas
 
     def states(self):
         envs = self.envs
-        return list(zip(envs.goal.tolist(), envs.selection.tolist(), envs.table.tolist(), strict=True))
+        return list(zip(*(part.tolist() for part in (envs.goal, envs.selection, envs.table, envs.task)), strict=True))
 
     def play(self, actions):
         """Return the states of each step and after the last, rewards, which episodes ended, and which made the goal."""
@@ -158,12 +167,14 @@ class SlowImpala:
         (2, 2, {"rms_decay": 0.8, "clip": 2.0, "policy_lag": 2}),
         (2, 3, {"policy": {"policy": "mlp"}}),
         (2, 3, {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5}),
-        (2, 3, {"scorer": True, "policy_lag": 1}),
+        (2, 3, {"scorer": "frequency", "policy_lag": 1}),
+        (2, 3, {"scorer": "cross-fitted", "policy_lag": 1}),
     ],
 )
-def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, depth, unroll, settings):
+def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, cross_fitted, depth, unroll, settings):
     updates = 5
-    settings = settings | {"scorer": scorer if settings.get("scorer") else None}
+    scorers = {"frequency": scorer, "cross-fitted": cross_fitted}
+    settings = settings | {"scorer": scorers.get(settings.get("scorer"))}
     impala = trainer(depth=depth, unroll=unroll, steps=(updates + 1) * BATCH * unroll, **settings)
     slow = SlowImpala(impala)
     logged = []
@@ -176,7 +187,7 @@ def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, depth, u
         # The trainer saw the environments as they were, to the state after the last step.
         for row, states in ((0, before), (-1, slow.states())):
             goal, selection, table = (ids[row].tolist() for ids in (seen.goal, seen.selection, seen.table))
-            assert list(zip(goal, selection, table, strict=True)) == states
+            assert list(zip(goal, selection, table, strict=True)) == [state[:3] for state in states]
         torch.testing.assert_close(impala._flat.grad.double(), expected["gradient"], atol=1e-4, rtol=1e-3)
         reference = torch.cat([parameter.detach().reshape(-1) for parameter in slow.policy.parameters()])
         torch.testing.assert_close(flat(impala).double(), reference, atol=5e-5, rtol=1e-3)
@@ -226,7 +237,7 @@ def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
     goal, selection, table = (torch.from_numpy(np.repeat(array, count, axis=0)) for array in state)
     noise = (torch.arange(count) + 0.5) / count
     with torch.no_grad():
-        actions, log_probs = impala._choose(weights, goal, selection, table, None, noise)
+        actions, log_probs = impala._choose(weights, goal, selection, table, None, None, noise)
         shares = torch.softmax(impala.policy(goal[:1], selection[:1], table[:1]).logits[0], dim=0)
     frequencies = torch.bincount(actions, minlength=len(shares)) / count
     torch.testing.assert_close(frequencies, shares, atol=2 / count, rtol=0)
@@ -240,7 +251,7 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
     logits = torch.tensor([-200.0, 0.0, -200.0, 0.0, -200.0, -torch.inf])
     noise = torch.tensor([0.0, 0.25, 0.5, 0.75, 1 - 2.0**-24])
     monkeypatch.setattr(impala.policy, "forward", lambda *_, **__: PolicyOutput(logits.repeat(len(noise), 1), noise))
-    actions, log_probs = impala._choose({}, noise, noise, noise, None, noise)
+    actions, log_probs = impala._choose({}, noise, noise, noise, None, None, noise)
     assert actions.tolist() == [1, 1, 3, 3, 3]
     torch.testing.assert_close(log_probs, torch.full((5,), math.log(0.5)))
 

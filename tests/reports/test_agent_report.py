@@ -16,6 +16,7 @@ from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
+from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.agents.records import MetricsRow
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
@@ -241,6 +242,14 @@ def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_sa
     assert folds.tasks == sum(rank <= 3 for rank in expected) < whole.tasks
     assert [entry.cross_fitted for entry in report.view.agents] == [3, 0]
     html = render(report)
+    beside = report.view.agents[0].success["2"].against_scorer
+    mine, alone = (
+        Evaluator(world, distractor_seeds=1)(player).success.mean()
+        for player in (PolicyPlayer(agents[0].policy), knowledge_player(list(agents[0].policy.sources.values())))
+    )
+    assert (beside.scorer, beside.gain) == ("u, v", pytest.approx(mine - alone))
+    assert f"<td>u, v</td><td>{100 * beside.differs:.1f} %</td>" in html
+    assert [entry.attention_folds for entry in report.view.agents] == [3, 0]
     out_of_sample = r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
     for note in (out_of_sample, r"On train tasks <b>whole</b> is scored\s+.*in-sample"):
         assert re.search(note, html)

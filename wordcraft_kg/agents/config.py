@@ -137,7 +137,7 @@ class ImpalaConfig:
         return -(-self.steps // self.steps_per_update)
 
 
-KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample")
+KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample", "in_sample_attention")
 """Names of the policy settings that only have an effect with a scorer."""
 
 

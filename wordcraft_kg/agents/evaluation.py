@@ -22,6 +22,7 @@ from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
 
+_HASH_FACTOR = 6_364_136_223_846_793_005
 ROWS = 2_048
 """Batch size for a policy; larger arrays would leave the processor cache."""
 
@@ -73,6 +74,7 @@ class Evaluation:
         actions: shape (N, D), int64: episode length in actions.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
         last: shape (N, D, 2), int64: ids of the last pair, in order of actions.
+        decisions: shape (N, D), int64: hash of the attempted pairs, in order of attempts but not of actions.
     """
 
     tasks: Ids
@@ -81,6 +83,7 @@ class Evaluation:
     actions: Ids
     terminations: NDArray[np.int8]
     last: Ids
+    decisions: Ids
 
     def figures(self) -> Success:
         """Return the mean success with a 95 % interval over tasks, and the sample sizes."""
@@ -130,7 +133,7 @@ class Evaluator:
         shape = (len(self.tasks), self.distractor_seeds)
         success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
         actions, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
-        last = np.zeros((*shape, 2), dtype=np.int64)
+        last, decisions = np.zeros((*shape, 2), dtype=np.int64), np.zeros(shape, dtype=np.int64)
         engine, rows = self.engine, np.arange(len(self.tasks))
         for distractor_seed in steps("playing", range(self.distractor_seeds)):
             state = engine.pose(self.tasks, distractor_seed, seed=EVALUATION_SEED)
@@ -142,10 +145,14 @@ class Evaluator:
                 actions[running, distractor_seed] += 1
                 success[:, distractor_seed] |= step.outcome == GOAL
                 by_plan[:, distractor_seed] |= step.by_plan
+                is_attempt = running & (selection != engine.nothing)
+                pair = np.minimum(selection, action) * engine.nothing + np.maximum(selection, action)
+                decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
+                decisions[is_attempt, distractor_seed] += 1 + pair[is_attempt]
                 ended = self._termination(selection, action)
                 terminations[step.over, distractor_seed] = np.where(step.outcome == GOAL, 0, ended)[step.over]
                 last[step.over, distractor_seed] = np.column_stack([selection, action])[step.over]
-        return Evaluation(self.tasks, success, by_plan, actions, terminations, last)
+        return Evaluation(self.tasks, success, by_plan, actions, terminations, last, decisions)
 
     def _termination(self, selection: Ids, action: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""

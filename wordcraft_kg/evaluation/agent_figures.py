@@ -35,12 +35,32 @@ Interval = tuple[float, float]
 Slice = Literal["train_recipes", "layer", "link_rank"]
 
 
+class AgainstScorer(Record):
+    """An agent's decisions and success beside its scorer alone, on the same tables.
+
+    Attributes:
+        scorer: sources that the scorer alone follows, such as ``w``.
+        differs: share of episodes in which the agent combines other pairs than the scorer alone.
+        success, scorer_success: success rate of agent and scorer in these episodes; None without such episodes.
+        gain: success rate of the agent minus that of the scorer, over all episodes.
+        gain_ci: 95 % interval for ``gain``, by resampling tasks.
+    """
+
+    scorer: str
+    differs: Share
+    success: Share | None
+    scorer_success: Share | None
+    gain: Annotated[float, msgspec.Meta(ge=-1, le=1)]
+    gain_ci: Interval
+
+
 class AgentSuccess(Record):
     """An agent's success rate with a distractor count; intervals are 95 %, by bootstrap except ``seed_ci``.
 
     ``mean`` has intervals over training seeds (by Student's t; None for a single run) and over tasks; ``seeds`` has
     each run's rate. ``by_plan`` is the share of episodes that make the goal by one of the task's plans, ``actions`` the
     mean per episode. ``difference`` to the first agent: by resampling tasks, None for the first agent.
+    ``against_scorer`` is None for an agent without a scorer.
     """
 
     mean: Share
@@ -51,6 +71,7 @@ class AgentSuccess(Record):
     actions: Annotated[float, msgspec.Meta(ge=0)]
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)] | None = None
     difference_ci: Interval | None = None
+    against_scorer: AgainstScorer | None = None
 
 
 class SliceSuccess(Record):
@@ -74,7 +95,22 @@ def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
     return np.concatenate([result.success for result in results], axis=1)
 
 
-def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | None) -> AgentSuccess:
+def compare_with_scorer(results: Sequence[Evaluation], scorer: str, alone: Evaluation) -> AgainstScorer:
+    """Compare an agent's evaluated runs with its scorer alone, which follows the sources ``scorer``."""
+    differs = np.concatenate([result.decisions != alone.decisions for result in results], axis=1)
+    success, of_scorer = _successes(results), _successes([alone] * len(results))
+    gain, low, high = paired_difference(success, of_scorer)
+    agent_there, scorer_there = (
+        float(values[differs].mean()) if differs.any() else None for values in (success, of_scorer)
+    )
+    return AgainstScorer(scorer, float(differs.mean()), agent_there, scorer_there, gain, (low, high))
+
+
+def success_of(
+    results: Sequence[Evaluation],
+    reference: Sequence[Evaluation] | None,
+    against_scorer: AgainstScorer | None = None,
+) -> AgentSuccess:
     """Return the success rate over an agent's evaluated runs, compared with a reference agent's runs if given."""
     means = [float(result.success.mean()) for result in results]
     success = AgentSuccess(
@@ -84,6 +120,7 @@ def success_of(results: Sequence[Evaluation], reference: Sequence[Evaluation] | 
         seeds=tuple(means),
         by_plan=float(np.mean([result.by_plan.mean() for result in results])),
         actions=float(np.mean([result.actions.mean() for result in results])),
+        against_scorer=against_scorer,
     )
     if reference is None:
         return success

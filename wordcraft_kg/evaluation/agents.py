@@ -54,6 +54,7 @@ class AgentEntry(Record):
         settings: training settings that differ from the defaults.
         kg: training graph for the agent's scorer (full or partial); None for an agent without a scorer.
         cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample scores.
+        attention_folds: number of attention networks by fold; 0 if attention on train tasks has learned from them.
         success, outcomes: by distractor count; ``confusions`` and ``slices`` are for the report's ``headline`` count.
         curves: success during training, by task part (train or test).
     """
@@ -65,6 +66,7 @@ class AgentEntry(Record):
     settings: dict[str, str]
     kg: TrainedOn | None
     cross_fitted: Count
+    attention_folds: Count
     trained_with: Count
     steps: tuple[int, ...]
     seconds: tuple[float | None, ...]
@@ -123,6 +125,8 @@ class AgentsView(Record):
 Groups = dict[str, list[OpenedAgent]]
 """Training runs by agent name; the runs of an agent differ only in the seed."""
 _Results = dict[int, list[Evaluation]]
+_ScorersAlone = dict[tuple[str | None, ...], tuple[str, dict[str, dict[int, Evaluation]]]]
+"""By scorer and settings: an agent's name, and evaluations of the scorer alone by sources and distractor count."""
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
@@ -174,6 +178,7 @@ def view_agents(
     results: dict[str, _Results] = {name: {} for name in groups}
     for name, amount in steps("evaluating agents", plays):
         results[name][amount] = [evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]]
+    alone = _scorers_alone(groups, evaluators)
     reference = next(iter(results.values()))
     graph, split, tasks = first.opened.graph, first.opened.split, len(evaluators[headline].tasks)
     return AgentsView(
@@ -188,10 +193,10 @@ def view_agents(
         tasks=tasks,
         sampled_from=len(world.tasks) if tasks < len(world.tasks) else None,
         agents=tuple(
-            _entry(name, members, world, results[name], {} if results[name] is reference else reference)
+            _entry(name, members, world, results[name], {} if results[name] is reference else reference, alone)
             for name, members in groups.items()
         ),
-        baselines=tuple(_baselines(groups, evaluators)),
+        baselines=tuple(_baselines(groups, evaluators, alone)),
         episodes=tuple(
             AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
             for name, members in groups.items()
@@ -206,24 +211,36 @@ def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
     return {"report": report, "part": view.part, "depth": view.depth, "agents": agents, "baselines": view.baselines}
 
 
-def _baselines(groups: Groups, evaluators: dict[int, Evaluator]) -> Iterator[BaselineSuccess]:
-    first = next(iter(groups.values()))[0]
-    scripted: dict[str, players.Player] = {
-        "random": players.random_entity,
-        players.NEAREST_WORDS: players.nearest_words(first.opened.graph),
-    }
-    seen = set()
+def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _ScorersAlone:
+    played: _ScorersAlone = {}
     for name, (agent, *_) in groups.items():
-        policy = agent.config.policy
-        key = (agent.run.inputs.get("scorer"), policy.use, policy.scale, policy.self_edges)
-        if agent.policy.sources and key not in seen:
-            seen.add(key)
+        if agent.policy.sources and _scores_of(agent) not in played:
             alone = players.scorer_alone(agent.policy.sources)
-            scripted |= {f"scorer of {name} alone, {sources}": player for sources, player in alone.items()}
-    for name, player in {**scripted, "recipe oracle": players.recipe_oracle}.items():
-        played = {str(amount): play(player) for amount, play in evaluators.items()}
+            results = {sources: _play(player, evaluators) for sources, player in alone.items()}
+            played[_scores_of(agent)] = name, results
+    return played
+
+
+def _scores_of(agent: OpenedAgent) -> tuple[str | None, ...]:
+    policy = agent.config.policy
+    return agent.run.inputs.get("scorer"), policy.use, policy.scale, policy.self_edges
+
+
+def _play(player: players.Player, evaluators: dict[int, Evaluator]) -> dict[int, Evaluation]:
+    return {amount: play(player) for amount, play in evaluators.items()}
+
+
+def _baselines(groups: Groups, evaluators: dict[int, Evaluator], scorers: _ScorersAlone) -> Iterator[BaselineSuccess]:
+    first = next(iter(groups.values()))[0]
+    results = {
+        "random": _play(players.random_entity, evaluators),
+        players.NEAREST_WORDS: _play(players.nearest_words(first.opened.graph), evaluators),
+    }
+    for agent, alone in scorers.values():
+        results |= {f"scorer of {agent} alone, {sources}": played for sources, played in alone.items()}
+    for name, played in {**results, "recipe oracle": _play(players.recipe_oracle, evaluators)}.items():
         success, by_plan = (
-            {amount: float(getattr(result, share).mean()) for amount, result in played.items()}
+            {str(amount): float(getattr(result, share).mean()) for amount, result in played.items()}
             for share in ("success", "by_plan")
         )
         yield BaselineSuccess(name, success, by_plan)
@@ -277,9 +294,23 @@ def can_play(agent: OpenedAgent, distractors: int) -> bool:
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 
-def _entry(name: str, members: list[OpenedAgent], world: World, results: _Results, reference: _Results) -> AgentEntry:
+def _entry(
+    name: str,
+    members: list[OpenedAgent],
+    world: World,
+    results: _Results,
+    reference: _Results,
+    scorers: _ScorersAlone,
+) -> AgentEntry:
     headline = results.get(world.config.num_distractors, [])
     config = members[0].config
+    against_scorer: dict[int, agent_figures.AgainstScorer] = {}
+    if members[0].policy.sources:
+        _, alone = scorers[_scores_of(members[0])]
+        sources, played = list(alone.items())[-1]
+        against_scorer = {
+            amount: agent_figures.compare_with_scorer(runs, sources, played[amount]) for amount, runs in results.items()
+        }
     return AgentEntry(
         name=name,
         runs=tuple(agent.name for agent in members),
@@ -288,12 +319,14 @@ def _entry(name: str, members: list[OpenedAgent], world: World, results: _Result
         settings={key: str(value) for key, value in config.differing().items() if key not in ("seed", "graph")},
         kg=members[0].run.kg,
         cross_fitted=members[0].run.cross_fitted,
+        attention_folds=folds.count if (folds := members[0].policy.attention_folds) else 0,
         trained_with=config.tasks.distractors,
         steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
         seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),
         steps_per_second=tuple(agent.evaluation.steps_per_second if agent.evaluation else None for agent in members),
         success={
-            str(amount): agent_figures.success_of(runs, reference.get(amount)) for amount, runs in results.items()
+            str(amount): agent_figures.success_of(runs, reference.get(amount), against_scorer.get(amount))
+            for amount, runs in results.items()
         },
         outcomes={str(amount): agent_figures.outcomes_of(runs) for amount, runs in results.items()},
         confusions=agent_figures.confusions_of(world, headline),

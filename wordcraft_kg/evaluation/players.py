@@ -8,10 +8,11 @@ from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluator, player_of
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
-from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_players
+from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_alone, scorer_players
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.agent_figures import AgainstScorer, compare_with_scorer
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -20,7 +21,10 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success rates by distractor count for a trained agent, or for another player on the tasks of its training."""
+    """Success rates by distractor count for a trained agent, or for another player on the tasks of its training.
+
+    ``against_scorer`` compares the trained agent with its scorer alone.
+    """
 
     run: str
     agent: str
@@ -31,6 +35,7 @@ class AgentEvaluation(Record):
     distractor_policy: DistractorPolicy
     success: dict[str, Success]
     outcomes: dict[str, dict[TerminationReason, Share]]
+    against_scorer: dict[str, AgainstScorer] | None
 
 
 class Explanation(Record):
@@ -58,10 +63,18 @@ def view_evaluation(
     player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
     config = tasks.environment(part, distractors[0])
     world = World(trained.opened, config.variant(distractor_policy=distractor_policy or config.distractor_policy))
-    results = {
-        str(amount): Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)(player)
+    evaluators = {
+        str(amount): Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)
         for amount in distractors
     }
+    results = {amount: evaluator(player) for amount, evaluator in evaluators.items()}
+    against_scorer = None
+    if agent == "trained" and trained.policy.sources:
+        *_, (name, alone) = scorer_alone(trained.policy.sources).items()
+        against_scorer = {
+            amount: compare_with_scorer([results[amount]], name, evaluator(alone))
+            for amount, evaluator in evaluators.items()
+        }
     scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None
     return AgentEvaluation(
         run=str(run),
@@ -73,6 +86,7 @@ def view_evaluation(
         distractor_policy=world.config.distractor_policy,
         success={amount: result.figures() for amount, result in results.items()},
         outcomes={amount: result.shares() for amount, result in results.items()},
+        against_scorer=against_scorer,
     )
 
 

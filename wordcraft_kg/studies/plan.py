@@ -43,7 +43,10 @@ BOOK = "everyday"
 _CURVE_POINTS = 20
 """Points in a learning curve; each takes about as long as 10,000 steps."""
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
-_IN_STUDIES: dict[type, dict[str, Any]] = {RecipeScorerConfig: {"features": "glove"}}
+_IN_STUDIES: dict[type, dict[str, Any]] = {
+    RecipeScorerConfig: {"features": "glove"},
+    PolicyConfig: {"in_sample_attention": True},
+}
 """Defaults that differ from the command's: the addresses of earlier results stand for them."""
 _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
@@ -230,6 +233,8 @@ def _versioned(kind: Kind, described: dict[str, Any]) -> dict[str, Any]:
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
     """Return an agent's configuration from settings and the folders of its graph and scorer; ConfigError if invalid."""
+    if scorer is not None:
+        settings = {**_IN_STUDIES[PolicyConfig], **settings}
     parts = {
         name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
         for name, kind in _PART_OF_AGENT.items()

@@ -83,7 +83,7 @@ def _termination_of(game: TaskGame) -> TerminationReason:
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Convert the records of N tasks with D distractor seeds each to an evaluation, without last pairs (-1)."""
+    """Convert the records of N tasks with D distractor seeds each to an evaluation, without pairs (-1)."""
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
     tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
@@ -98,6 +98,7 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
         np.array([one.actions for one in games], dtype=np.int64).reshape(shape),
         np.array([TERMINATION_REASONS.index(one.termination) for one in games], dtype=np.int8).reshape(shape),
         np.full((*shape, 2), -1),
+        np.full(shape, -1),
     )
 
 

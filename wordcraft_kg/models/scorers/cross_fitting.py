@@ -92,7 +92,7 @@ class CrossFitted(Scorer):
         record: fold seed, hash and metrics.
         of_recipe: each recipe's fold, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes
             outside train.
-        probabilities: maps scores to probabilities; None before a model folder is written.
+        probabilities: maps scores to probabilities; None before a model folder is written, or if it has none.
         train_results: training results if some recipes were left out or made wrong, see
             :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None for unchanged train recipes.
     """

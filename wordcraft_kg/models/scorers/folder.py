@@ -117,7 +117,7 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
         train_results.shape != tensors[OF_RECIPE].shape or train_results.is_floating_point()
     ):
         raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")
-    probabilities = files.record(CALIBRATION, Probabilities)
+    probabilities = files.record(CALIBRATION, Probabilities) if CALIBRATION in files.run.outputs else None
     results = None if train_results is None else train_results.numpy()
     return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities, results)
 

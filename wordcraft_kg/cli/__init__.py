@@ -23,6 +23,7 @@ from typing import Any, get_args
 
 from cyclopts import App, ArgumentCollection, CoercionError, Group
 from cyclopts.config import Dict
+from cyclopts.help import DefaultFormatter, InlineText
 
 from wordcraft_kg import __version__
 from wordcraft_kg.base.artefacts import read_small_file
@@ -30,7 +31,6 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.cli.console import Output
 from wordcraft_kg.cli.failures import Manual, failure_of
-from wordcraft_kg.cli.flowing_help import FlowingHelp
 
 CORE = {
     "Recipe books and graphs": ["build-graph", "describe", "check-book", "books", "export"],
@@ -68,7 +68,7 @@ def make_app() -> App:
         version=__version__,
         version_flags=("--version", "-V"),
         help_format="plaintext",
-        help_formatter=FlowingHelp(),
+        help_formatter=_FlowingHelp(),
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
@@ -124,6 +124,37 @@ def manual_of(name: str) -> Manual:
     word = re.sub(r"\W", "_", name)
     module = import_module(f"{__name__}.{word}")
     return Manual(f"{PROGRAM} {name}", getattr(module, word), module)
+
+
+class _FlowingHelp(DefaultFormatter):
+    """Help formatter that joins the lines of docstrings; blank lines and command lines stay."""
+
+    def __call__(self, console: Any, options: Any, panel: Any) -> None:
+        """Show a panel with commands or options; positional arguments are shown without an option name."""
+        for entry in panel.entries:
+            _flow(entry.description)
+        entries = [entry.copy(positive_names=()) if entry.positional_label else entry for entry in panel.entries]
+        super().__call__(console, options, panel.copy(entries=entries))
+
+    def render_description(self, console: Any, options: Any, description: Any) -> None:
+        """Print a command's description."""
+        _flow(description)
+        super().render_description(console, options, description)
+
+
+def _flow(shown: Any) -> None:
+    from rich.text import Text
+
+    if isinstance(shown, InlineText) and isinstance(shown.primary_renderable, Text):
+        text = "\n\n".join(map(_paragraph, shown.primary_renderable.plain.split("\n\n")))
+        shown.primary_renderable = Text(text, end=shown.primary_renderable.end)
+
+
+def _paragraph(text: str) -> str:
+    lines = [line.strip() for line in text.splitlines()]
+    if all(line.startswith("wordcraft-kg ") for line in lines):
+        return "\n".join(f"  {line}" for line in lines)
+    return " ".join(" ".join(lines).split())
 
 
 def command_in(tokens: Sequence[str]) -> str | None:

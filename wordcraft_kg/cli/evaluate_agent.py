@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -89,31 +89,18 @@ def evaluate_agent(
         amounts = whole_numbers("distractors", distractors or ["1,2,8"])
         policy = distractor_policy or WordCraftConfig.distractor_policy
         config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
-        baselines = _play(run, config, amounts, distractor_seeds, scripted, output)
+        from wordcraft_kg.evaluation.players import view_baselines
+        from wordcraft_kg.graphs.folder import open_graph
+
+        graph, model = open_graph(run), None
+        if scripted.scorer is not None:
+            from wordcraft_kg.models.folder import open_model
+
+            model = scripted.scorer.name, open_model(scripted.scorer, run)
+        settings = {"distractor_seeds": distractor_seeds, "seed": scripted.seed}
+        progress = output.progress("baselines", unit="row")
+        baselines = view_baselines(graph, run, config, amounts, model, **settings, progress=progress)
         output.result(baselines, _table(baselines, amounts))
-
-
-def _play(
-    graph: str,
-    config: WordCraftConfig,
-    amounts: list[int],
-    distractor_seeds: int,
-    options: ScriptedOptions,
-    output: Output,
-) -> "Baselines":
-    from wordcraft_kg.evaluation.players import view_baselines
-    from wordcraft_kg.graphs.folder import open_graph
-
-    opened = open_graph(graph)
-    model: Any = None
-    if options.scorer is not None:
-        from wordcraft_kg.models.folder import open_model
-
-        model = options.scorer.name, open_model(options.scorer, graph)
-    progress = output.progress("baselines", unit="row")
-    return view_baselines(
-        opened, graph, config, amounts, model, distractor_seeds=distractor_seeds, seed=options.seed, progress=progress
-    )
 
 
 def _table(view: "Baselines", amounts: list[int]) -> list[str]:

@@ -24,7 +24,7 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RANKER, knowledge_of
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
-from wordcraft_kg.planning.search import NO_PLAN, PlanSearch
+from wordcraft_kg.planning.search import INTERMEDIATE, NO_PLAN, PlanSearch
 from wordcraft_kg.planning.source import BestPlan
 
 SIZE = 7
@@ -44,7 +44,7 @@ def random_search(seed: int, width: int = SIZE, recipes: int = 6) -> PlanSearch:
     return PlanSearch(knowledge.with_ranker(weights), CURVE, width=width)
 
 
-def slow_log_probability(search: PlanSearch, a: int, b: int, result: int) -> float:
+def slow_log_probability(search: PlanSearch, a: int, b: int, result: int, prior: float = 0.0) -> float:
     """log P(result | a, b), by its definition."""
     knowledge = search.knowledge
     results = knowledge.results[0, int(knowledge.numbers[0, a, b])].tolist()
@@ -52,7 +52,7 @@ def slow_log_probability(search: PlanSearch, a: int, b: int, result: int) -> flo
         return 0.0
     score = float(knowledge(torch.tensor([result]), torch.tensor([[a, b]]), torch.tensor([0]))[0, 0, 1])
     kind = 2 * bool(knowledge.numbers[0, a, b]) + (float(knowledge.counts[0, result, 1]) > 0)
-    return -math.log1p(math.exp(-(CURVE.intercepts[kind] + CURVE.shift + CURVE.slope * score)))
+    return -math.log1p(math.exp(-(CURVE.intercepts[kind] + CURVE.shift + prior + CURVE.slope * score)))
 
 
 def slow_value(search: PlanSearch, goal: int, table: frozenset[int], attempts: int, cache: dict) -> float:
@@ -68,7 +68,7 @@ def slow_pair(search, goal, table, attempts, pair, cache):
     if key not in cache:
         value = slow_log_probability(search, *pair, goal)
         for result in set(range(SIZE)) - table - {goal} if attempts > 1 else ():
-            chance = slow_log_probability(search, *pair, result)
+            chance = slow_log_probability(search, *pair, result, INTERMEDIATE)
             value = max(value, chance + slow_value(search, goal, table | {result}, attempts - 1, cache))
         cache[key] = value
     return cache[key]

@@ -53,7 +53,12 @@ class AttentionPolicy(Policy):
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
             last = self.mixture[2]
             assert isinstance(last, nn.Linear)
-            if config.mixing == "free":  # all sources start with about the same weight
+            ahead = [source.label for source in self.sources.values() if source.reads_attempts]
+            if config.mixing == "free" and ahead:  # the agent starts as its planner: other sources value one pair only
+                nn.init.zeros_(last.weight)
+                with torch.no_grad():
+                    last.bias.copy_(torch.tensor([5.0 * (label in ahead) for label in self.labels]))
+            elif config.mixing == "free":  # all sources start with about the same weight
                 nn.init.ones_(last.bias)
 
     def weights(self) -> Weights:  # noqa: D102 - inherited

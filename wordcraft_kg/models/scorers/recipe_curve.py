@@ -57,15 +57,18 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
         table: Tensor,
         model: Tensor,
         pairs: tuple[Tensor, Tensor] | None = None,
+        *,
+        prior: float = 0.0,
     ) -> Tensor:
         """Return the log-probability that each pair of slots makes the goal, shape (B, P); arguments as for features.
 
-        Model 0 was trained on all folds, the others without a fold. Pairs with an empty slot have no meaning.
+        ``prior`` is added to α, for results that are more likely than results of random pairs. Model 0 was trained on
+        all folds, the others without a fold. Pairs with an empty slot have no meaning.
         """
         features = knowledge.features(goal, table, model, pairs)
         scores = knowledge.scores(features, model)
         intercepts = torch.tensor(self.intercepts, device=scores.device)[kinds_of(features)]
-        shift = torch.where(model == 0, self.shift, 0.0)[:, None]
+        shift = torch.where(model == 0, self.shift, 0.0)[:, None] + prior
         return nn.functional.logsigmoid(intercepts + shift + self.slope * scores).masked_fill(features[_MAKES] > 0, 0)
 
 

@@ -134,9 +134,9 @@ def nearest_words(graph: RecipeGraph) -> Player:
 
 
 def scorer_alone(sources: Mapping[str, SlotScores]) -> dict[str, Player]:
-    """Return players that follow an agent's score sources without learned weights: all summed, and w alone."""
+    """Return players that follow an agent's score sources without learned weights: all summed, w alone, and p alone."""
     players = {", ".join(sources): knowledge_player(list(sources.values()))} if sources else {}
-    return players | ({"w": knowledge_player([sources["w"]])} if "w" in sources else {})
+    return players | {name: knowledge_player([sources[name]]) for name in ("w", "p") if name in sources}
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:

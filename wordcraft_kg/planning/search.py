@@ -145,7 +145,7 @@ class PlanSearch:
         to_candidates = to_candidates.masked_fill(missing, -torch.inf)
         of_table = to_candidates[:, :, :slots, :slots]
         new, last = slice(slots, None), to_goal[:, slots:]
-        # Each candidate with an entity on the table or itself: what does the pair make?
+        # A candidate with an entity on the table, or twice
         with_itself = last[:, :, new].diagonal(dim1=1, dim2=2)
         finish = torch.maximum(last[:, :, :slots].amax(2), with_itself)
         direct = to_goal[:, :slots, :slots].flatten(1).amax(1)

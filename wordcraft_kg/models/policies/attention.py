@@ -54,7 +54,7 @@ class AttentionPolicy(Policy):
             last = self.mixture[2]
             assert isinstance(last, nn.Linear)
             ahead = [source.label for source in self.sources.values() if source.reads_attempts]
-            if config.mixing == "free" and ahead:  # the agent starts as its planner: other sources value one pair only
+            if config.mixing == "free" and ahead:  # start as the planner: other sources value one pair only
                 nn.init.zeros_(last.weight)
                 with torch.no_grad():
                     last.bias.copy_(torch.tensor([5.0 * (label in ahead) for label in self.labels]))

@@ -21,6 +21,10 @@ FOLD_LIMIT = 300
 """Dimensions up to which query and key weights are multiplied once per update."""
 
 
+AHEAD = 10.0
+"""First λ of sources that look ahead. With 1 or 5, agents explore so much at first that they forget their planner."""
+
+
 class AttentionPolicy(Policy):
     """Self-attention actor-critic, alone or guided by knowledge sources; permuting slots permutes logits.
 
@@ -57,7 +61,7 @@ class AttentionPolicy(Policy):
             if config.mixing == "free" and ahead:  # start as the planner: other sources value one pair only
                 nn.init.zeros_(last.weight)
                 with torch.no_grad():
-                    last.bias.copy_(torch.tensor([5.0 * (label in ahead) for label in self.labels]))
+                    last.bias.copy_(torch.tensor([AHEAD * (label in ahead) for label in self.labels]))
             elif config.mixing == "free":  # all sources start with about the same weight
                 nn.init.ones_(last.bias)
 

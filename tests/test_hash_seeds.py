@@ -60,7 +60,9 @@ def discovery():
     from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 
     graph = open_graph("kitchen").graph
-    players = make_discoverers(DISCOVERERS, graph, SymbolicScorer(graph, graph.triples))
+    players = make_discoverers(
+        [name for name in DISCOVERERS if name != "recipe-learner"], graph, SymbolicScorer(graph, graph.triples)
+    )
     print(discovery_curves(graph, players, 20, 3).to_csv())
 
 

@@ -74,3 +74,18 @@ def test_players_that_never_repeat_a_pair_are_named_instead_of_drawn_at_zero(run
     assert "Never repeated a pair: random-no-repeat, greedy." in html
     assert run("discover", "kitchen", *QUICK, "--players", "greedy", "--out", page, "--force").code == 0
     assert page.read_text(encoding="utf-8").count("<svg") == 1
+
+
+def test_a_recipe_scorer_of_another_book_explores_and_published_figures_stand_beside_long_runs(
+    printed, recipes_folder, tmp_path, refused
+):
+    book = tmp_path / "other.csv"
+    book.write_text("ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed wine\nfire,water,steam\n")
+    start = ("discover", book, "--base", "seed,water,fire", "--scorer", recipes_folder)
+    assert list(printed(*start, *QUICK)["players"])[-1] == "recipe-learner"
+    text = text_of(*start, "--runs", 1, "--attempts", 500, "--players", "recipe-learner")
+    rows = {line.split("  ")[0]: line.split() for line in text.splitlines()}
+    assert rows["entities known after"][-6:-1] == ["100", "200", "300", "400", "500"]
+    assert rows["o1, published"][-1] == "177"
+    assert "stopped before" in text
+    assert "empowerment-scorer" in refused(*start, *QUICK, "--players", "empowerment-scorer")

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
     "wordcraft-kg discover everyday --scorer models/everyday --out discovery.html",
+    "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 --runs 20",
 )
 
 
@@ -38,27 +39,25 @@ def discover(
         attempts: combinations for each run.
         runs: runs for each player.
         players: comma-separated: random, random-no-repeat, greedy, empowerment (greedy and empowerment know the graph),
-            empowerment-scorer (guided by --scorer). Default: all; empowerment-scorer only with --scorer.
-        scorer: model folder, written by train-complex, train-links or train-recipes on this graph.
+            empowerment-scorer and recipe-learner (guided by --scorer). Default: all that --scorer allows.
+        scorer: model folder, written by train-complex, train-links or train-recipes on this graph. For recipe-learner a
+            model from train-recipes on any book.
         base: comma-separated entities known at the start. Default: the graph's base. People begin with air, earth,
             fire and water.
         seed: root seed.
         out: HTML page to write, with curves.
     """
     check_file(out, force=force)
-    from wordcraft_kg.agents.discovery import DISCOVERERS
-    from wordcraft_kg.evaluation.discovery import view_discovery
+    from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
+    from wordcraft_kg.evaluation.discovery import open_guides, view_discovery
     from wordcraft_kg.graphs.folder import open_graph
 
     played = open_graph(graph).graph
-    chosen = list(dict.fromkeys(split_labels(players))) if players else list(DISCOVERERS)[: None if scorer else -1]
+    guides = None if scorer is None else open_guides(scorer, played)
+    possible = [name for name in DISCOVERERS if name not in GUIDED] + list(guides.players if guides else ())
+    chosen = list(dict.fromkeys(split_labels(players))) if players else possible
     if not chosen:
         raise ConfigError(f"`players`: expected at least one of {', '.join(DISCOVERERS)}.")
-    loaded = None
-    if scorer is not None:
-        from wordcraft_kg.models.scorers.folder import load_scorer
-
-        loaded = scorer.name, load_scorer(scorer, graph=played)
     labels = split_labels(base) if base else None
     view, curves = view_discovery(
         played,
@@ -67,7 +66,7 @@ def discover(
         runs=runs,
         seed=seed,
         base=labels,
-        scorer=loaded,
+        scorer=guides,
         progress=output.progress("discovery", unit="run"),
     )
     if out is not None:
@@ -88,8 +87,14 @@ def _text(view: "DiscoveryView") -> Iterator[str]:
         rows.append((name, *map(cell, known.values()), f"{known[str(view.marks[-1])].repeated:.1%}"))
     people = (view.people.get(str(mark)) for mark in view.marks)
     rows.append(("people, another game", *("" if mean is None else f"{mean:g}" for mean in people)))
+    published = [row for row in view.references if row.origin == "literature" and row.measure == "entities known"]
+    shown = [row for row in published if str(view.marks[-1]) in row.figures]
+    for row in shown:
+        figures = (row.figures.get(str(mark)) for mark in view.marks)
+        rows.append((f"{row.player}, published", *("" if each is None else f"{each.value:g}" for each in figures)))
     yield f"{view.graph}: {view.reachable:,} of {view.entities:,} entities reachable from {', '.join(view.base)}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
     yield from ("", *aligned(rows), "", f"people: {view.people_source}")
+    yield from (f"{row.player}: {row.source}. {row.notes}" for row in shown if row.notes)
     if view.out:
         yield f"wrote {view.out}"

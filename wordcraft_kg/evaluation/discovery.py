@@ -1,7 +1,8 @@
 """Entities that players discover in open-ended play (crafting without a goal)."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 from wordcraft_kg.agents.discovery import (
     HUMAN_CURVE,
@@ -18,7 +19,49 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 if TYPE_CHECKING:
     import pandas as pd
 
+    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+    from wordcraft_kg.models.recipes.inductive import LabelledScorer
     from wordcraft_kg.models.scorers.scorer import Scorer
+
+
+class Guides(NamedTuple):
+    """Knowledge of a model folder for players.
+
+    Attributes:
+        name: the folder's name.
+        links: scorer for ``empowerment-scorer``; None if the model belongs to another book.
+        recipes: scorer for ``recipe-learner``; None if the model is not a recipe scorer.
+    """
+
+    name: str
+    links: "Scorer | None"
+    recipes: "LabelledScorer | None"
+
+    @property
+    def players(self) -> tuple[str, ...]:
+        """Names of the players that this knowledge guides."""
+        return ("empowerment-scorer",) * (self.links is not None) + ("recipe-learner",) * (self.recipes is not None)
+
+
+def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
+    """Load a model folder for players on a graph; only a recipe scorer may belong to another book.
+
+    Raises:
+        GraphMismatchError: if another kind of model belongs to another graph.
+        WordCraftKGError: as :func:`~wordcraft_kg.models.scorers.folder.load_scorer` and
+            :func:`~wordcraft_kg.models.recipes.inductive.for_labels` do.
+    """
+    from wordcraft_kg.models.recipes.inductive import for_labels
+    from wordcraft_kg.models.scorers.folder import load_scorer
+    from wordcraft_kg.models.scorers.protocol import check_scorer
+    from wordcraft_kg.models.scorers.recipes import RecipeScorer
+
+    scorer = load_scorer(folder)
+    is_recipes, is_own = isinstance(scorer.whole, RecipeScorer), scorer.graph_hash == graph.hash
+    if not is_recipes:
+        check_scorer(scorer, graph)
+    recipes = for_labels(folder, scorer, graph.entities) if is_recipes else None
+    return Guides(Path(folder).name, scorer if is_own else None, recipes)
 
 
 class Known(Record):
@@ -63,17 +106,17 @@ def view_discovery(
     runs: int = 100,
     seed: int = 0,
     base: Sequence[str] | None = None,
-    scorer: "tuple[str, Scorer] | None" = None,
+    scorer: Guides | None = None,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
     """Let players craft without a goal; return the results and all runs' curves.
 
     ``players`` are names in :data:`~wordcraft_kg.agents.discovery.DISCOVERERS`, ``base`` the labels known at the start
-    (default: the graph's base), and ``scorer`` the name and scorer for the player ``empowerment-scorer``.
+    (default: the graph's base), and ``scorer`` knowledge for the players that need a model.
     """
     start = Discovery(graph, base)
-    loaded = None if scorer is None else scorer[1]
-    discoverers = make_discoverers(players, graph, loaded)
+    links, learner = (None, None) if scorer is None else (scorer.links, _learner(scorer))
+    discoverers = make_discoverers(players, graph, links, learner)
     curves = discovery_curves(graph, discoverers, attempts, runs, seed, start.base, progress)
     table = summarise_curves(curves)
     view = DiscoveryView(
@@ -85,7 +128,7 @@ def view_discovery(
         attempts=attempts,
         runs=runs,
         seed=seed,
-        scorer=None if scorer is None else scorer[0],
+        scorer=None if scorer is None else scorer.name,
         marks=tuple(table["attempt"].unique().tolist()),
         players={name: _known(table[table["player"] == name]) for name in players},
         people={str(attempt): known for attempt, known in HUMAN_CURVE.items()},
@@ -93,6 +136,12 @@ def view_discovery(
         references=_references(graph, graph.labels(start.base), players),
     )
     return view, curves
+
+
+def _learner(scorer: Guides) -> "RecipeDiscoverer | None":
+    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+
+    return None if scorer.recipes is None else RecipeDiscoverer(scorer.recipes)
 
 
 def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:

@@ -219,3 +219,20 @@ def test_a_scorer_without_recipes_needs_a_source(opened, tmp_path):
     with pytest.raises(ConfigError, match="learns from outside knowledge only"):
         train_recipes(RecipesConfig(opened.source, replace(SMALL, kg="none")), tmp_path / "model")
     assert not (tmp_path / "model").exists()
+
+
+def test_recipes_of_a_book_to_be_tested_stay_out_of_training_in_any_order_and_spelling(opened, tmp_path):
+    graph, rows = opened.graph, labelled(opened.graph, opened.graph.recipes)
+    others = [("sand", rows[5][1], rows[5][2]), (*rows[6][:2], "sandcastle")]
+    spelt = [(b.upper(), f"the {a}", f"{result}s") for a, b, result in rows[:4]]
+    books = (write_book(tmp_path / "explored.csv", [*spelt, *others]), write_book(tmp_path / "second.csv", [rows[7]]))
+    config = RecipesConfig(opened.source, replace(SMALL, kg="full", without=books))
+    trained = train_recipes(config, tmp_path / "model")
+    kept = {(*sorted((a, b)), result) for a, b, result in labelled(graph, load_scorer(trained.folder).recipes.numpy())}
+    assert kept == {(*sorted((a, b)), result) for a, b, result in (*rows[4:7], *rows[8:])}
+    assert trained.metrics.recipes == len(rows) - 5
+    everything = write_book(tmp_path / "all.csv", rows)
+    with pytest.raises(ConfigError, match="leaves no recipe"):
+        train_recipes(RecipesConfig(opened.source, replace(SMALL, kg="full", without=(everything,))), tmp_path / "none")
+    with pytest.raises(ConfigError, match="kg"):
+        replace(SMALL, without=books)

@@ -27,6 +27,8 @@ class RecipeScorerConfig:
         allow_missing: use zeros for any number of entities without a vector.
         with_: knowledge from outside the train recipes: knowledge folders (elicit, import-knowledge), other books or
             graph folders, and further word vectors.
+        without: books or graph folders whose recipes are left out of the training, so that the scorer can be tested on
+            these books; needs `kg` full.
         seed: root seed for rankers, `train_fraction` and `label_noise`.
         threads: CPU threads per fit.
 
@@ -45,6 +47,7 @@ class RecipeScorerConfig:
     features: str = "auto"
     allow_missing: bool = False
     with_: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
     seed: int = 0
     threads: int = 1
 
@@ -54,6 +57,7 @@ class RecipeScorerConfig:
         if isinstance(self.folds, bool) or not isinstance(self.folds, int) or self.folds < 2:
             raise refuse("folds", self.folds, "a whole number, 2 or more: the rankers learn on held-out folds")
         require(self, "allow_missing", isinstance(self.allow_missing, bool), "true or false")
+        require(self, "without", not self.without or self.kg == "full", "empty unless `kg` is full")
         whole("seed", self.seed, 0)
         whole("threads", self.threads, 1, MAX_THREADS)
 

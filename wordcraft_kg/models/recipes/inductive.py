@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.feature_spec import FeatureSpec
+from wordcraft_kg.base.labels import LabelIndex
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.recipes.base import Base
@@ -72,14 +74,53 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
     )
 
 
+class LabelledScorer(NamedTuple):
+    """A recipe scorer that describes the labels of any book.
+
+    Attributes:
+        scorer: a recipe scorer, with further entities described by words.
+        own: number of the scorer's own entities, with ids below.
+        rows: the scorer's id for each label, shape (n,).
+    """
+
+    scorer: RecipeScorer
+    own: int
+    rows: NDArray[np.int64]
+
+
+def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> LabelledScorer:
+    """Return a copy of a model folder's scorer that describes ``labels``, such as the entities of another book.
+
+    Labels that differ in case, article or plural are one entity; a label without a word vector has zeros. Errors as for
+    :func:`with_words`.
+    """
+    whole = scorer.whole
+    index = LabelIndex(whole.entities)
+    rows = [index.find(label) for label in labels]
+    new = [label for label, row in zip(labels, rows, strict=True) if row is None]
+    place = {label: len(whole.entities) + number for number, label in enumerate(new)}
+    ids = np.array([place[label] if row is None else row for label, row in zip(labels, rows, strict=True)])
+    if new:
+        return LabelledScorer(with_words(folder, scorer, new, allow_missing=True), len(whole.entities), ids)
+    if not isinstance(whole, RecipeScorer):
+        raise ConfigError(f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`.")
+    return LabelledScorer(whole, len(whole.entities), ids)
+
+
 def with_words(
-    folder: str | Path, scorer: Scorer, labels: Sequence[str], *, where: Callable[[str], str] = lambda label: ""
+    folder: str | Path,
+    scorer: Scorer,
+    labels: Sequence[str],
+    *,
+    where: Callable[[str], str] = lambda label: "",
+    allow_missing: bool = False,
 ) -> RecipeScorer:
     """Return a copy of a model folder's scorer that scores new entities by the words in the labels.
 
     ``folder`` is written by ``train-recipes``, ``scorer`` is the folder's scorer, and ``labels`` have no duplicates;
     ``where`` returns an error prefix for a label, such as a line number. For a model with the built-in ``minilm``
-    vectors, a label outside the built-in books is compared by GloVe.
+    vectors, a label outside the built-in books is compared by GloVe. ``allow_missing`` uses zeros for labels without a
+    vector.
 
     Raises:
         UnknownEntityError: if the model uses no words, or a label has no vector.
@@ -129,7 +170,7 @@ def with_words(
         again = f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
         why = f"The model's `features` {words} have no vector for this label. {again}"
     for label, is_known in zip(labels, known[size:], strict=True):
-        if not is_known:
+        if not (is_known or allow_missing):
             raise unknown(label, why)
     return extended(scorer, labels, text)
 

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
@@ -20,6 +21,7 @@ from wordcraft_kg.base.labels import LabelIndex
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.folder import (
     KNOWLEDGE,
@@ -228,6 +230,22 @@ def open_other_book(
     if not source.recipes:
         raise ConfigError(f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph. Give another book.")
     return OtherBook(labels, rows[~shared], source), vectors
+
+
+def shared_recipes(graph: RecipeGraph, other: RecipeGraph) -> NDArray[np.bool_]:
+    """Mark a graph's recipes that ``other`` has too, ingredients in any order, labels as in :func:`open_other_book`.
+
+    Returns:
+        shape (num_recipes,).
+    """
+    index = LabelIndex(graph.entities)
+    places = [index.find(label) for label in other.entities]
+    # An entity that the graph lacks has a number of its own.
+    ids = np.array([graph.num_entities + row if place is None else place for row, place in enumerate(places)])
+    rows, theirs = graph.recipes.copy(), ids[other.recipes]
+    rows[:, :2].sort(axis=1)
+    theirs[:, :2].sort(axis=1)
+    return is_in(rows, theirs, graph.num_entities + other.num_entities)
 
 
 def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:

@@ -4,12 +4,13 @@ Fits run in parallel if there are enough CPU cores. A resumed run makes only fit
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
@@ -17,16 +18,16 @@ from torch import Tensor
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.graphs.train_samples import describe_train_sample, draw_train_sample, is_subsample
+from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample, is_subsample
 from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.outside import describe_source, open_outside
+from wordcraft_kg.models.recipes.outside import describe_source, open_outside, shared_recipes
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_dense
@@ -84,7 +85,7 @@ def train_recipes(
     return train(RecipesTraining, config, out, force=force, progress=progress)
 
 
-def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
+def _folds(opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[RecipeGraph]) -> Folds:
     check_dense("a recipe scorer", opened.graph.num_entities)
     split = opened.split
     if settings.kg == "full":
@@ -98,6 +99,11 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig) -> Folds:
     if settings.kg == "partial" and settings.folds < 3:
         raise ConfigError("`folds` 2: expected 3 or more, because rankers need two folds besides the left-out fold.")
     folds = make_folds(split, settings.folds)
+    if without:
+        is_kept = ~np.any([shared_recipes(opened.graph, other) for other in without], axis=0)
+        if not is_kept.any():
+            raise ConfigError(f"`without` {', '.join(settings.without)} leaves no recipe of {opened.graph.name}.")
+        return folds.with_train_sample(TrainSample.of(opened.graph, is_kept))
     return folds.with_train_sample(
         draw_train_sample(
             split, settings.train_fraction, settings.label_noise, settings.seed, of_recipe=folds.of_recipe
@@ -189,6 +195,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         super().__init__(config, opened)
         settings = config.settings
         sources = settings.with_, opened, settings.features
+        self.without = [open_graph(book).graph for book in settings.without]
         self.own: Tensor | None = None
         with _threads(settings.threads):
             if settings.kg == "none":
@@ -196,13 +203,14 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 joint = join_books(*sources, folds=settings.folds, allow_missing=settings.allow_missing)
                 opened, self.own, self.folds, self.outside = joint
             else:
-                self.folds = _folds(opened, settings)
+                self.folds = _folds(opened, settings, self.without)
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
             self.words = named(settings.features, opened.graph.entities)
             self.text, self.features = _text(opened.graph, self.words, settings.allow_missing)
 
     def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
         settings, inputs = self.config.settings, {"features": self.features, **self._outside_hashes()}
+        inputs |= {f"without {other.name}": other.hash for other in self.without}
         if settings.kg == "partial":
             inputs["folds"] = self.folds.hash
         if is_subsample(settings.train_fraction, settings.label_noise):
@@ -282,7 +290,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             outside=self.outside.sources,
         )
         write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
-        run.finish(outputs, _model_card(self.opened, metrics))
+        run.finish(outputs, _model_card(self.opened, metrics, settings.without))
         return TrainedRecipes(run.path, metrics)
 
     @classmethod
@@ -290,10 +298,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return TrainedRecipes(files.folder, files.record("metrics.json", RecipeMetrics))
 
 
-def _model_card(opened: OpenedGraph, metrics: RecipeMetrics) -> str:
+def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[str]) -> str:
     seen = f"{describe_train_sample(metrics.train_fraction, metrics.label_noise) or 'the train recipes'} only."
     if metrics.kg == "full":
         seen = "all recipes, test recipes included: the scores show memory, not prediction."
+    if without:
+        seen = f"recipes that are not in {', '.join(without)}."
     if metrics.kg == "none":
         seen = "outside knowledge only: this book's recipes are unseen."
     points = [f"{metrics.recipes:,} recipes; words: {metrics.features}"]

@@ -1,0 +1,144 @@
+"""A player for open-ended play that knows another book's recipes, and learns from its attempts."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.special import expit, log_softmax, logsumexp
+
+from wordcraft_kg.agents.discovery import CANDIDATES, Discoverer, Floats, Pair
+from wordcraft_kg.models.recipes.inductive import LabelledScorer
+
+PRIOR = {
+    "constant": (-9.0, 1.0),
+    "results": (0.35, 0.005),
+    "uses": (0.6, 0.0125),
+    "strange": (1.0, 0.0625),
+    "words": (1.2, 0.25),
+    "recorded": (0.0, 1.0),
+    "itself": (0.0, 0.25),
+}
+"""Mean and variance of each feature's weight before the first attempt.
+
+Means come from pairs of ``everyday`` with a scorer of Little Alchemy 2, variances from exploring ``everyday``.
+
+| feature | meaning |
+|---|---|
+| results | log Σ_c exp(score of a + b -> c) over candidate results c that are not known |
+| uses | log(1 + recipes that use a) + log(1 + recipes that use b), in the scorer's book |
+| strange | number of ingredients outside the scorer's book |
+| words | word cosine of a and b |
+| recorded | 1 if the scorer's book has a recipe of a + b |
+| itself | 1 if a equals b |
+"""
+FREE = 5
+"""Number of random attempts at the start of a run."""
+_LIKELY = 64  # results by componentOf scores, of which the CANDIDATES best by recipe scores are kept
+_NONE = -12.0  # score of a candidate that is known already
+_STEPS = 3  # of Newton's method after each attempt; the weights change little
+_STEP = 1.0  # largest change of a weight in a step
+
+
+class RecipeDiscoverer(Discoverer):
+    """A player that tries pairs that probably make something new and useful, and learns from its attempts.
+
+    A pair with features x (:data:`PRIOR`) makes something new with probability ``p = σ(w · x)``. After each attempt, w
+    is the most probable value given the outcomes so far, success or failure, and normal priors (Bayesian logistic
+    regression). The player tries the untried pair with the largest
+
+    ``p(a, b) (1 + Σ_c P(c | a, b) log(1 + uses(c)))``.
+
+    c runs over likely results that are not known, P is the softmax of their scores, and uses(c) counts recipes in the
+    scorer's book that use c. The first :data:`FREE` attempts are random.
+
+    The player knows the labels of known entities only. Candidate results come from the scorer's book alone.
+    """
+
+    def __init__(self, labelled: LabelledScorer):
+        """Read the tables of a recipe scorer that describes the labels of all entities which may become known."""
+        self._scorer, self._own, self._rows = labelled
+        knowledge = self._scorer.knowledge
+        self._parts = knowledge.parts[0, :-1, : self._own, 1].float()
+        self._words = knowledge.words.float().numpy()
+        self._recorded = knowledge.numbers[0].numpy() > 0
+        self._uses = knowledge.counts[0, :-1, 0].double().numpy()
+        self._width = min(CANDIDATES, self._own)
+        self._scored: dict[Pair, tuple[NDArray[np.int64], Floats]] = {}
+        self._mean, self._variance = np.array(list(PRIOR.values())).T
+
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+        self._pairs = np.empty((0, 2), dtype=np.int64)
+        self._results = np.empty((0, self._width), dtype=np.int64)
+        self._scores = np.empty((0, self._width))
+        self._fixed = np.empty((0, len(PRIOR) - 1))
+        self._is_known = np.zeros(self._own, dtype=bool)
+        self._seen, self._made = np.empty((0, len(PRIOR))), np.empty(0)
+        self._weights = self._mean.copy()
+        super().begin(base, rng)
+
+    def learn(self, entity: int) -> None:  # noqa: D102 - inherited
+        super().learn(entity)
+        row, partners = self._rows[entity], self._rows[self.known]
+        if row < self._own:
+            self._is_known[row] = True
+        self._score(row, partners)
+        results, scores = zip(*(self._scored[_ordered(row, partner)] for partner in partners.tolist()), strict=True)
+        fixed = [
+            np.ones(len(partners)),
+            self._uses[row] + self._uses[partners],
+            (row >= self._own) * 1.0 + (partners >= self._own),
+            self._words[row, partners],
+            self._recorded[row, partners],
+            partners == row,
+        ]
+        pairs = np.column_stack([np.full(len(partners), entity), self.known])
+        self._pairs = np.concatenate([self._pairs, pairs])
+        self._results = np.concatenate([self._results, results])
+        self._scores = np.concatenate([self._scores, scores])
+        self._fixed = np.concatenate([self._fixed, np.column_stack(fixed)])
+
+    def choose(self) -> Pair:  # noqa: D102 - inherited
+        scores = np.where(self._is_known[self._results], _NONE, self._scores)
+        features = np.insert(self._fixed, 1, logsumexp(scores, axis=1), axis=1)
+        if len(self._made) < FREE:
+            self._chosen = int(self.rng.integers(len(features)))
+        else:
+            worth = 1 + (np.exp(log_softmax(scores, axis=1)) * self._uses[self._results]).sum(axis=1)
+            self._chosen = self.draw_best(expit(features @ self._weights) * worth)
+        self._seen = np.concatenate([self._seen, features[self._chosen, None]])
+        one, other = self._pairs[self._chosen].tolist()
+        return one, other
+
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited
+        for name in ("_pairs", "_results", "_scores", "_fixed"):
+            setattr(self, name, np.delete(getattr(self, name), self._chosen, axis=0))
+        self._made = np.append(self._made, len(new) > 0)
+        self._fit()
+        super().observe(pair, new)
+
+    def _score(self, row: int, partners: NDArray[np.int64]) -> None:
+        """Keep likely results with each partner and their scores; equal in all runs, so computed once."""
+        wanted = [partner for partner in dict.fromkeys(partners.tolist()) if _ordered(row, partner) not in self._scored]
+        if wanted:
+            others = torch.tensor(wanted)[:, None]
+            fit = self._parts[row] + self._parts[others[:, 0]]
+            likely = fit.topk(min(_LIKELY, self._own), dim=1).indices
+            scores, best = self._scorer.score_recipes(torch.tensor(row), others, likely).topk(self._width, dim=1)
+            results = likely.gather(1, best).numpy()
+            for partner, *kept in zip(wanted, results, scores.numpy(), strict=True):
+                self._scored[_ordered(row, partner)] = kept[0], kept[1]
+
+    def _fit(self) -> None:
+        weights = self._weights
+        for _ in range(_STEPS):
+            chances = expit(self._seen @ weights)
+            slope = self._seen.T @ (chances - self._made) + (weights - self._mean) / self._variance
+            curvature = (self._seen.T * (chances * (1 - chances))) @ self._seen + np.diag(1 / self._variance)
+            step = np.linalg.solve(curvature, slope)
+            weights = weights - step / max(1.0, np.abs(step).max() / _STEP)
+        self._weights = weights
+
+
+def _ordered(one: int, other: int) -> Pair:
+    return (one, other) if one <= other else (other, one)

@@ -17,12 +17,11 @@ from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeGraph, open_graph
-from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import PolicyOutput
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.cross_fitting import cross_fit
+from wordcraft_kg.models.scorers.folder import load_scorer
 
 BATCH = 8
 SIZES = {"embedding_size": 6, "key_size": 5, "value_size": 7, "hidden_size": 9}
@@ -35,8 +34,8 @@ def scorer(opened):
 
 
 @pytest.fixture(scope="module")
-def cross_fitted(opened):
-    return cross_fit(opened.split, lambda ids: FrequencyScorer(opened.graph, recipe_triples(ids)), folds=3)
+def cross_fitted(recipes_folder):
+    return load_scorer(recipes_folder)
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +79,7 @@ class SlowImpala:
 
     def __init__(self, impala):
         self.policy = copy.deepcopy(impala.policy).double()
+        self.policy.sources = impala.policy.sources
         self.config, self.nothing = impala.config, impala.envs.nothing
         world = World(open_graph("kitchen"), impala.envs.world.config)
         self.envs = BatchEngine(world, impala.envs.num_envs).reset(3)
@@ -95,7 +95,11 @@ class SlowImpala:
         output = policy(*ids, task=torch.tensor([task]), is_learning=True)
         there = [slot for slot, entity in enumerate(table) if entity != self.nothing]
         log_probs = torch.log_softmax(output.logits[0, there], dim=0)
-        return dict(zip(there, log_probs, strict=True)), output.value[0], output.lambdas
+        divergence = torch.zeros(())
+        if "w" in policy.sources:
+            alone = torch.log_softmax(output.sources[0, -1, there], dim=0)
+            divergence = sum(one.exp() * (one - other) for one, other in zip(log_probs, alone, strict=True))
+        return dict(zip(there, log_probs, strict=True)), output.value[0], output.lambdas, divergence
 
     def states(self):
         envs = self.envs
@@ -127,13 +131,15 @@ class SlowImpala:
         values = np.array([[seen[t][b][1].item() for b in range(batch)] for t in range(time + 1)])
         discounts = config.discount * (1 - over.astype(float))
         vs, advantages = slow_v_trace(log_rhos, discounts, rewards, values[:-1], values[-1])
-        pg_loss = baseline = entropy = 0.0
+        pg_loss = baseline = entropy = divergence = 0.0
         for t, b in itertools.product(range(time), range(batch)):
-            log_probs, value, _ = seen[t][b]
+            log_probs, value, _, from_scorer = seen[t][b]
+            divergence = divergence + from_scorer
             pg_loss = pg_loss - chosen[t][b] * advantages[t, b]
             baseline = baseline + 0.5 * (vs[t, b] - value) ** 2
             entropy = entropy - sum(log_prob.exp() * log_prob for log_prob in log_probs.values())
         loss = pg_loss + config.baseline_cost * baseline - config.entropy_cost * entropy
+        loss = loss + config.scorer_cost * divergence
         gradients = torch.autograd.grad(loss, list(self.policy.parameters()))
         norm = math.sqrt(sum((gradient**2).sum().item() for gradient in gradients))
         gradients = [gradient * min(1, config.clip / norm) for gradient in gradients]
@@ -168,7 +174,7 @@ class SlowImpala:
         (2, 3, {"policy": {"policy": "mlp"}}),
         (2, 3, {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5}),
         (2, 3, {"scorer": "frequency", "policy_lag": 1}),
-        (2, 3, {"scorer": "cross-fitted", "policy_lag": 1}),
+        (2, 3, {"scorer": "cross-fitted", "policy": {"use": "u,v,w"}, "policy_lag": 1}),
     ],
 )
 def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, cross_fitted, depth, unroll, settings):

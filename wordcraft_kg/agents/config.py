@@ -74,6 +74,8 @@ class ImpalaConfig:
         momentum: RMSProp momentum.
         entropy_cost: entropy weight; 0.01 in the paper.
         baseline_cost: value loss weight; 0.5 in the paper's released code.
+        scorer_cost: weight of the divergence from the policy that follows w alone, the softmax of w; keeps attention
+            that remembers train tasks near the scorer. Only with the source w.
         clip: maximum gradient norm; 40 in the paper's released code.
         seed: root seed for initialisation, environments and actions.
         device: torch device for environments, actor and learner: cpu or cuda.
@@ -99,6 +101,7 @@ class ImpalaConfig:
     momentum: float = 0.0
     entropy_cost: float = 0.01
     baseline_cost: float = 0.5
+    scorer_cost: float = 0.3
     clip: float = 40.0
     seed: int = 0
     device: str = "cpu"
@@ -119,7 +122,7 @@ class ImpalaConfig:
             whole(name, getattr(self, name), 0)
         for name in ("learning_rate", "rms_epsilon", "clip"):
             number_in(name, getattr(self, name), SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
-        for name in ("entropy_cost", "baseline_cost"):
+        for name in ("entropy_cost", "baseline_cost", "scorer_cost"):
             number_in(name, getattr(self, name), 0, _LARGE, f"0 or more, at most {_LARGE:g}")
         for name in ("discount", "rms_decay", "momentum"):
             number_in(name, getattr(self, name), 0, 1, "0 to 1")

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.agents.config import ImpalaConfig
-from wordcraft_kg.agents.losses import baseline_loss, entropy, policy_gradient_loss
+from wordcraft_kg.agents.losses import baseline_loss, divergence, entropy, policy_gradient_loss
 from wordcraft_kg.agents.states import bind_tasks, states_of
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
@@ -21,6 +21,7 @@ from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import as_tensor, copied
 from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
+from wordcraft_kg.models.policies.sources import W
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
 """Names of the losses (summed over the batch) and of the gradient norm before clipping."""
@@ -295,6 +296,11 @@ class Impala:
         of_baseline = baseline_loss(values[:time], targets.vs)
         spread = entropy(log_policies)
         loss = of_policy + config.baseline_cost * of_baseline - config.entropy_cost * spread
+        if config.scorer_cost and W.name in self.policy.sources:
+            assert external_scores is not None
+            scores = external_scores[:acted, list(self.policy.sources).index(W.name)]
+            alone = log_policy(scores.masked_fill(table[:acted] == self.policy.num_entities, -torch.inf))
+            loss = loss + config.scorer_cost * divergence(log_policies, alone)
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
         return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 

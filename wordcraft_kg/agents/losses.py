@@ -17,3 +17,9 @@ def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
 def entropy(log_policies: Tensor) -> Tensor:
     """Return the summed entropy ``-Σ π log π`` in nats, for log-probabilities of shape (N, A); -inf adds 0."""
     return -(log_policies.exp() * log_policies.masked_fill(log_policies == -torch.inf, 0)).sum()
+
+
+def divergence(log_policies: Tensor, references: Tensor) -> Tensor:
+    """Return the summed divergence ``Σ π (log π - log ρ)`` in nats, both of shape (N, A); where π is 0, 0 is added."""
+    ratios = (log_policies - references).masked_fill(log_policies == -torch.inf, 0)
+    return (log_policies.exp() * ratios).sum()

@@ -57,7 +57,7 @@ def made(opened, scorer):
         "no scorer": (None, {}),
         "mlp": (None, {"policy": "mlp", "hidden_size": 7}),
         "links": (links, {"use": "u,v"}),
-        "cross-fitted links": (scorer, {"use": "u,v"}),
+        "cross-fitted links": (scorer, {"use": "u,v", "fold_attention": True}),
         "recipes": (scorer, {"use": "u,v,w"}),
         "scorer alone": (scorer, {"use": "v,w", "kg_only": True, "mixing": "softmax"}),
         "in sample": (scorer, {"use": "w", "in_sample": True}),

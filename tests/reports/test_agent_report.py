@@ -224,7 +224,7 @@ def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
 def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_says_how(tmp_path):
     links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
     model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
-    policies = {"folds": PolicyConfig(in_sample=False), "whole": PolicyConfig(in_sample=True)}
+    policies = {"folds": PolicyConfig(fold_attention=True), "whole": PolicyConfig(in_sample=True)}
     agents = trained(tmp_path, {name: (policy, TRAINER) for name, policy in policies.items()}, str(model))
     report = make_agent_report(group_agents(agents), part="train", distractor_seeds=1)
     world = World(agents[0].opened, TASKS.environment("train"))

@@ -74,8 +74,8 @@ class ImpalaConfig:
         momentum: RMSProp momentum.
         entropy_cost: entropy weight; 0.01 in the paper.
         baseline_cost: value loss weight; 0.5 in the paper's released code.
-        scorer_cost: weight of the divergence from the policy that follows w alone, the softmax of w; keeps attention
-            that remembers train tasks near the scorer. Only with the source w.
+        scorer_cost: weight of the divergence from the softmax of w, the policy of the scorer alone, which limits
+            attention that remembers train tasks; only with w, and at depth 1, where w is the probability of success.
         clip: maximum gradient norm; 40 in the paper's released code.
         seed: root seed for initialisation, environments and actions.
         device: torch device for environments, actor and learner: cpu or cuda.
@@ -140,7 +140,7 @@ class ImpalaConfig:
         return -(-self.steps // self.steps_per_update)
 
 
-KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample", "in_sample_attention")
+KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample", "fold_attention")
 """Names of the policy settings that only have an effect with a scorer."""
 
 

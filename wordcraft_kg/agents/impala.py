@@ -296,7 +296,7 @@ class Impala:
         of_baseline = baseline_loss(values[:time], targets.vs)
         spread = entropy(log_policies)
         loss = of_policy + config.baseline_cost * of_baseline - config.entropy_cost * spread
-        if config.scorer_cost and W.name in self.policy.sources:
+        if config.scorer_cost and W.name in self.policy.sources and self.envs.world.config.depth == 1:
             assert external_scores is not None
             scores = external_scores[:acted, list(self.policy.sources).index(W.name)]
             alone = log_policy(scores.masked_fill(table[:acted] == self.policy.num_entities, -torch.inf))

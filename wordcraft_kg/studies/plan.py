@@ -45,7 +45,6 @@ _CURVE_POINTS = 20
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 _IN_STUDIES: dict[type, dict[str, Any]] = {
     RecipeScorerConfig: {"features": "glove"},
-    PolicyConfig: {"in_sample_attention": True},
     ImpalaConfig: {"scorer_cost": 0.0},
 }
 """Defaults that differ from the command's: the addresses of earlier results stand for them."""
@@ -234,8 +233,7 @@ def _versioned(kind: Kind, described: dict[str, Any]) -> dict[str, Any]:
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
     """Return an agent's configuration from settings and the folders of its graph and scorer; ConfigError if invalid."""
-    if scorer is not None:
-        settings = {**_IN_STUDIES[PolicyConfig], **_IN_STUDIES[ImpalaConfig], **settings}
+    settings = {**_IN_STUDIES[ImpalaConfig], **settings}
     parts = {
         name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
         for name, kind in _PART_OF_AGENT.items()

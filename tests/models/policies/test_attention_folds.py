@@ -45,7 +45,7 @@ def policy(request: pytest.FixtureRequest, opened: OpenedGraph, scorer: CrossFit
 
 
 def made(opened: OpenedGraph, scorer: CrossFitted, depth: int = 1, **settings) -> AttentionPolicy:
-    world, config = world_of(opened, depth), PolicyConfig(**SMALL, **settings)
+    world, config = world_of(opened, depth), PolicyConfig(**{**SMALL, "fold_attention": True, **settings})
     partial = opened.split.partial
     return make_policy(config, opened.graph, world.num_slots, scorer=scorer, observed=partial, tasks=world.tasks)[0]
 
@@ -151,7 +151,7 @@ def test_a_saved_policy_knows_its_folds_and_asks_for_the_tasks(opened, scorer, t
         AttentionFolds(torch.tensor([0, 1])).bind(world.tasks)
 
 
-@pytest.mark.parametrize("settings", [{"in_sample": True}, {"in_sample_attention": True}])
+@pytest.mark.parametrize("settings", [{"in_sample": True}, {"fold_attention": False}])
 def test_in_sample_agents_have_one_network(opened, scorer, settings):
     policy = made(opened, scorer, **settings)
     assert policy.attention_folds is None

@@ -75,7 +75,7 @@ def make_policy(
         scorer = whole_of(scorer) if config.in_sample else scorer
         sources = make_sources(config.sources, scorer, view, tasks=tasks)
         folded = folds_of(scorer)
-        if folded is not None and tasks is not None and not config.in_sample_attention:
+        if folded is not None and tasks is not None and config.fold_attention:
             fold_of_recipe = torch.from_numpy(folded.of_recipe.copy())
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too

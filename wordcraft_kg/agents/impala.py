@@ -299,7 +299,7 @@ class Impala:
         if config.scorer_cost and W.name in self.policy.sources and self.envs.world.config.depth == 1:
             assert external_scores is not None
             scores = external_scores[:acted, list(self.policy.sources).index(W.name)]
-            alone = log_policy(scores.masked_fill(table[:acted] == self.policy.num_entities, -torch.inf))
+            alone = log_policy(scores.masked_fill(output.logits[:acted] == -torch.inf, -torch.inf))
             loss = loss + config.scorer_cost * divergence(log_policies, alone)
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
         return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)

@@ -1,5 +1,4 @@
 from collections import Counter
-from dataclasses import fields
 from functools import partial
 
 import pytest

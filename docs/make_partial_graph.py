@@ -3,7 +3,8 @@
     python docs/make_partial_graph.py [--check]
 
 The figures of trained agents are those of ``benchmarks/partial_graph.py --json``, the figures of players that learn
-nothing those of ``benchmarks/untrained_players.py --json``. With ``--check`` nothing is written, and the exit code is 1
+nothing those of ``benchmarks/untrained_players.py --json``, the figures by depth those of ``benchmarks/planning.py
+--json``. With ``--check`` nothing is written, and the exit code is 1
 if something would be.
 """
 
@@ -17,6 +18,7 @@ from wordcraft_kg.base.statistics import student_interval
 
 HERE = Path(__file__).parent
 SOURCE, PAGE, PICTURE = HERE / "partial-graph.json", HERE / "partial-graph.md", HERE / "images" / "partial_graph.svg"
+PLANNING = HERE / "planning.json"
 UNTRAINED, README, RESULTS = HERE / "untrained-players.json", HERE.parent / "README.md", HERE / "results.md"
 BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->"
 ALONE = {
@@ -58,6 +60,8 @@ LEGEND = (
     "train recipe makes it with one of these ingredients.",
 )
 """Lines in the cell after the last panel."""
+DEPTHS = {"chance": "#8c959f", "w": "#0969da", "planner, train recipes": "#bf8700", "planner": "#1a7f37"}
+"""Players in the panels by depth, and their colours."""
 COLOURS = {8: "#0072b2", 1: "#d55e00"}
 IN_STUDY = {
     "no graph": "no graph",
@@ -206,13 +210,44 @@ def mark(x: float, y: float, interval: tuple[float, float], colour: str) -> list
     ]
 
 
-def picture(rows: list[Row]) -> str:
-    """Return a panel for each book and split: success with 8 and with 1 distractor, a line for each variant."""
+def depth_panel(rows: list[Row], split: str, x0: float, y0: float, scale: float, left: float) -> list[str]:
+    """Return a panel of success by depth with 4 distractors: a line for each depth, a mark for each player."""
+    parts = [
+        f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">'
+        f"Little Alchemy 2, {split}, 4 distractors, by depth</text>"
+    ]
+    for tick in (0, 0.25, 0.5, 0.75, 1):
+        x = x0 + left + scale * tick
+        parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y0 + 22}" y2="{y0 + 140}" stroke="#d0d7de"/>')
+        parts.append(f'<text x="{x:.1f}" y="{y0 + 153}" text-anchor="middle" fill="#57606a">{tick:g}</text>')
+    for depth in (1, 2, 3, 4):
+        y = y0 + 12 + 28 * depth
+        parts.append(f'<text x="{x0 + left - 24}" y="{y + 4}" text-anchor="end" fill="#1b1f24">depth {depth}</text>')
+        for player, colour in DEPTHS.items():
+            key = split, depth, player, 4
+            same = [r["success"] for r in rows if (r["split"], r["depth"], r["player"], r["distractors"]) == key]
+            low, high = (student_interval(same) if len(same) > 1 else None) or (_mean(same), _mean(same))
+            x, ends = x0 + left + scale * _mean(same), (max(low, 0), min(high, 1))
+            parts += mark(x, y, (x0 + left + scale * ends[0], x0 + left + scale * ends[1]), colour)
+            if player == "planner":
+                parts.append(
+                    f'<text x="{x0 + left + scale * ends[1] + 5:.1f}" y="{y + 4}" font-size="10" fill="{colour}">'
+                    f"{_figure(_mean(same))}</text>"
+                )
+    return parts
+
+
+def picture(rows: list[Row], by_depth: list[Row]) -> str:
+    """Return a panel for each book and split: success with 8 and with 1 distractor, a line for each variant.
+
+    Two panels below show success by depth.
+    """
     panels = {key: [row for row in of if row["variant"] in SHOWN] for key, of in groups(rows).items()}
     panels = {key: of for key, of in panels.items() if len({row["variant"] for row in of}) == len(SHOWN)}
     width, left, top, line, columns = 430, 176, 64, 28, 2
     height = line * len(SHOWN) + 60
-    total = top + height * -(-len(panels) // columns)
+    below = top + height * -(-(len(panels) + 1) // columns)
+    total = below + 210
     cells = [(width * (n % columns), top + height * (n // columns)) for n in range(len(panels) + 1)]
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width * columns} {total}" '
@@ -252,6 +287,13 @@ def picture(rows: list[Row]) -> str:
             name = NAMES[variant].strip("*")
             y = y0 + 46 + line * place
             parts.append(f'<text x="{x0 + left - 24}" y="{y}" text-anchor="end" fill="#1b1f24">{name}</text>')
+    for place, split in enumerate(("by-recipe", "by-goal")):
+        parts += depth_panel(by_depth, split, width * place, below, width - left - 40, left)
+    for place, (player, colour) in enumerate(DEPTHS.items()):
+        x = 14 + 200 * place
+        parts += mark(x + 6, below + 180, (x, x + 12), colour)
+        name = {"w": "w: the best pair for the goal", "planner, train recipes": "planner, train recipes only"}
+        parts.append(f'<text x="{x + 18}" y="{below + 184}" fill="#1b1f24">{name.get(player, player)}</text>')
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
@@ -262,12 +304,13 @@ def _filled(path: Path, lines: Iterator[str]) -> str:
 
 if __name__ == "__main__":
     trained, untrained_rows = (json.loads(path.read_text(encoding="utf-8")) for path in (SOURCE, UNTRAINED))
+    by_depth = json.loads(PLANNING.read_text(encoding="utf-8"))
     runs = json.loads(STUDY.read_text(encoding="utf-8"))["runs"]
     for path, text in (
         (PAGE, _filled(PAGE, tables(trained, untrained_rows))),
         (README, _filled(README, short(trained, untrained_rows, runs))),
         (RESULTS, _filled(RESULTS, alone_tables(untrained_rows))),
-        (PICTURE, picture(trained)),
+        (PICTURE, picture(trained, by_depth)),
     ):
         if "--check" not in sys.argv:
             path.write_text(text, encoding="utf-8")

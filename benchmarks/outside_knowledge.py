@@ -40,11 +40,10 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.outside import open_outside
+from wordcraft_kg.models.recipes.outside import open_outside, text_of
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.recipes.zero_shot import join_books
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -56,20 +55,15 @@ FEW = 2
 ZERO_SHOT = "zero-shot"
 
 
-def text_of(words: str, entities: Sequence[str]) -> torch.Tensor:
-    features = make_features(words, entities)
-    return torch.zeros(len(entities), len(entities)) if features.is_one_hot else cosines(torch.tensor(features.vectors))
-
-
 def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> tuple[RecipeKnowledge, LinkRankers]:
     """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books only."""
     if not name.startswith(ZERO_SHOT):
         outside = open_outside(specs, opened, words)
         return fit_recipe_scorer(
-            make_folds(opened.split, 5), text_of(words, opened.graph.entities), outside=outside.tables
+            make_folds(opened.split, 5), text_of(make_features(words, opened.graph.entities)), outside=outside.tables
         )
     joint = join_books(specs, opened, words, folds=5, keep_train="unshared" not in name)
-    text = text_of(words, joint.opened.graph.entities)
+    text = text_of(make_features(words, joint.opened.graph.entities))
     knowledge, rankers = fit_recipe_scorer(joint.folds, text, outside=joint.outside.tables)
     return knowledge.of_entities(joint.own), rankers
 

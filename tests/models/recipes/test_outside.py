@@ -126,6 +126,22 @@ def test_tables_of_other_labels_are_an_error(opened, tmp_path):
         open_outside([str(folder)], opened, "one-hot")
 
 
+def test_tables_of_one_source_complete_each_other_and_those_of_two_models_stay_apart(opened, tmp_path):
+    info = TableInfo(name="need", role="part", phrase="")
+
+    def folder(name: str, weights: str, entities: tuple[str, ...], graph: str = "") -> str:
+        record = KnowledgeRecord(source="language model", entities=entities, tables=(info,))
+        made = Knowledge(record, (torch.full((len(entities),) * 2, len(name)).half(),))
+        inputs = {"model.gguf": weights * 64, "graph": graph or opened.graph.hash}
+        return str(write_knowledge(tmp_path / name, "test", made, inputs=inputs, files={}))
+
+    labels = opened.graph.entities
+    specs = folder("a", "1", labels[:6]), folder("bb", "1", labels[6:], "0" * 64), folder("ccc", "2", labels)
+    both, other = open_outside(specs, opened, "one-hot").tables.parts
+    assert [both[0, 1].item(), both[6, 7].item(), both[0, 7].item()] == [1, 2, 0]
+    assert (other == 3).all()
+
+
 def test_tables_that_know_another_split_are_an_error(opened, tmp_path):
     info = TableInfo(name="t", role="part", phrase="")
     record = KnowledgeRecord(source="WordNet", entities=opened.graph.entities, tables=(info,))

@@ -35,8 +35,14 @@ from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
 
+_OF_A_BOOK = ("graph", "split", "overrides")
+"""Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the source."""
 REWORDED = 0.7
 """Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the three words."""
+
+
+_Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
+"""Tables by source, name and role."""
 
 
 class OutsideSource(Record, frozen=True, kw_only=True):
@@ -100,7 +106,7 @@ def open_outside(
         ConfigError: if a source describes none of the entities, is the graph itself, or lacks word vectors.
         ArtefactError: if a folder is incomplete or damaged.
     """
-    folders = dict[tuple[str, str, str], Tensor]()
+    folders = _Tables()
     pairs, parts, sources = list[Tensor](), list[Tensor](), list[OutsideSource]()
     for spec in specs:
         if (Path(spec) / KNOWLEDGE).is_file():
@@ -132,8 +138,8 @@ def _is_words(spec: str) -> bool:
     )
 
 
-def _of_folder(spec: str, opened: OpenedGraph, tables: dict[tuple[str, str, str], Tensor]) -> OutsideSource:
-    """Add a folder's tables to ``tables``; tables of one name complete each other, such as one for each book."""
+def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource:
+    """Add a folder's tables to ``tables``; tables of one name and source complete each other, as of several books."""
     entities = opened.graph.entities
     check_same_split(spec, opened)
     knowledge = read_knowledge(spec)
@@ -143,22 +149,28 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: dict[tuple[str, str, str]
             f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as '{entities[0]}'. Make "
             "the folder for this graph."
         )
-    of_entities = knowledge.of_entities(entities)
+    of_entities, run = knowledge.of_entities(entities), knowledge_files(spec).run
+    origin = (name, *sorted(sha256 for key, sha256 in run.inputs.items() if key not in _OF_A_BOOK))
     for info, table in zip(of_entities.record.tables, of_entities.tables, strict=True):
-        key = (name, info.name, info.role)
+        key = (origin, info.name, info.role)
         before = tables.get(key)
         tables[key] = table.float() if before is None else before.where(before != 0, table.float())
-    sha256 = knowledge_files(spec).run.outputs[TABLES]
-    return OutsideSource(name=name, kind="tables", sha256=sha256, coverage=coverage)
+    return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
 
 
 def _of_words(spec: str, opened: OpenedGraph, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:
     features = make_features(spec, opened.graph.entities, allow_missing=allow_missing)
-    alike = cosines(torch.tensor(features.vectors))
+    alike = text_of(features)
     source = OutsideSource(
         name=features.source, kind="words", sha256=features.sha256, coverage=float(features.known.mean())
     )
     return LinkTables([alike], [alike]), source
+
+
+def text_of(features: EntityFeatures) -> Tensor:
+    """Return the cosines of word vectors, shape (E, E); zeros for one-hot vectors, which are no words."""
+    size = len(features.known)
+    return torch.zeros(size, size) if features.is_one_hot else cosines(torch.tensor(features.vectors))
 
 
 def describe_source(source: OutsideSource) -> str:
@@ -179,7 +191,7 @@ def describe_source(source: OutsideSource) -> str:
 def _of_book(spec: str, opened: OpenedGraph, features: str, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:
     size = opened.graph.num_entities
     book, vectors = open_other_book(spec, opened, features, allow_missing=allow_missing)
-    base = Base.of(book.recipes, cosines(torch.tensor(vectors.vectors)))
+    base = Base.of(book.recipes, text_of(vectors))
 
     def own(tables: Sequence[Tensor]) -> list[Tensor]:
         return [table[:size, :size].contiguous() for table in tables]

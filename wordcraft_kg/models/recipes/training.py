@@ -27,13 +27,12 @@ from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.outside import describe_source, open_outside, shared_recipes
+from wordcraft_kg.models.recipes.outside import describe_source, open_outside, shared_recipes, text_of
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
-from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
@@ -113,9 +112,7 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[
 
 def _text(graph: RecipeGraph, spec: str, allow_missing: bool) -> tuple[Tensor, str]:
     features = make_features(spec, graph.entities, allow_missing=allow_missing)
-    if features.is_one_hot:
-        return torch.zeros(graph.num_entities, graph.num_entities), features.sha256
-    return cosines(torch.tensor(features.vectors)), features.sha256
+    return text_of(features), features.sha256
 
 
 @contextmanager

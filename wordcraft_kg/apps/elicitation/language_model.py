@@ -33,7 +33,7 @@ from wordcraft_kg.runs.folder import Progress, locked
 _BATCH = 32
 """Texts in a forward pass; part of the result's last bits, so also of the key of saved rows."""
 _LARGEST = 2**31
-"""Bytes of all tables: 14,654 entities with five prompts."""
+"""Bytes of all tables: 9,088 entities with the 13 default prompts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,11 +117,15 @@ class _LabelProbabilities:
     """Log-probabilities of all labels after texts."""
 
     def __init__(self, language_model: LanguageModel, labels: Sequence[str]):
-        self.model, self.size = language_model.model, len(labels)
+        self.model, self.tokenizer, self.size = language_model.model, language_model.tokenizer, len(labels)
         tokens = [label_tokens(language_model.tokenizer, label) for label in labels]
         self.tokens = torch.tensor([token for some in tokens for token in some])
         self.owners = torch.tensor([owner for owner, some in enumerate(tokens) for _ in some])
         self.counts = torch.tensor([len(some) for some in tokens for _ in some])
+
+    def read(self, texts: Sequence[str]) -> list[list[int]]:
+        """Return the tokens of texts."""
+        return [self.tokenizer(text).input_ids for text in texts]
 
     @torch.inference_mode()
     def after(self, texts: Sequence[Sequence[int]]) -> Tensor:
@@ -189,8 +193,16 @@ def elicit_knowledge(
     inputs = {"graph": graph.hash, "prompts": hashlib.sha256(text.encode()).hexdigest(), **language_model.hashes}
     if language_model.random_seed is not None:
         inputs["random weights, seed"] = str(language_model.random_seed)
-    with _saved_rows(out, inputs) as folder:
-        tables = _tables(language_model, graph.entities, prompts, folder, report)
+    probabilities = _LabelProbabilities(language_model, graph.entities)
+    batches = [
+        batch
+        for number, prompt in enumerate(prompts)
+        for batch in _batches(probabilities.read([prompt.text(label) for label in graph.entities]), number)
+    ]
+    # Tokens belong to the key: a tokenizer's files have no hash.
+    key = json.dumps([inputs, _BATCH, probabilities.tokens.tolist(), [batch.texts for batch in batches]])
+    with _saved_rows(out, key) as folder:
+        tables = _tables(probabilities, batches, prompts, folder, report)
         source = "language model" + (" with random weights" if language_model.random_seed is not None else "")
         infos = tuple(TableInfo(name=prompt.name, role=prompt.role, phrase=prompt.phrase) for prompt in prompts)
         record = KnowledgeRecord(source=source, entities=graph.entities, tables=infos)
@@ -202,23 +214,14 @@ def elicit_knowledge(
 
 
 def _tables(
-    language_model: LanguageModel,
-    labels: Sequence[str],
+    probabilities: _LabelProbabilities,
+    batches: Sequence[_Batch],
     prompts: tuple[Prompt, ...],
     folder: Path,
     report: Progress | None,
 ) -> tuple[Tensor, ...]:
     """Return a table for each prompt, from rows saved in ``folder`` or computed and saved there."""
-    size, probabilities = len(labels), _LabelProbabilities(language_model, labels)
-
-    def tokens(texts: Sequence[str]) -> list[list[int]]:
-        return [language_model.tokenizer(text).input_ids for text in texts]
-
-    batches = [
-        batch
-        for number, prompt in enumerate(prompts)
-        for batch in _batches(tokens([prompt.text(label) for label in labels]), number)
-    ]
+    size = probabilities.size
     tables = torch.zeros(len(prompts), size, size, dtype=torch.half)
     done, neutral = 0, (-1, torch.zeros(0))
     try:
@@ -227,7 +230,7 @@ def _tables(
             rows = _read_rows(file)
             if rows is None:
                 if neutral[0] != batch.prompt:
-                    neutral = batch.prompt, _neutral(probabilities, tokens(prompts[batch.prompt].neutral))
+                    neutral = batch.prompt, _neutral(probabilities, prompts[batch.prompt].neutral)
                 rows = (probabilities.after(batch.texts) - neutral[1]).half()
                 if not rows.isfinite().all():
                     raise ArtefactError("the language model gives probabilities that are not finite. Use another.")
@@ -242,9 +245,9 @@ def _tables(
     return tuple(map(_oriented, tables, prompts))
 
 
-def _neutral(probabilities: _LabelProbabilities, texts: list[list[int]]) -> Tensor:
+def _neutral(probabilities: _LabelProbabilities, texts: Sequence[str]) -> Tensor:
     """Return the log of each label's mean probability after neutral texts, shape (E,)."""
-    rows = torch.cat([probabilities.after(batch.texts) for batch in _batches(texts)])
+    rows = torch.cat([probabilities.after(batch.texts) for batch in _batches(probabilities.read(texts))])
     return rows.logsumexp(0) - math.log(len(texts))
 
 
@@ -258,9 +261,9 @@ def _oriented(table: Tensor, prompt: Prompt) -> Tensor:
 
 
 @contextmanager
-def _saved_rows(out: Path, inputs: Mapping[str, str]) -> Iterator[Path]:
-    """Yield the locked folder for the rows of these inputs beside ``out``."""
-    digest = hashlib.sha256(json.dumps([inputs, _BATCH]).encode()).hexdigest()[:16]
+def _saved_rows(out: Path, key: str) -> Iterator[Path]:
+    """Yield the locked folder beside ``out`` for the rows with this key."""
+    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "written"):

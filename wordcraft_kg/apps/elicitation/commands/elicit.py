@@ -32,7 +32,7 @@ def elicit(
 
     Args:
         model: model folder, .gguf file, or a name on the Hugging Face hub.
-        prompts: JSON file with prompts. Default: five prompts; the output folder has them as prompts.json.
+        prompts: JSON file with prompts. Default: 13 prompts; the output folder has them as prompts.json.
         random_weights: seed for random weights in the same architecture, as a control. Default: the model's weights.
         out: folder to write.
     """

@@ -9,7 +9,7 @@ from refusals import refuses
 from transformers import AutoModel
 
 from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.training import train_recipes
@@ -41,7 +41,10 @@ def test_a_vector_is_the_mean_over_the_tokens_with_length_1(vectors, encoder_fol
 def test_vectors_of_another_book_or_changed_ones_are_refused(vectors, tmp_path):
     with refuses("features"):
         make_features(str(vectors), ["iron", "gold", "flour"])
-    with pytest.raises(ValueError, match=r"2 of 3.*gold, iron\. These are vectors of another book.*encode"):
+    with pytest.raises(
+        ValueError,
+        match=r"2 of 3.*gold, iron\. These are vectors of another book; encode this graph and any books in `with`",
+    ):
         make_features(str(vectors), ["iron", "gold", "flour"])
     labels = vectors / "vectors.labels.txt"
     before = labels.read_text()
@@ -63,6 +66,12 @@ def test_a_recipe_scorer_learns_from_a_folder_and_scores_its_further_labels(vect
         with_words(folder, load_scorer(folder), ["water bread"])
 
 
+def test_a_label_of_unknown_words_alone_is_refused(encoder_folder):
+    encode_labels(["flour zqxjkv"], encoder_folder)
+    with pytest.raises(ConfigError, match="label 'zqxjkv' has no tokens"):
+        encode_labels(["flour", "zqxjkv"], encoder_folder)
+
+
 def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, monkeypatch):
     monkeypatch.chdir(home)
     outcome = run("encode", "kitchen", "--encoder", encoder_folder, "--labels", "flour bread,milk", "--json")
@@ -70,7 +79,7 @@ def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, mon
     assert (outcome.code, values["labels"], values["dimensions"]) == (0, 81, 16)
     assert values["out"] == "vectors/kitchen"
     assert read_run(home / "vectors/kitchen").inputs.keys() == {"graph", "model.safetensors"}
-    (home / "other.csv").write_text("ingredient_a,ingredient_b,result\nflour,sand,sandcastle\n")
+    (home / "other.csv").write_text("ingredient_a,ingredient_b,result\nflour,bread flour,water flour\n")
     both = run("encode", "kitchen", "other.csv", "--encoder", encoder_folder, "--out", "both", "--json")
     assert (both.code, json.loads(both.out)["labels"]) == (0, 82)
     outcome = run("encode", "kitchen", "--encoder", encoder_folder / "config.json", "--out", "other")

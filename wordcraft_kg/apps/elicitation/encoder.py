@@ -3,13 +3,14 @@
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
 from wordcraft_kg.base.artefacts import staged_folder, with_a_name, write_atomically
-from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.models.scorers.features import ENCODED
 from wordcraft_kg.runs.folder import Progress
@@ -35,6 +36,7 @@ def encode_labels(
     Raises:
         MissingExtraError: if a package is missing.
         ArtefactError: if the model is damaged or incomplete.
+        ConfigError: if a label has only tokens for unknown text, and so the vector of any such label.
     """
     check_extra("text")
     hashes = hash_weights(path)
@@ -43,6 +45,7 @@ def encode_labels(
         from sentence_transformers import SentenceTransformer
 
         model = SentenceTransformer(str(path), device="cpu", model_kwargs={"dtype": torch.float32})
+    _check_tokens(model.tokenizer, labels)
     parts = []
     for start in range(0, len(labels), _CHUNK):
         some = list(labels[start : start + _CHUNK])
@@ -53,6 +56,16 @@ def encode_labels(
     if not np.isfinite(vectors).all():
         raise ArtefactError(f"'{path}' gives vectors that are not finite. Restore a copy of the weights.")
     return vectors, hashes
+
+
+def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
+    unknown = getattr(tokenizer, "unk_token_id", None)
+    for label in labels if unknown is not None else ():  # a vocabulary of bytes has tokens for any text
+        if {*tokenizer(label, add_special_tokens=False).input_ids} <= {unknown}:
+            raise ConfigError(
+                f"the label '{label}' has no tokens in this encoder's vocabulary. Use an `encoder` for the labels' "
+                "language, or rename the entity."
+            )
 
 
 def vector_files(labels: Sequence[str], vectors: NDArray[np.float16]) -> dict[str, bytes]:

@@ -200,7 +200,7 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
     )
     if spec == "minilm" or os.path.isdir(spec):
         whose = "the built-in books' labels" if spec == "minilm" else "another book"
-        remedy = f"These are vectors of {whose}; encode this graph: `{ENCODE}`, or use glove."
+        remedy = f"These are vectors of {whose}; encode this graph and any books in `with`: `{ENCODE}`, or use glove."
     raise ConfigError(
         f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. Unknown words: {words}"
         + (f" and {more:,} more. {remedy}" if more > 0 else f". {remedy}")

@@ -147,7 +147,7 @@ def test_large_graphs_are_bounded(triples, opened, monkeypatch):
     around = Surroundings(network, alignment, opened.graph.entities)
     # Edges between entities come first, with the larger weight first.
     assert [*around.triples()] == [("flour", "other:makes", "dough"), ("dough", "other:makes", "breads")]
-    assert [*around.facts()] == [("dough", "is makes", "breads"), ("flour", "is makes", "dough")]
+    assert [*around.facts()] == [("dough", "makes", "breads"), ("flour", "makes", "dough")]
 
 
 def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path):
@@ -180,6 +180,11 @@ def test_wrong_overrides_are_refused(wordnet, opened, tmp_path, line, message):
     with pytest.raises(KnowledgeFileError, match=message):
         import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn", overrides=tmp_path / "overrides.tsv")
     assert not (tmp_path / "wn").exists()
+
+
+def test_overrides_that_do_not_exist_are_refused(opened, triples, tmp_path):
+    with pytest.raises(KnowledgeFileError, match=r"nodes\.tsv is not a file; expected lines with a label"):
+        import_knowledge(opened, "triples", triples, tmp_path / "out", overrides=tmp_path / "nodes.tsv")
 
 
 def test_walks_are_those_of_a_slow_reference(triples, opened):
@@ -224,6 +229,7 @@ def test_conceptnet_keeps_english_words_and_weights(tmp_path):
     assert network.weights.tolist() == pytest.approx([np.log(3)] * 2)
     for bad, message in {
         line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": '): "line 5: the last column is not JSON",
+        line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": 1e300}'): "line 5: .*Expected `float` < 1e",
         line("/r/IsA", "/c/en/a", "/c/en/b", "{}"): "line 5: the last column is not JSON with a weight",
         "/a/x\t/r/IsA\t/c/en/a\n": "line 5: 3 columns; expected uri, relation",
     }.items():
@@ -240,6 +246,7 @@ def test_conceptnet_keeps_english_words_and_weights(tmp_path):
     [
         ("flour\tmakes\tdough\nflour\tmakes\n", "line 2: 'flour\tmakes'; expected head, relation, tail"),
         ("flour\tmakes\tdough\t-1\n", "positive weight"),
+        ("flour\tmakes\tdough\t1e300\n", "positive weight"),
         ("", "no triple to use"),
         ("x\ty\tz\n", "none of the 6 labels"),
     ],

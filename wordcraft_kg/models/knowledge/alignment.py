@@ -102,7 +102,10 @@ def with_overrides(
     numbers = {name: node for node, name in enumerate(network.nodes)} if overrides else {}
     for label, name in overrides.items():
         if label not in entities:
-            raise KnowledgeFileError(f"'{label}' is not a label of the graph.{nearest(label, entities)}")
+            raise KnowledgeFileError(
+                f"`overrides` names '{label}', which is not a label of the graph.{nearest(label, entities)} Expected a "
+                "label as in the first column of alignment.tsv."
+            )
         node = numbers.get(name.removeprefix(f"{network.prefix}:"), -1)
         if name and node < 0:
             raise KnowledgeFileError(

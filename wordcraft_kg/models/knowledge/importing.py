@@ -141,8 +141,10 @@ def read_overrides(path: Path) -> dict[str, str]:
     """Read nodes by label from lines with label, node and ignored columns, such as edited lines of ``alignment.tsv``.
 
     Raises:
-        KnowledgeFileError: naming the line, without a tab or with a repeated label.
+        KnowledgeFileError: if there is no file; naming the line, without a tab or with a repeated label.
     """
+    if not path.is_file():
+        raise KnowledgeFileError(f"{path} is not a file; expected lines with a label, a tab and a node.")
     collected: dict[str, str] = {}
     try:
         lines = read_small_file(path).decode("utf-8-sig").splitlines()

@@ -4,12 +4,12 @@ Memory holds nodes and edges, about 150 bytes for a new node and 30 for an edge,
 """
 
 import gzip
-import math
 import zlib
 from array import array
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -28,11 +28,13 @@ _USELESS = {
 """Relations about words or web pages, not about things; also all below /r/dbpedia/."""
 _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
 _ENGLISH = b"/c/en/"
+_HEAVIEST = 1e30
+"""Weights are below: sums must fit into 32-bit numbers."""
 HEADER = ["head", "relation", "tail"]
 
 
 class _Assertion(msgspec.Struct):
-    weight: float
+    weight: Annotated[float, msgspec.Meta(lt=_HEAVIEST)]
 
 
 def read_conceptnet(path: Path) -> Network:
@@ -81,8 +83,8 @@ def read_triples(path: Path) -> Network:
         try:
             weight = float(columns[3]) if len(columns) == 4 else 1.0
         except ValueError:
-            weight = math.nan
-        if len(columns) not in (3, 4) or not all(columns) or not 0 < weight < math.inf:
+            weight = 0.0
+        if len(columns) not in (3, 4) or not all(columns) or not 0 < weight < _HEAVIEST:
             shown = line[:80].decode(errors="replace").strip()
             raise _fault(path, number, f"'{shown}'; expected head, relation, tail and perhaps a positive weight")
         collected.add(columns[0], columns[1], columns[2], weight)

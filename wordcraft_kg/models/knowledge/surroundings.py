@@ -19,7 +19,6 @@ MOST_TRIPLES = 200_000
 MOST_FACTS = 5
 """Most facts about an entity."""
 _NO_FACTS = ("relatedForm", "antonym", "attribute", "topic", "region", "similar", "pertainsTo")
-_VERBS = ("is", "has", "causes", "desires", "entails")
 Triple = tuple[str, str, str]
 
 
@@ -110,7 +109,7 @@ class Surroundings:
 
 def _phrase(relation: str) -> str:
     words = re.sub("(?<=[a-z])(?=[A-Z])|[_-]+", " ", relation).lower().strip()
-    return words if words.partition(" ")[0] in _VERBS else f"is {words}"
+    return words if re.match(r"\w*[^s]s\b", words) else f"is {words}"  # "makes dough" has a verb, "part of dough" none
 
 
 def reach_of(walks: Sequence[NDArray[np.floating]], recipes: Ids, seed: int = 0) -> Reach:

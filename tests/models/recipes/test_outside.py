@@ -61,6 +61,7 @@ def test_recipes_of_both_books_stay_out_of_the_other_book(opened, tmp_path):
     train = labelled(graph, opened.split.recipes("train"))[:5]
     leaking = open_outside([write_book(tmp_path / "leak.csv", new + shared + train)], opened, "one-hot")
     (source,) = leaking.sources
+    assert source.coverage == 1  # several spellings are one entity
     assert (source.recipes, source.left_out, source.left_out_test) == (2, len(held_out) + 5, len(held_out))
     for tables, expected in zip(leaking.tables, without.tables, strict=True):
         assert all(torch.equal(table, other) for table, other in zip(tables, expected, strict=True))

@@ -233,7 +233,7 @@ def open_other_book(
         name=other.name,
         kind="book",
         sha256=other.hash,
-        coverage=sum(entity is not None for entity in own.values()) / max(graph.num_entities, 1),
+        coverage=len({*own.values()} - {None}) / max(graph.num_entities, 1),
         recipes=int((~shared).sum()),
         left_out=int(shared.sum()),
         left_out_test=int(is_in(rows, held_out, len(labels)).sum()),

@@ -171,19 +171,23 @@ def fetch_book(name: str) -> Path:
         raise FetchError(
             f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}"
         )
-    target = cache_folder() / book.file_name
-    if target.is_file() and sha256_of(target) == book.sha256:
+    return fetch_file(name, book.url, book.sha256, cache_folder() / book.file_name)
+
+
+def fetch_file(name: str, url: str, sha256: str, target: Path) -> Path:
+    """Download a published file with a pinned hash once to ``target``; FetchError if that fails."""
+    if target.is_file() and sha256_of(target) == sha256:
         return target
-    by_hand = f"Or place the file by hand: save {book.url} as {target}, or into the folder that {DATA_VARIABLE} names."
+    by_hand = f"Or place the file by hand: save {url} as {target}, or into the folder that {DATA_VARIABLE} names."
     try:
-        data = _downloaded(book.url)
+        data = _downloaded(url)
     except (OSError, HTTPException, ValueError) as error:
         reason = getattr(error, "reason", error)
         raise FetchError(f"could not download '{name}' ({reason}). Try again when online. {by_hand}") from None
-    sha256 = hashlib.sha256(data).hexdigest()
-    if sha256 != book.sha256:
+    downloaded = hashlib.sha256(data).hexdigest()
+    if downloaded != sha256:
         raise FetchError(
-            f"the download of '{name}' has SHA-256 {sha256[:12]}…, expected {book.sha256[:12]}…; not kept. {by_hand}"
+            f"the download of '{name}' has SHA-256 {downloaded[:12]}…, expected {sha256[:12]}…; not kept. {by_hand}"
         )
     target.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(target, data)

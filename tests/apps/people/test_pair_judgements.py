@@ -1,0 +1,97 @@
+"""People's judgements of single pairs; tests on the published file skip without it."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from wordcraft_kg.apps.people.pair_judgements import (
+    area_under_curve,
+    judged_recipes,
+    judgements_file,
+    read_judgements,
+    view_pairs,
+)
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
+from wordcraft_kg.graphs import RecipeGraph
+
+
+class Fixed:
+    """A scorer with given scores by pair and result."""
+
+    def __init__(self, scores, recipes=()):
+        self.values, self.recipes = scores, torch.tensor(recipes, dtype=torch.int32).reshape(-1, 3)
+
+    def score_recipes(self, a, b, results):
+        return torch.tensor([self.values[int(a), int(b)][int(result)] for result in results])
+
+
+@pytest.fixture
+def graph():
+    return RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d"), ("a", "a", "b")])
+
+
+@pytest.fixture
+def judgements(tmp_path, graph):
+    questions = [
+        (["b", "a"], "7", "d", ["d", "e", "a", "b"]),
+        (["a", "b"], "2", "b", ["a", "b", "c", "nowhere"]),
+        (["c", "b"], "5", "a", ["a", "b", "c", "nowhere"]),
+        (["a", "d"], "5", "c", ["a", "b", "c", "nowhere"]),
+        (["a", "nowhere"], "1", "c", ["a", "b", "c", "d"]),
+    ]
+    names = ("currentcombinationstring", "linkanswers", "elementanswers", "elementoptionsshuffeld")
+    person = dict(zip(names, zip(*questions, strict=True), strict=True))
+    path = tmp_path / "judgements.json"
+    path.write_text(json.dumps({"1": person}))
+    return read_judgements(path, graph)
+
+
+def test_people_and_a_scorer_answer_the_same_questions(graph, judgements):
+    scores = {(0, 1): [0, 1, 3, 2], (1, 2): [0, 0, 0, 1], (0, 3): [0, 2, 0, 0]}
+    view = view_pairs(judgements, graph, ("fixed", Fixed(scores)))
+    assert (view.pairs, view.recipes, view.judgements, view.questions) == (3, 2, 4, 2)
+    assert view.auc_people == (1 + 0 + 0.5) / 3  # ratings 7, 2, 5 of recipes against 5
+    assert view.right_people == 1 / 2
+    assert view.auc == 1 / 2  # best scores 3, 1 against 2
+    assert view.right == 1
+    assert view_pairs(judgements, graph).auc is None
+
+
+def test_a_scorer_that_knows_a_judged_pair_is_refused_and_its_recipes_are_listed(graph, judgements):
+    assert judged_recipes(judgements, graph) == [("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d")]
+    with pytest.raises(LeakError, match="1 judged pairs"):
+        view_pairs(judgements, graph, ("leaky", Fixed({}, [[1, 0, 3], [0, 0, 1]])))
+
+
+def test_the_area_is_the_share_of_ordered_cases():
+    rng = np.random.default_rng(0)
+    right, scores = rng.random(40) < 0.3, rng.integers(5, size=40)
+    pairs = [(one > two) + 0.5 * (one == two) for one in scores[right] for two in scores[~right]]
+    assert area_under_curve(right.tolist(), scores.tolist()) == pytest.approx(np.mean(pairs))
+
+
+def test_a_missing_changed_or_unfitting_file_is_refused(graph, tmp_path, monkeypatch, kitchen):
+    monkeypatch.setenv("WORDCRAFT_KG_DATA", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with pytest.raises(ArtefactError, match="--fetch"):
+        judgements_file()
+    path = tmp_path / "alchemy_pairs" / "validation_behavior.json"
+    path.parent.mkdir()
+    path.write_text("{}")
+    with pytest.raises(ArtefactError, match="SHA-256"):
+        judgements_file()
+    with pytest.raises(ConfigError, match="little-alchemy-2"):
+        read_judgements(path, kitchen)
+
+
+def test_published_judgements_give_the_figures_of_the_guide(alchemy):
+    try:
+        path = judgements_file()
+    except ArtefactError:
+        pytest.skip("the published judgements are not on this machine")
+    view = view_pairs(read_judgements(path, alchemy), alchemy)
+    assert (view.pairs, view.recipes, view.judgements, view.questions) == (832, 359, 1949, 178)
+    assert view.auc_people == pytest.approx(0.588, abs=5e-4)
+    assert view.right_people == pytest.approx(0.607, abs=5e-4)

@@ -89,8 +89,9 @@ def reports():
 def maps():
     from wordcraft_kg.apps.explorer.pages.map import map_of, view_map
 
-    drawn = map_of(open_graph("kitchen").graph)
-    print(drawn.places.tolist(), view_map(drawn, "bread"))
+    graph = open_graph("kitchen").graph
+    drawn = map_of(graph)
+    print(drawn, view_map(graph, drawn, "bread"))
 
 
 MAKERS = {

@@ -102,12 +102,12 @@ def read_judgements(path: Path, graph: RecipeGraph) -> list[Judgement]:
                 a, b = sorted(ids[label] for label in pair)
                 judgements.append(Judgement((a, b), int(rating), answer, tuple(options)))
     if not judgements:
-        raise ConfigError(f"{graph.name} has none of the judged pairs; expected little-alchemy-2.")
+        raise ConfigError(f"{graph.name} has none of the rated pairs; expected little-alchemy-2.")
     return judgements
 
 
 def judged_recipes(judgements: Sequence[Judgement], graph: RecipeGraph) -> list[tuple[str, str, str]]:
-    """Return the graph's recipes of judged pairs, as labels: a model that is judged must not know them."""
+    """Return the graph's recipes of rated pairs, as labels: a model that is judged must not know them."""
     pairs = {judgement.pair for judgement in judgements}
     rows = [row for row in graph.recipes.tolist() if (min(row[:2]), max(row[:2])) in pairs]
     return [(graph.entities[a], graph.entities[b], graph.entities[result]) for a, b, result in rows]
@@ -141,7 +141,7 @@ def view_pairs(
     known = {(min(a, b), max(a, b)) for a, b, _ in scorer.recipes.tolist()} & {*pairs}
     if known:
         raise LeakError(
-            f"{name} was trained on recipes of {len(known)} judged pairs. Write these recipes with --recipes FILE, and "
+            f"{name} was trained on recipes of {len(known)} rated pairs. Write these recipes with --recipes FILE, and "
             f"train again: wordcraft-kg train-recipes {graph.name} --kg full --without FILE"
         )
     entities = torch.arange(graph.num_entities)

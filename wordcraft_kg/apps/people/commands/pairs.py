@@ -8,8 +8,8 @@ from wordcraft_kg.cli.options import Graph
 
 GROUP = "Tasks and play"
 EXAMPLES = (
-    "wordcraft-kg people pairs --fetch --recipes judged.csv",
-    "wordcraft-kg train-recipes little-alchemy-2 --kg full --without judged.csv --out models/unjudged",
+    "wordcraft-kg people pairs --fetch --recipes rated.csv",
+    "wordcraft-kg train-recipes little-alchemy-2 --kg full --without rated.csv --out models/unjudged",
     "wordcraft-kg people pairs --model models/unjudged",
 )
 
@@ -26,8 +26,8 @@ def people_pairs(
     """Compare a recipe scorer with people's published judgements of single pairs of Little Alchemy 2.
 
     Args:
-        model: model folder of train-recipes for this graph, trained without the recipes of judged pairs.
-        recipes: CSV file to write with the recipes of judged pairs, for train-recipes --without.
+        model: model folder of train-recipes for this graph, trained without the recipes of rated pairs.
+        recipes: CSV file to write with the recipes of rated pairs, for train-recipes --without.
         fetch: download the judgements into the cache; the SHA-256 is checked.
         force: replace an existing file.
     """

@@ -61,7 +61,7 @@ def test_people_and_a_scorer_answer_the_same_questions(graph, judgements):
 
 def test_a_scorer_that_knows_a_judged_pair_is_refused_and_its_recipes_are_listed(graph, judgements):
     assert judged_recipes(judgements, graph) == [("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d")]
-    with pytest.raises(LeakError, match="1 judged pairs"):
+    with pytest.raises(LeakError, match="1 rated pairs"):
         view_pairs(judgements, graph, ("leaky", Fixed({}, [[1, 0, 3], [0, 0, 1]])))
 
 

@@ -247,7 +247,6 @@ def test_a_split_of_another_graph_is_refused(kitchen):
         ({"hash": "0"}, "its content does not match its hash"),
         ({"valid": None}, r"split\.json is damaged \(KeyError: 'valid'\)\. Build the graph again"),
     ],
-    ids=repr,
 )
 def test_a_damaged_split_is_refused(kitchen, change, message):
     content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json()))

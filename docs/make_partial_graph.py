@@ -212,9 +212,11 @@ def mark(x: float, y: float, interval: tuple[float, float], colour: str) -> list
 
 def depth_panel(rows: list[Row], split: str, x0: float, y0: float, scale: float, left: float) -> list[str]:
     """Return a panel of success by depth with 4 distractors: a line for each depth, a mark for each player."""
+    book = "Little Alchemy 2"
+    rows = [row for row in rows if (BOOKS[row["book"]], row["split"], row["policy"]) == (book, split, "any")]
     parts = [
         f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">'
-        f"Little Alchemy 2, {split}, 4 distractors, by depth</text>"
+        f"{book}, {split}, 4 distractors, by depth</text>"
     ]
     for tick in (0, 0.25, 0.5, 0.75, 1):
         x = x0 + left + scale * tick
@@ -224,8 +226,8 @@ def depth_panel(rows: list[Row], split: str, x0: float, y0: float, scale: float,
         y = y0 + 12 + 28 * depth
         parts.append(f'<text x="{x0 + left - 24}" y="{y + 4}" text-anchor="end" fill="#1b1f24">depth {depth}</text>')
         for player, colour in DEPTHS.items():
-            key = split, depth, player, 4
-            same = [r["success"] for r in rows if (r["split"], r["depth"], r["player"], r["distractors"]) == key]
+            key = depth, player, 4
+            same = [row["success"] for row in rows if (row["depth"], row["player"], row["distractors"]) == key]
             low, high = (student_interval(same) if len(same) > 1 else None) or (_mean(same), _mean(same))
             x, ends = x0 + left + scale * _mean(same), (max(low, 0), min(high, 1))
             parts += mark(x, y, (x0 + left + scale * ends[0], x0 + left + scale * ends[1]), colour)

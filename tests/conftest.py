@@ -6,7 +6,7 @@ import logging
 import os
 import signal
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from hypothesis import settings
 
 from wordcraft_kg.cli import main
 from wordcraft_kg.cli.failures import Failure
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, open_book, open_graph
+from wordcraft_kg.graphs import RecipeGraph, open_book, open_graph
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES
 
@@ -47,7 +47,7 @@ class Outcome:
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marker
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Mark the tests that use the fixture `chromium`."""
     for item in items:
         if "chromium" in getattr(item, "fixturenames", ()):
@@ -55,13 +55,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def interruptible() -> None:
+def interruptible():
     """Let Ctrl-C raise: a shell starts its background jobs with the signal ignored."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_core() -> Iterator[None]:
+def one_core():
     """Use one thread: two are slower on tensors this small, and give other last bits; and train folds one by one."""
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
@@ -71,14 +71,14 @@ def one_core() -> Iterator[None]:
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
+def run(capsys, monkeypatch):
     """Run a command of the command line in this process."""
     monkeypatch.setenv("COLUMNS", "1000")
-    failures: list[Failure] = []
+    failures = []
     show = Failure.show
     monkeypatch.setattr(Failure, "show", lambda failure, output: failures.append(failure) or show(failure, output))
 
-    def run(*arguments: object) -> Outcome:
+    def run(*arguments):
         capsys.readouterr()
         failures.clear()
         collection = gc.get_threshold()
@@ -95,7 +95,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.fixture
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def home(tmp_path, monkeypatch):
     """Give the test an empty cache of its own and no data folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv(DATA_VARIABLE, raising=False)
@@ -103,30 +103,30 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture(scope="session")
-def kitchen() -> RecipeGraph:
+def kitchen():
     return RecipeGraph.from_book(open_book("kitchen"))
 
 
 @pytest.fixture(scope="session")
-def opened_kitchen() -> OpenedGraph:
+def opened_kitchen():
     """The kitchen with its default split, 80 % train and no validation part."""
     return open_graph("kitchen")
 
 
 @pytest.fixture(scope="session")
-def opened(opened_kitchen: OpenedGraph) -> OpenedGraph:
+def opened(opened_kitchen):
     """The kitchen, in files that open no other graph."""
     return opened_kitchen
 
 
 @pytest.fixture(scope="session")
-def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+def made_once(tmp_path_factory):
     """Make a folder once for all processes of this test session: `made_once(name, make)`; read only."""
     root = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         root = root.parent
 
-    def made_once(name: str, make: Callable[[Path], object]) -> Path:
+    def made_once(name, make):
         folder, done = root / "shared" / name, root / "shared" / f"{name}.done"
         folder.parent.mkdir(parents=True, exist_ok=True)
         with folder.with_name(f"{folder.name}.lock").open("w") as lock:
@@ -140,18 +140,18 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
 
 
 @pytest.fixture(scope="session")
-def parted_folder(made_once: MadeOnce) -> Path:
+def parted_folder(made_once):
     """A graph folder of the kitchen with a validation part; read only."""
     return made_once("parted/kitchen", lambda out: write_graph(out, train_ratio=0.7, valid_ratio=0.15))
 
 
 @pytest.fixture(scope="session")
-def parted_kitchen(parted_folder: Path) -> OpenedGraph:
+def parted_kitchen(parted_folder):
     return open_graph(parted_folder)
 
 
 @pytest.fixture(scope="session")
-def recipes_folder(made_once: MadeOnce) -> Path:
+def recipes_folder(made_once):
     """A recipe scorer of the kitchen with three folds; read only."""
     from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
     from wordcraft_kg.models.recipes.training import train_recipes
@@ -161,7 +161,7 @@ def recipes_folder(made_once: MadeOnce) -> Path:
 
 
 @pytest.fixture(scope="session")
-def alchemy_path() -> Path:
+def alchemy_path():
     path = Path(DATA_FOLDER or "") / OFFICIAL_FILE
     if not DATA_FOLDER or not path.is_file():
         pytest.skip(f"needs Little Alchemy 2: set {DATA_VARIABLE} to a folder that holds {OFFICIAL_FILE}")
@@ -169,13 +169,13 @@ def alchemy_path() -> Path:
 
 
 @pytest.fixture
-def alchemy_home(home: Path, alchemy_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def alchemy_home(home, alchemy_path, monkeypatch):
     """Make the real Little Alchemy 2 known by name, from the data folder only."""
     monkeypatch.setenv(DATA_VARIABLE, str(alchemy_path.parent))
     return home
 
 
 @pytest.fixture(scope="session")
-def alchemy(alchemy_path: Path) -> RecipeGraph:
+def alchemy(alchemy_path):
     """Little Alchemy 2 with its five base entities."""
     return RecipeGraph.from_book(open_book(alchemy_path), ["air", "earth", "fire", "time", "water"])

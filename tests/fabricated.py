@@ -2,7 +2,7 @@
 
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.results import RunResult, StudyResults
-from wordcraft_kg.studies.study import Drawing, Study, Values
+from wordcraft_kg.studies.study import Study
 
 NO_GRAPH = ["00000", "50000", "05000", "00500", "55000"]
 GUIDED = ["55500", "55550", "55055", "05555", "55555"]
@@ -10,16 +10,8 @@ GUIDED = ["55500", "55550", "55055", "05555", "55555"]
 
 
 def fabricate(
-    won: dict[str, list[str]] | list[tuple[Values, dict[str, list[str]]]],
-    *,
-    distractor_seeds: int = 5,
-    mrr: dict[str, float] | None = None,
-    curves: dict[str, list[list[tuple[int, float]]]] | None = None,
-    settings: dict[str, Values] | None = None,
-    drawing: Drawing = "curves",
-    reference: str = "",
-    title: str = "Made up",
-) -> StudyResults:
+    won, *, distractor_seeds=5, mrr=None, curves=None, settings=None, drawing="curves", reference="", title="Made up"
+):
     """Return results of a study: ``won`` has a string of digits for each seed of each variant."""
     points = won if isinstance(won, list) else [({}, won)]
     variants = {name: (settings or {}).get(name, {}) for _, cells in points for name in cells}
@@ -56,7 +48,7 @@ def fabricate(
     )
 
 
-def three_train_fractions() -> StudyResults:
+def three_train_fractions():
     """Return results of three shares of the recipes, with scores out of sample (folds) and in-sample (memory)."""
     rows = {0.2: ["50000", "50000"], 0.5: ["55000", "55500"], 1.0: ["55500", "55550"]}
     points = [

@@ -1,11 +1,9 @@
 """Resume a run as a program does: train into the folder again with the recorded settings."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 
-def resume(folder: Path, *, graph: str | None = None, **options: Any) -> Any:
+def resume(folder, *, graph=None, **options):
     """Train into a run folder again; ``graph`` is the present path of a moved graph."""
     from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import train_agent

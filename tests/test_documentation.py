@@ -64,7 +64,7 @@ def test_the_python_of_a_page_runs_as_printed(page, world, tmp_path, monkeypatch
     shutil.copytree(world, tmp_path / "world")
     monkeypatch.chdir(tmp_path / "world")
     assert blocks(page)
-    names: dict[str, object] = {"__name__": "page"}
+    names = {"__name__": "page"}
     for block in blocks(page):
         if "pipeline(" not in block:  # minutes; PyKEEN's pipeline has tests of its own
             exec(compile(block, page, "exec"), names)

@@ -46,7 +46,7 @@ def test_the_example_of_every_public_name_does_what_it_says(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
     for example in examples():
-        said: list[str] = []
+        said = []
         assert runner.run(example, out=said.append).failed == 0, "".join(said)
 
 

@@ -313,7 +313,7 @@ def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_go
 def test_where_every_model_was_trained_on_a_plan_it_is_marked_as_in_sample(opened, scorer, explaining):
     explainer, graph = explaining("recipes", "train"), opened.graph
     world = explainer.world
-    by_goal: dict[int, dict[int, list[int]]] = {}
+    by_goal = {}
     for row, (_, _, goal) in enumerate(graph.recipes.tolist()):
         if scorer.of_recipe[row] >= 0:
             by_goal.setdefault(goal, {}).setdefault(int(scorer.of_recipe[row]), []).append(row)

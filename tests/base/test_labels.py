@@ -38,23 +38,23 @@ PAIRS = {
 MADE = [("water + wood = boat", (0, 5)), ("water & wood -> boat", (0, 5))]
 
 
-def each(ways: dict) -> list[tuple]:
+def each(ways):
     """Return each way of writing with its meaning."""
     return [(written, meant) for meant, texts in ways.items() for written in texts]
 
 
 @pytest.mark.parametrize(("written", "label"), each(WAYS))
-def test_a_label_is_meant_by_its_number_its_word_or_the_beginning_of_one(written: str, label: str):
+def test_a_label_is_meant_by_its_number_its_word_or_the_beginning_of_one(written, label):
     assert TABLE[read_label(written, TABLE)] == label
 
 
 @pytest.mark.parametrize(("written", "label"), each(FORGIVEN))
-def test_articles_plurals_and_hyphens_are_forgiven(written: str, label: str):
+def test_articles_plurals_and_hyphens_are_forgiven(written, label):
     assert PANTRY[read_label(written, PANTRY)] == label
 
 
 @pytest.mark.parametrize("written", ["0", "-1", "8", "01", "²", "9" * 5_000, "1.0", "x" * 100, "\ufffd", "watr"])
-def test_what_is_not_there_is_answered_with_what_is_expected(written: str):
+def test_what_is_not_there_is_answered_with_what_is_expected(written):
     with pytest.raises(ActionError, match="expected 1 to 7, an item name, or the start of a name") as error:
         read_label(written, TABLE)
     assert len(str(error.value)) < 160
@@ -72,7 +72,7 @@ def test_nothing_is_not_the_beginning_of_every_word():
 @pytest.mark.parametrize(
     ("written", "expected"), [("wat", "water (1), watch (2)"), ("FIRE", "Fire (3), fire (4)"), ("w", "water (1)")]
 )
-def test_an_ambiguous_word_is_answered_with_the_choices(written: str, expected: str):
+def test_an_ambiguous_word_is_answered_with_the_choices(written, expected):
     with pytest.raises(ActionError) as error:
         read_label(written, TABLE)
     assert expected in str(error.value)
@@ -91,7 +91,7 @@ def test_numbers_can_be_switched_off():
 
 
 @pytest.mark.parametrize(("written", "pair"), [*each(PAIRS), *MADE])
-def test_a_pair_is_written_in_many_ways(written: str, pair: tuple[int, int]):
+def test_a_pair_is_written_in_many_ways(written, pair):
     assert read_pair(written, TABLE) == pair
 
 
@@ -104,7 +104,7 @@ AND = {
 
 
 @pytest.mark.parametrize(("written", "pair"), each(AND))
-def test_a_label_may_hold_what_stands_between_two(written: str, pair: tuple[str, str]):
+def test_a_label_may_hold_what_stands_between_two(written, pair):
     one, other = read_pair(written, PANTRY)
     assert (PANTRY[one], PANTRY[other]) == pair
 
@@ -129,7 +129,7 @@ def test_what_could_be_several_pairs_is_refused_with_all():
         ("x" * 2_000, "2,000 characters: expected two items"),
     ],
 )
-def test_what_is_no_pair_is_answered_with_what_is_expected(written: str, said: str):
+def test_what_is_no_pair_is_answered_with_what_is_expected(written, said):
     with pytest.raises(ActionError, match=said) as error:
         read_pair(written, TABLE)
     assert len(str(error.value)) < 200
@@ -158,12 +158,12 @@ LINES = {
 
 
 @pytest.mark.parametrize(("message", "line"), each(LINES))
-def test_the_last_line_of_a_message_counts(message: str, line: str):
+def test_the_last_line_of_a_message_counts(message, line):
     assert last_line(message) == line
 
 
 @pytest.mark.parametrize("book", ["everyday", "kitchen"])
-def test_every_label_of_a_book_means_itself_in_every_case_and_with_an_article(book: str):
+def test_every_label_of_a_book_means_itself_in_every_case_and_with_an_article(book):
     labels = sorted({label for recipe in open_book(book).recipes for label in recipe})
     for place in range(0, len(labels), 7):
         label = labels[place]
@@ -176,7 +176,7 @@ LABELS = st.lists(LABEL, min_size=1, max_size=6, unique=True)
 
 
 @given(LABELS, st.data())
-def test_a_label_always_means_itself_and_two_numbers_always_mean_their_pair(labels: list[str], data: st.DataObject):
+def test_a_label_always_means_itself_and_two_numbers_always_mean_their_pair(labels, data):
     place = data.draw(st.integers(0, len(labels) - 1))
     other = data.draw(st.integers(0, len(labels) - 1))
     assert read_label(labels[place], labels) == place
@@ -184,7 +184,7 @@ def test_a_label_always_means_itself_and_two_numbers_always_mean_their_pair(labe
 
 
 @given(st.text(max_size=50), LABELS)
-def test_any_text_is_read_or_refused(written: str, labels: list[str]):
+def test_any_text_is_read_or_refused(written, labels):
     for read in (read_label, read_pair):
         try:
             found = read(written, labels)

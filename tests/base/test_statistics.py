@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -25,7 +24,7 @@ from wordcraft_kg.base.statistics import (
 TASKS = np.array([[1, 1, 0], [0, 0, 0], [1, 1, 1], [1, 1, 1]])
 
 
-def assert_between_quantiles(bounds: tuple[float, float], values: Sequence[float]):
+def assert_between_quantiles(bounds, values):
     """Bounds of 20,000 draws lie between the exact quantiles of slightly lower and higher probability."""
     for bound, p in zip(bounds, (0.025, 0.975), strict=True):
         low, high = np.quantile(values, [p - 0.01, p + 0.01])
@@ -33,7 +32,7 @@ def assert_between_quantiles(bounds: tuple[float, float], values: Sequence[float
 
 
 def test_intervals_are_repeatable_follow_the_seed_and_leave_the_global_generator_alone():
-    def bounds(seed: int) -> list:
+    def bounds(seed):
         return [
             crossed_bootstrap(np.random.default_rng(0).random((5, 7)), draws=200, seed=seed),
             task_bootstrap(np.random.default_rng(0).integers(0, 2, (50, 7)), draws=200, seed=seed),
@@ -55,13 +54,13 @@ def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_tasks():
 
 
 @pytest.mark.parametrize("attempts", [1, 3])
-def test_rates_of_0_and_1_have_the_interval_of_wilson_over_tasks(attempts: int):
+def test_rates_of_0_and_1_have_the_interval_of_wilson_over_tasks(attempts):
     assert task_bootstrap(np.zeros((30, attempts))) == wilson_interval(0, 30)
     assert task_bootstrap(np.ones((30, attempts))) == wilson_interval(30, 30)
     assert task_bootstrap([[0, 1], [1, 0]]) == pytest.approx(wilson_interval(1, 2))
 
 
-def successes(rng: np.random.Generator) -> np.ndarray:
+def successes(rng):
     return rng.random((60, 8)) < rng.beta(0.5, 0.5, (60, 1))  # mostly always or never solved
 
 
@@ -75,9 +74,7 @@ COVERAGE = {
 
 
 @pytest.mark.parametrize(("times", "truth", "bounds_of", "low", "high"), COVERAGE.values(), ids=COVERAGE)
-def test_intervals_of_fresh_scores_hold_the_truth_as_often_as_they_say(
-    times: int, truth: float, bounds_of: Callable, low: float, high: float
-):
+def test_intervals_of_fresh_scores_hold_the_truth_as_often_as_they_say(times, truth, bounds_of, low, high):
     rng = np.random.default_rng(0)
     bounds = [bounds_of(rng) for _ in range(times)]
     assert low < sum(left <= truth <= right for left, right in bounds) / times < high
@@ -95,7 +92,7 @@ def test_intervals_of_fresh_scores_hold_the_truth_as_often_as_they_say(
         (None, "scores"),
     ],
 )
-def test_scores_that_cannot_be_summed_up_are_refused(scores, message: str):
+def test_scores_that_cannot_be_summed_up_are_refused(scores, message):
     with pytest.raises(ConfigError, match=message):
         student_interval(scores)
     with pytest.raises(ConfigError, match=message.replace("scores", "successes")):
@@ -112,12 +109,12 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("call", "arguments", "message"), REFUSED)
-def test_tables_of_another_shape_or_content_are_refused(call: Callable, arguments: tuple, message: str):
+def test_tables_of_another_shape_or_content_are_refused(call, arguments, message):
     with pytest.raises(ConfigError, match=message):
         call(*arguments)
 
 
-def test_a_paired_difference_is_narrower_than_two_intervals_where_tasks_are_hard_for_both() -> None:
+def test_a_paired_difference_is_narrower_than_two_intervals_where_tasks_are_hard_for_both():
     rng = np.random.default_rng(0)
     hard = rng.random((400, 1))
     x, y = rng.random((400, 5)) < hard, rng.random((400, 5)) < hard - 0.05
@@ -128,7 +125,7 @@ def test_a_paired_difference_is_narrower_than_two_intervals_where_tasks_are_hard
     assert high - low < 0.8 * min(widths)
 
 
-def test_a_paired_difference_is_that_of_a_slow_bootstrap() -> None:
+def test_a_paired_difference_is_that_of_a_slow_bootstrap():
     rng = np.random.default_rng(1)
     x, y = rng.random((30, 3)) < 0.6, rng.random((30, 2)) < 0.4
     slow = []
@@ -139,14 +136,14 @@ def test_a_paired_difference_is_that_of_a_slow_bootstrap() -> None:
     assert [low, high] == pytest.approx(np.quantile(slow, [0.025, 0.975]), abs=0.015)
 
 
-def all_crossed_means(table: np.ndarray) -> list[float]:
+def all_crossed_means(table):
     """The mean of every table made of rows and columns drawn with replacement."""
     rows, columns = (list(itertools.product(range(size), repeat=size)) for size in table.shape)
     return [float(np.mean(table[np.ix_(r, c)])) for r in rows for c in columns]
 
 
 @pytest.mark.parametrize("transposed", [False, True])
-def test_crossed_bootstrap_draws_rows_and_columns(transposed: bool) -> None:
+def test_crossed_bootstrap_draws_rows_and_columns(transposed):
     table = np.array([[0.1, 0.2, 0.1], [0.8, 0.9, 1.0], [0.4, 0.6, 0.5]])
     table = table.T if transposed else table
     means = all_crossed_means(table)
@@ -154,19 +151,19 @@ def test_crossed_bootstrap_draws_rows_and_columns(transposed: bool) -> None:
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 10**6])
-def test_crossed_bootstrap_does_not_depend_on_the_chunk(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_crossed_bootstrap_does_not_depend_on_the_chunk(chunk, monkeypatch):
     table = np.random.default_rng(0).random((4, 30))
     expected = crossed_bootstrap(table)
     monkeypatch.setattr("wordcraft_kg.base.statistics.CHUNK", chunk * 30)
     assert crossed_bootstrap(table) == pytest.approx(expected, abs=0.02)
 
 
-def test_crossed_bootstrap_of_one_seed_is_that_of_its_tasks() -> None:
+def test_crossed_bootstrap_of_one_seed_is_that_of_its_tasks():
     table = np.random.default_rng(0).integers(0, 2, (60, 1))
     assert crossed_bootstrap(table.T, draws=20_000) == pytest.approx(task_bootstrap(table, draws=20_000), abs=0.01)
 
 
-def test_an_interval_over_seeds_and_tasks_covers_other_seeds_and_tasks() -> None:
+def test_an_interval_over_seeds_and_tasks_covers_other_seeds_and_tasks():
     rng = np.random.default_rng(0)
     hits = np.zeros(2)
     for number in range(200):
@@ -178,7 +175,7 @@ def test_an_interval_over_seeds_and_tasks_covers_other_seeds_and_tasks() -> None
     assert tasks < crossed
 
 
-def test_resampled_means_keep_rows_together() -> None:
+def test_resampled_means_keep_rows_together():
     drawn = resampled_means([[0.0, 10.0], [1.0, 11.0], [2.0, 12.0]], draws=500)
     assert drawn.shape == (500, 2)
     np.testing.assert_allclose(drawn[:, 1] - drawn[:, 0], 10)
@@ -186,7 +183,7 @@ def test_resampled_means_keep_rows_together() -> None:
     assert {round(value, 9) for value in drawn[:, 0]} == possible
 
 
-def test_a_p_value_is_that_of_the_interval_it_is_made_from() -> None:
+def test_a_p_value_is_that_of_the_interval_it_is_made_from():
     assert interval_p_value(1.0, (0.0, 2.0)) == pytest.approx(0.05)
     assert interval_p_value(-1.0, (-2.0, 0.0)) == pytest.approx(0.05)
     assert interval_p_value(2.0, (1.0, 3.0)) == pytest.approx(math.erfc(2 * 1.959964 / math.sqrt(2)), rel=1e-4)
@@ -195,7 +192,7 @@ def test_a_p_value_is_that_of_the_interval_it_is_made_from() -> None:
     assert interval_p_value(0.0, (0.0, 0.0)) == 1.0
 
 
-def test_p_values_of_no_difference_are_even_enough() -> None:
+def test_p_values_of_no_difference_are_even_enough():
     rng = np.random.default_rng(0)
     values = []
     for seed in range(300):
@@ -204,7 +201,7 @@ def test_p_values_of_no_difference_are_even_enough() -> None:
     assert 0.02 < np.mean(np.array(values) < 0.05) < 0.1
 
 
-def test_holm_corrects_the_smallest_most() -> None:
+def test_holm_corrects_the_smallest_most():
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.6, 0.9]) == [1.0, 1.0]
     assert holm([]) == []
@@ -213,14 +210,14 @@ def test_holm_corrects_the_smallest_most() -> None:
 
 
 @given(st.lists(st.floats(0, 1), max_size=8))
-def test_holm_is_never_stricter_than_bonferroni_and_keeps_the_order(values: list[float]) -> None:
+def test_holm_is_never_stricter_than_bonferroni_and_keeps_the_order(values):
     corrected = holm(values)
     assert all(p <= q <= min(1.0, len(values) * p) + 1e-12 for p, q in zip(values, corrected, strict=True))
     assert [corrected[i] for i in np.argsort(values, kind="stable")] == sorted(corrected)
 
 
 @pytest.mark.parametrize("kind", ["pearson", "spearman"])
-def test_correlation_is_scipys_and_resamples_whole_cells(kind: str) -> None:
+def test_correlation_is_scipys_and_resamples_whole_cells(kind):
     import scipy.stats
 
     x, y = [0.1, 0.4, 0.5, 0.9], [2.0, 1.0, 5.0, 5.0]
@@ -232,7 +229,7 @@ def test_correlation_is_scipys_and_resamples_whole_cells(kind: str) -> None:
     assert_between_quantiles((low, high), values)
 
 
-def test_correlation_needs_three_cells_that_vary() -> None:
+def test_correlation_needs_three_cells_that_vary():
     assert correlation([1, 2], [1, 2]) is None
     assert correlation([1, 1, 1], [1, 2, 3]) is None
     with pytest.raises(ConfigError, match="one number for each cell"):

@@ -16,7 +16,7 @@ from .home import make_home
 PARTS = {"books": books.trial, "artefacts": artefacts.trial, "values": values.trial}
 
 
-def run_case(part: str, number: int, home: Path, *, is_shown: bool = False) -> list[str]:
+def run_case(part, number, home, *, is_shown=False):
     """Run a case in a sandbox of its own and return its faults; show the answers of its commands before, if asked."""
     if is_shown:
         with tempfile.TemporaryDirectory() as folder:
@@ -28,7 +28,7 @@ def run_case(part: str, number: int, home: Path, *, is_shown: bool = False) -> l
         return [f"{part}:{number}: {problem}" for problem in problems_of(trial, Path(folder))]
 
 
-def main() -> int:
+def main():
     """Run what is asked for and return 1 if anything is wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--books", type=int, default=0, help="number of books")
@@ -45,7 +45,7 @@ def main() -> int:
     if given.replay:
         part, _, number = given.replay.partition(":")
         cases = [(part, int(number))]
-    kinds: Counter[str] = Counter()
+    kinds = Counter()
     with tempfile.TemporaryDirectory() as folder:
         home = make_home(Path(folder))
         for done, (part, number) in enumerate(cases, 1):

@@ -4,10 +4,7 @@ import json
 import os
 import random
 import shutil
-from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 from .harness import CONTINUED, IN, Trial
 from .home import copied, linked, mended, records_of
@@ -69,7 +66,7 @@ READERS = {
 """By kind of folder: the commands that read it; ``{}`` is the spoilt one."""
 
 
-def trial(number: int, home: Path, sandbox: Path) -> Trial:
+def trial(number, home, sandbox):
     """Spoil a copy of an artefact and choose two commands that read it."""
     rng = random.Random(f"artefacts {number}")
     (sandbox / IN).mkdir()
@@ -99,11 +96,11 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
     return Trial("; ".join(done), commands, may_be_interrupted=goes_on or any("--config" in one for one in chosen))
 
 
-def _spoil(path: Path, home: Path, rng: random.Random) -> str:
+def _spoil(path, home, rng):
     if rng.random() < 0.2:
         return _replace(path, home, rng)
     data = path.read_bytes()
-    by_kind: dict[str, Callable[[bytes, random.Random], tuple[str, bytes]]] = {
+    by_kind = {
         **{".json": _of_json, ".jsonl": _of_json_lines, ".toml": _of_toml, ".safetensors": _of_tensors},
         **dict.fromkeys((".tsv", ".csv"), _of_text),
     }
@@ -116,11 +113,11 @@ def _spoil(path: Path, home: Path, rng: random.Random) -> str:
     return what
 
 
-def _replace(path: Path, home: Path, rng: random.Random) -> str:
+def _replace(path, home, rng):
     """Put something else in the place of a file."""
     others = sorted(other for other in home.rglob("*") if other.is_file())
     other = rng.choice([one for one in others if one.suffix == path.suffix] if rng.random() < 0.6 else others)
-    ways: dict[str, Callable[[], Any]] = {
+    ways = {
         "/dev/zero": lambda: path.symlink_to("/dev/zero"),
         "/dev/null": lambda: path.symlink_to("/dev/null"),
         "a pipe": lambda: os.mkfifo(path),
@@ -139,24 +136,24 @@ def _replace(path: Path, home: Path, rng: random.Random) -> str:
     return f"{way} in its place"
 
 
-def _of_json(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+def _of_json(data, rng):
     what, value = spoilt_value(json.loads(data), rng)
     return what, as_json(value)
 
 
-def _of_text(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+def _of_text(data, rng):
     what, text = spoilt_lines(data.decode(), rng)
     return what, text.encode("utf-8", "replace")
 
 
-def _of_json_lines(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+def _of_json_lines(data, rng):
     lines = data.split(b"\n")
     at = rng.randrange(len(lines))
     what, value = spoilt_value(json.loads(lines[at] or b"0"), rng)
     return f"line {at + 1}: {what}", b"\n".join([*lines[:at], as_json(value), *lines[at + 1 :]])
 
 
-def _of_toml(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+def _of_toml(data, rng):
     lines = data.decode().split("\n")
     at = rng.randrange(len(lines))
     key, equals, _ = lines[at].partition(" = ")
@@ -169,7 +166,7 @@ def _of_toml(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     return f"{lines[at]} -> {new}"[:200], "\n".join([*lines[:at], *new, *lines[at + 1 :]]).encode("utf-8", "replace")
 
 
-def _of_tensors(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+def _of_tensors(data, rng):
     import safetensors.torch
     import torch
 
@@ -182,7 +179,7 @@ def _of_tensors(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     flat = tensor.flatten().clone()
     if flat.is_floating_point() and len(flat):
         flat[rng.randrange(len(flat))] = rng.choice((float("nan"), float("inf"), -float("inf"), 3e38))
-    ways: dict[str, Callable[[], dict[str, torch.Tensor]]] = {
+    ways = {
         "gone": lambda: {key: value for key, value in tensors.items() if key != name},
         "not finite": lambda: {**tensors, name: flat.reshape(tensor.shape)},
         "all not finite": lambda: {**tensors, name: torch.full_like(tensor, 1, dtype=torch.float32) / 0},
@@ -202,7 +199,7 @@ def _of_tensors(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     return f"{name} {way}", safetensors.torch.save(ways[way]())
 
 
-def _mend(folder: Path, name: str) -> None:
+def _mend(folder, name):
     """Make the records agree with a file as far as they can still be read."""
     try:
         if name == "graph.json":
@@ -213,7 +210,7 @@ def _mend(folder: Path, name: str) -> None:
         return
 
 
-def _mend_graph(folder: Path) -> None:
+def _mend_graph(folder):
     from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
     from wordcraft_kg.graphs.book_files import read_book
 

@@ -5,10 +5,8 @@ import io
 import json
 import random
 from functools import cache
-from pathlib import Path
-from typing import Any
 
-from wordcraft_kg.graphs import SPLITS, RecipeBook, open_book
+from wordcraft_kg.graphs import SPLITS, open_book
 from wordcraft_kg.graphs.book_files import CSV_HEADER
 from wordcraft_kg.graphs.export import EXPORTERS
 
@@ -20,7 +18,7 @@ Row = tuple[str, str, str]
 ENDINGS = {".csv": ",", ".tsv": "\t", ".json": ""}
 
 
-def trial(number: int, home: Path, sandbox: Path) -> Trial:
+def trial(number, home, sandbox):
     """Write a book into the sandbox and choose what is done with it."""
     rng = random.Random(f"books {number}")
     ending = rng.choice((".csv", ".csv", ".tsv", ".json", ".json"))
@@ -33,7 +31,7 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
     return Trial(f"{ending} of {len(rows)} recipes; {oddities}; {what}", _commands(f"{IN}/book{ending}", rng))
 
 
-def _commands(book: str, rng: random.Random) -> tuple[tuple[str, ...], ...]:
+def _commands(book, rng):
     build = ["build-graph", book, "--out", "out-graph", "--quiet"]
     if rng.random() < 0.6:
         build += ["--split", rng.choice(list(SPLITS)), f"--seed={rng.randrange(9)}"]
@@ -48,9 +46,9 @@ def _commands(book: str, rng: random.Random) -> tuple[tuple[str, ...], ...]:
     return (("check-book", book, *json_too), (*build, *json_too), *exports, ("describe", "out-graph", *json_too))
 
 
-def _rows(rng: random.Random) -> tuple[list[Row], str]:
+def _rows(rng):
     """Return some recipes, in most cases with odd labels among them."""
-    rows: list[Row] = [tuple(recipe) for recipe in _kitchen().recipes]
+    rows = [tuple(recipe) for recipe in _kitchen().recipes]
     rows = rng.sample(rows, rng.choice((1, 2, 5, 20, 60, len(rows))))
     oddities = []
     for _ in range(rng.choice((0, 0, 1, 3))):
@@ -71,11 +69,11 @@ def _rows(rng: random.Random) -> tuple[list[Row], str]:
 
 
 @cache
-def _kitchen() -> RecipeBook:
+def _kitchen():
     return open_book("kitchen")
 
 
-def _written(rows: list[Row], ending: str, rng: random.Random) -> Any:
+def _written(rows, ending, rng):
     """Return a book as text, or as the value of a JSON file in one of its two layouts."""
     labels = sorted({label for row in rows for label in row})
     if ending != ".json":
@@ -90,7 +88,7 @@ def _written(rows: list[Row], ending: str, rng: random.Random) -> Any:
     return {"format": "wordcraft-kg recipe book 1", "name": "x", "base": base, "entities": labels, "recipes": rows}
 
 
-def _spoilt(book: Any, ending: str, rng: random.Random) -> tuple[str, bytes]:
+def _spoilt(book, ending, rng):
     done = []
     for _ in range(rng.choice((0, 1, 1, 2, 4))):
         what, book = spoilt_value(book, rng) if ending == ".json" else spoilt_lines(book, rng)

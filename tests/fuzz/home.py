@@ -12,7 +12,7 @@ from wordcraft_kg.base.artefacts import sha256_of
 from .harness import call
 
 
-def make_home(home: Path) -> Path:
+def make_home(home):
     """Make a graph, and on it models and agents, finished and interrupted, and a study with people."""
     from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
     from wordcraft_kg.agents.training import train_agent
@@ -25,7 +25,7 @@ def make_home(home: Path) -> Path:
     trainer = ImpalaConfig(steps=320, batch_size=16, log_every=64, eval_every=160, checkpoint_every=64)
     agent = AgentConfig(graph, str(home / "model"), TaskConfig(distractors=1), trainer=trainer)
 
-    def press(done: int, *_: object) -> None:
+    def press(done, *_):
         if done in (1, 64):
             signal.raise_signal(signal.SIGINT)
 
@@ -41,7 +41,7 @@ def make_home(home: Path) -> Path:
     return home
 
 
-def _make_study(home: Path) -> None:
+def _make_study(home):
     """Make a study that two people have begun."""
     from wordcraft_kg.apps.people.config import StudyConfig
     from wordcraft_kg.apps.people.study import Study, kept_answers
@@ -54,25 +54,25 @@ def _make_study(home: Path) -> None:
                 answers.add(person, study.protocol(person.cell).answer(task, (0, 1), 1.0))
 
 
-def linked(home: Path, kind: str, to: Path) -> Path:
+def linked(home, kind, to):
     """Give an artefact, which is not to be changed, a second place."""
     return Path(shutil.copytree(home / kind, to, copy_function=os.link))
 
 
-def copied(home: Path, kind: str, to: Path) -> Path:
+def copied(home, kind, to):
     """Copy an artefact to a new place, replacing what is there."""
     shutil.rmtree(to, ignore_errors=True)
     return Path(shutil.copytree(home / kind, to, symlinks=True))
 
 
-def records_of(folder: Path, name: str) -> set[Path]:
+def records_of(folder, name):
     """Return a run's file, and the files with its hash."""
     path = folder / name
     is_checkpoint = path.parent.name == "checkpoints" and path.suffix == ".safetensors"
     return {path, path.with_suffix(".json") if is_checkpoint else folder / "run.json"}
 
 
-def mended(folder: Path, name: str) -> None:
+def mended(folder, name):
     """Record the hash that a run's file has now, wherever it is on record, as somebody would who hides a change."""
     path = folder / name
     record = path.with_suffix(".json")

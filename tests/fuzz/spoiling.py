@@ -1,9 +1,6 @@
 """Ways to spoil bytes, texts and values; all draws come from the generator that is passed in."""
 
 import json
-import random
-from collections.abc import Callable
-from typing import Any
 
 ODD_LABELS = (
     *("", " ", "?", "-x", "a,b", 'a"b', "a\tb", "a\nb", "a\x00b", "a\x1bb", "\ufeff", "é", "e\u0301", "İ", "ß", "𝒳"),
@@ -16,7 +13,7 @@ ODD_VALUES = (
 )
 
 
-def spoilt_bytes(data: bytes, rng: random.Random) -> tuple[str, bytes]:
+def spoilt_bytes(data, rng):
     """Flip, cut, insert, remove or repeat bytes."""
     at = rng.randrange(len(data) + 1)
     to = min(len(data), at + rng.choice((1, 2, 10, 1_000)))
@@ -37,7 +34,7 @@ def spoilt_bytes(data: bytes, rng: random.Random) -> tuple[str, bytes]:
     return what, ways[what]
 
 
-def spoilt_lines(text: str, rng: random.Random) -> tuple[str, str]:
+def spoilt_lines(text, rng):
     """Move, repeat, remove or change lines and their cells."""
     lines = text.split("\n")
     at = rng.randrange(len(lines))
@@ -46,7 +43,7 @@ def spoilt_lines(text: str, rng: random.Random) -> tuple[str, str]:
     cells = line.split(separator)
     cell = rng.randrange(len(cells))
     label = rng.choice(ODD_LABELS).encode("utf-8", "replace").decode()
-    changes: tuple[tuple[str, Callable[[], list[str]]], ...] = (
+    changes = (
         ("removed", lambda: []),
         ("twice", lambda: [line, line]),
         ("empty", lambda: ["", line]),
@@ -67,17 +64,17 @@ def spoilt_lines(text: str, rng: random.Random) -> tuple[str, str]:
     return f"line {at + 1}: {what} ({label[:20]!r})", "\n".join([*lines[:at], *change(), *lines[at + 1 :]])
 
 
-def spoilt_value(value: Any, rng: random.Random) -> tuple[str, Any]:
+def spoilt_value(value, rng):
     """Change one value somewhere in a tree of values: another type, another key, one more or one less."""
     what, new, _ = _spoilt(value, rng)
     return what, new
 
 
-def _spoilt(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
+def _spoilt(node, rng):
     """Return what was done, the new value, and whether it is to be removed."""
     if not isinstance(node, dict | list) or not node or rng.random() > 0.75:
         return _changed(node, rng)
-    key: Any = rng.choice(list(node)) if isinstance(node, dict) else rng.randrange(len(node))
+    key = rng.choice(list(node)) if isinstance(node, dict) else rng.randrange(len(node))
     what, new, is_gone = _spoilt(node[key], rng)
     copy = node.copy()
     if is_gone:
@@ -87,9 +84,9 @@ def _spoilt(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
     return f"{str(key)[:30]}: {what}", copy, False
 
 
-def _changed(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
+def _changed(node, rng):
     odd = rng.choice(ODD_VALUES)
-    ways: dict[str, Callable[[], Any]] = {
+    ways = {
         **dict.fromkeys(("other", "another"), lambda: odd),
         "gone": lambda: None,
         "label": lambda: rng.choice(ODD_LABELS),
@@ -112,12 +109,12 @@ def _changed(node: Any, rng: random.Random) -> tuple[str, Any, bool]:
     return f"{way} {repr(new)[:40]}", new, way == "gone"
 
 
-def as_json(value: Any) -> bytes:
+def as_json(value):
     """Write a value as JSON, surrogates and numbers without end included."""
     return json.dumps(value, ensure_ascii=False).encode("utf-8", "surrogatepass")
 
 
-def toml_of(value: Any) -> str:
+def toml_of(value):
     """Write a value as TOML as far as it can be; some come out as no TOML at all, which is meant."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {toml_of(entry)}" for key, entry in value.items()) + "}"

@@ -1,7 +1,5 @@
 """A few of the cases that ``python -m tests.fuzz`` runs by the thousand; ``make slow`` runs many."""
 
-from pathlib import Path
-
 import pytest
 
 from .__main__ import run_case
@@ -14,23 +12,21 @@ COUNTS = [*SHORT.items(), *(pytest.param(part, count, marks=pytest.mark.slow) fo
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sound(tmp_path_factory):
     """Artefacts of every kind, of which the cases spoil copies."""
     return make_home(tmp_path_factory.mktemp("sound"))
 
 
 @pytest.mark.parametrize(("part", "count"), COUNTS)
-def test_bad_input_is_answered_with_a_sentence(
-    sound: Path, part: str, count: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_input_is_answered_with_a_sentence(sound, part, count, monkeypatch):
     monkeypatch.setenv("HOME", "/nowhere")
     total = len(cases()) if part == "values" else count  # of the values there is an end: take some of all kinds
     problems = [problem for i in range(count) for problem in run_case(part, i * total // count, sound)]
     assert not problems, "\n".join([*problems, "Again: python -m tests.fuzz --replay <what stands first in a line>"])
 
 
-def test_every_option_that_takes_a_number_gets_at_least_20_values() -> None:
-    given: dict[tuple[str, str], int] = {}
+def test_every_option_that_takes_a_number_gets_at_least_20_values():
+    given = {}
     for option, _, _ in cases():
         given[option.command, option.name] = given.get((option.command, option.name), 0) + option.is_number
     assert min(count for count in given.values() if count) >= 20

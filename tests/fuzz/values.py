@@ -8,7 +8,7 @@ import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from wordcraft_kg.cli import ALL, make_app
 
@@ -70,7 +70,7 @@ class Option:
     is_required: bool
 
     @property
-    def given(self) -> str | None:
+    def given(self):
         """A sound value for it, None if it is best left out."""
         if self.parameter == "out":
             return "out"
@@ -79,9 +79,9 @@ class Option:
 
 
 @cache
-def _of(command: str) -> tuple[Option, ...]:
+def _of(command):
     """Return the options of a command that take a value."""
-    app: Any = make_app()
+    app = make_app()
     options = []
     for word in command.split():
         app = app[word]
@@ -97,9 +97,9 @@ def _of(command: str) -> tuple[Option, ...]:
 
 
 @cache
-def cases() -> tuple[tuple[Option, str, Any], ...]:
+def cases():
     """Return every option with each of its odd values, and whether it comes from the command line or a file."""
-    chosen: list[tuple[Option, str, Any]] = []
+    chosen = []
     for option in (option for name in ALL for option in _of(name)):
         sources = () if option.parameter == "out" else SOURCES
         texts = NUMBERS if option.is_number else (*TEXTS, *NUMBERS[:22], *sources)
@@ -109,7 +109,7 @@ def cases() -> tuple[tuple[Option, str, Any], ...]:
     return tuple(chosen)
 
 
-def trial(number: int, home: Path, sandbox: Path) -> Trial:
+def trial(number, home, sandbox):
     """Give one option one odd value."""
     option, where, value = cases()[number % len(cases())]
     folder = sandbox / IN
@@ -137,7 +137,7 @@ def trial(number: int, home: Path, sandbox: Path) -> Trial:
     return Trial(f"{option.name} {value!r:.60} from the {where}", (tuple(command),), may_be_interrupted=True)
 
 
-def _odd_paths(folder: Path) -> None:
+def _odd_paths(folder):
     (folder / "empty").mkdir(parents=True)
     os.mkfifo(folder / "fifo")
     (folder / "loop").symlink_to("loop")

@@ -7,16 +7,16 @@ Rows = Iterable[tuple[str, str, str]]
 Triples = set[tuple[str, str, str]]
 
 
-def results(rows: Rows, one: str, other: str) -> list[str]:
+def results(rows, one, other):
     return sorted({result for a, b, result in rows if {a, b} == {one, other}})
 
 
-def triples(rows: Rows) -> Triples:
+def triples(rows):
     pairs = [pair for a, b, result in rows for pair in ((a, b, result), (b, a, result))]
     return {(a, "combinesWith", b) for a, b, _ in pairs} | {(a, "componentOf", result) for a, _, result in pairs}
 
 
-def known_after_rounds(rows: Rows, start: Iterable[str]) -> list[set[str]]:
+def known_after_rounds(rows, start):
     """Return what is known after 0, 1, 2, ... rounds, up to the round that adds nothing."""
     known = [set(start)]
     while True:
@@ -26,14 +26,14 @@ def known_after_rounds(rows: Rows, start: Iterable[str]) -> list[set[str]]:
         known.append(known[-1] | made)
 
 
-def layer(rows: Rows, entity: str, start: Iterable[str]) -> int:
+def layer(rows, entity, start):
     for round_, known in enumerate(known_after_rounds(rows, start)):
         if entity in known:
             return round_
     return -1
 
 
-def costs(rows: Rows, entities: Iterable[str], start: Iterable[str]) -> dict[str, float]:
+def costs(rows, entities, start):
     """Lower the costs until no recipe lowers one any more."""
     start = set(start)
     cost = {entity: 0 if entity in start else math.inf for entity in entities}

@@ -12,14 +12,14 @@ MANY = tuple("abcdefghijklmno")
 IDLE = ("y", "z")
 
 
-def rows(letters: tuple[str, ...] = FEW, **size: int) -> st.SearchStrategy[list[tuple[str, str, str]]]:
+def rows(letters=FEW, **size):
     # One integer a row: hypothesis draws it several times faster than three labels.
     possible = list(product(letters, repeat=3))
     return st.lists(st.integers(0, len(possible) - 1).map(possible.__getitem__), **size)
 
 
 @st.composite
-def graphs(draw: st.DrawFn, letters: tuple[str, ...] = FEW, min_size: int = 0, max_size: int = 24) -> RecipeGraph:
+def graphs(draw, letters=FEW, min_size=0, max_size=24):
     """Graphs with self results, duplicates, self pairs, ambiguous pairs, idle entities, kinds, any base or none."""
     recipes = draw(rows(letters, min_size=min_size, max_size=max_size))
     listed = draw(st.sets(st.sampled_from(IDLE)))
@@ -29,12 +29,12 @@ def graphs(draw: st.DrawFn, letters: tuple[str, ...] = FEW, min_size: int = 0, m
     return RecipeGraph.from_book(replace(book, kinds={recipe: recipe.ingredient_a for recipe in book.recipes}))
 
 
-def splittable_graphs() -> st.SearchStrategy[RecipeGraph]:
+def splittable_graphs():
     """Graphs large enough that no part of a split comes out empty by rounding."""
     return graphs(MANY, min_size=30, max_size=50)
 
 
-def configs(kind: str) -> st.SearchStrategy[SplitConfig]:
+def configs(kind):
     ratio = st.sampled_from([0.4, 0.5, 0.6, 0.7])
     return st.builds(SplitConfig, st.just(kind), ratio, st.sampled_from([0.0, 0.1, 0.2]), st.integers(0, 2**32))
 
@@ -43,17 +43,17 @@ AWKWARD = st.sampled_from(" ,\"'#\\;:&<>|é火🍞\u00a0\ufeff\u200b0aB")
 PRINTED = st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"], exclude_characters="\ufffe\uffff")
 
 
-def labels() -> st.SearchStrategy[str]:
+def labels():
     """Any label that a book may hold: commas, quotes, outer blanks, '#', and anything of Unicode but controls."""
     return st.text(AWKWARD | PRINTED, min_size=1, max_size=6).filter(lambda label: not label.isspace())
 
 
-def _canonical(row: tuple[str, str, str]) -> Recipe:  # Hypothesis takes the text of a lambda for a regular expression
+def _canonical(row):  # Hypothesis takes the text of a lambda for a regular expression
     return Recipe.of(*row)
 
 
 @st.composite
-def books(draw: st.DrawFn, name: str = "book") -> RecipeBook:
+def books(draw, name="book"):
     known = draw(st.lists(labels(), min_size=1, max_size=8, unique=True))
     label = st.sampled_from(known)
     recipes = draw(st.lists(st.tuples(label, label, label), min_size=1, max_size=10, unique_by=_canonical))

@@ -1,5 +1,4 @@
 import csv
-from pathlib import Path
 from typing import get_args
 from urllib.parse import unquote
 
@@ -31,12 +30,12 @@ AWKWARD = [
 ]
 
 
-def opened(graph: RecipeGraph, config: SplitConfig | None = None) -> OpenedGraph:
+def opened(graph, config=None):
     return OpenedGraph(graph, make_split(graph, config or SplitConfig()), graph.name)
 
 
 @pytest.fixture(params=["kitchen", "awkward labels"])
-def source(request, kitchen) -> OpenedGraph:
+def source(request, kitchen):
     if request.param == "kitchen":
         return opened(kitchen, SplitConfig(train_ratio=0.7, valid_ratio=0.1))
     rows = [(one, other, AWKWARD[(i * j) % 11]) for i, one in enumerate(AWKWARD) for j, other in enumerate(AWKWARD[:i])]
@@ -45,7 +44,7 @@ def source(request, kitchen) -> OpenedGraph:
     return opened(RecipeGraph.from_book(book))
 
 
-def exported(source: OpenedGraph, format: str, folder: Path) -> Path:
+def exported(source, format, folder):
     path = folder / f"export.{format}"
     export_graph(source, format, path)
     assert list(folder.iterdir()) == [path]
@@ -79,7 +78,7 @@ def test_exported_books_keep_kinds(tmp_path, format):
     assert len(kinds) > 5_000
 
 
-def recipes_in(view: nx.MultiDiGraph) -> list[Recipe]:
+def recipes_in(view):
     recipes = []
     for node, kind in view.nodes(data="kind"):
         if kind == "recipe":
@@ -116,7 +115,7 @@ def test_rdf_holds_the_triples_and_labels(source, tmp_path):
     assert found == oracles.triples(source.graph.recipe_labels())
     labels = {str(label) for label in store.objects(predicate=rdflib.RDFS.label)}
     assert labels == set(source.graph.entities)
-    made: dict[str, tuple[list[str], list[str]]] = {}
+    made = {}
     for recipe, predicate, thing in store:
         if str(predicate).startswith(f"{NAMESPACE}role:"):
             roles = made.setdefault(str(recipe), ([], []))

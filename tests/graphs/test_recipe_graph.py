@@ -1,4 +1,3 @@
-import random
 import re
 from itertools import combinations_with_replacement
 from operator import attrgetter
@@ -17,7 +16,7 @@ from wordcraft_kg.graphs.folder import entities_frame
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys
 
 
-def labelled(graph: RecipeGraph, triples: np.ndarray) -> list[tuple[str, str, str]]:
+def labelled(graph, triples):
     return [(graph.entities[head], RELATIONS[relation], graph.entities[tail]) for head, relation, tail in triples]
 
 
@@ -75,7 +74,7 @@ def test_membership_and_keys_of_triples_equal_sets_of_tuples(graph, data):
 
 
 @given(rows(min_size=1), st.randoms(use_true_random=False))
-def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_name(recipes, shuffler: random.Random):
+def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_name(recipes, shuffler):
     shuffled = [(b, a, result) if shuffler.random() < 0.5 else (a, b, result) for a, b, result in recipes]
     shuffler.shuffle(shuffled)
     one, other = RecipeGraph.from_recipes(recipes, name="one"), RecipeGraph.from_recipes(shuffled, name="other")

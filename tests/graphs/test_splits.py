@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, groups_of, read_s
 HELD_OUT_KINDS = [kind for kind in SPLITS if kind not in ("none", "by-kind")]  # the kitchen names no kinds
 
 
-def drawn(graph: RecipeGraph, config: SplitConfig) -> Split:
+def drawn(graph, config):
     """Split, or give the example up where the graph is too small for it."""
     try:
         return make_split(graph, config)
@@ -27,7 +27,7 @@ def drawn(graph: RecipeGraph, config: SplitConfig) -> Split:
         raise
 
 
-def parts_by(split: Split, key: slice | int | str) -> dict:
+def parts_by(split, key):
     """The parts of all recipes of a pair, a result or, with "kind", a kind."""
     graph = split.graph
     keys = graph.kinds if key == "kind" else [recipe[key] for recipe in graph.recipe_labels()]
@@ -37,7 +37,7 @@ def parts_by(split: Split, key: slice | int | str) -> dict:
     return parts
 
 
-def labelled(split: Split, triples: np.ndarray) -> set[tuple[str, str, str]]:
+def labelled(split, triples):
     names = split.graph.entities
     return {(names[h], ("combinesWith", "componentOf")[r], names[t]) for h, r, t in triples.tolist()}
 
@@ -93,7 +93,7 @@ def test_each_triple_belongs_to_the_first_part_that_gives_it(split):
         assert part == next((i for i, given_by in enumerate(of) if triple in given_by), -1)
 
 
-def mentioned(graph: RecipeGraph, ids: np.ndarray | None = None) -> set[str]:
+def mentioned(graph, ids=None):
     return {label for recipe in graph.recipe_labels(ids) for label in recipe}
 
 

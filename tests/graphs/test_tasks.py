@@ -22,7 +22,7 @@ Plans = dict[str, set[frozenset[Pair]]]
 
 def outcomes(graph):
     """Results of each pair."""
-    found: dict[Pair, set[str]] = {}
+    found = {}
     for a, b, result in graph.recipe_labels():
         found.setdefault((a, b), set()).add(result)
     return found
@@ -43,7 +43,7 @@ def plans_by_trying(book, start, attempts):
             for pair, results in book.items()
             if at_hand.issuperset(pair) and pair not in used
         }
-        new: Plans = {}
+        new = {}
         for used, at_hand in tried.items():
             for entity in at_hand - seen:
                 new.setdefault(entity, set()).add(used)
@@ -257,14 +257,14 @@ BRANCHED_SPLIT = Split(
 
 def drawn_distribution(depth, part, weighting):
     """Follow every choice of the draw with its probability; leave out what is no task of the part, and renormalise."""
-    makes: dict[str, list[Pair]] = {}
-    last: dict[str, list[Pair]] = {}
+    makes = {}
+    last = {}
     for a, b, result in BRANCHED.recipe_labels():
         if result not in (a, b):
             makes.setdefault(result, []).append((a, b))
             if part != "train" or PART_OF_ROW.get((a, b, result), "train") == "train":
                 last.setdefault(result, []).append((a, b))
-    reached: Counter[tuple[str, tuple[str, ...]]] = Counter()
+    reached = Counter()
 
     def replace_leaves(goal, made, leaves, left, probability):
         if not left:
@@ -301,7 +301,7 @@ def drawn_distribution(depth, part, weighting):
 def test_the_first_task_drawn_has_the_probability_of_the_ways_to_draw_it(part, weighting):
     expected = drawn_distribution(3, part, weighting)
     draws = 2_000
-    counts: Counter[tuple[str, tuple[str, ...]]] = Counter()
+    counts = Counter()
     for seed in range(draws):
         [task] = make_tasks(BRANCHED, 3, BRANCHED_SPLIT, part, weighting=weighting, limit=1, seed=seed)
         counts[task.goal, task.start] += 1
@@ -351,7 +351,7 @@ def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed
     made = [make_tasks(alchemy, depth, split, part) for part in ("train", "test")]
     assert [(len(tasks), tasks.mixed) for tasks in made] == [(train, mixed), (test, mixed)]
     # Those of depth 2 beyond a chain of two different ingredients.
-    kinds: Counter[str] = Counter()
+    kinds = Counter()
     for task in everything if depth == 2 else ():
         doubled = all(plan[-1].ingredient_a == plan[-1].ingredient_b for plan in task.plans)
         by_product = all(len(plan) > task.depth for plan in task.plans)

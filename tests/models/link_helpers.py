@@ -6,7 +6,6 @@ import random
 import shutil
 import signal
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,32 +13,32 @@ import safetensors.torch
 import torch
 
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph
-from wordcraft_kg.models.links.config import LinksConfig, LinkSettings
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.models.links.config import LinksConfig
 
 if TYPE_CHECKING:
-    from wordcraft_kg.models.links.training import TrainedLinks
+    pass
 
 Change = Callable[[dict[str, Any]], object]
 
 
-def train(opened: OpenedGraph, settings: LinkSettings, out: Path, **options: Any) -> "TrainedLinks":
+def train(opened, settings, out, **options):
     """Train a link predictor on a graph that was opened from somewhere."""
     from wordcraft_kg.models.links.training import train_links
 
     return train_links(LinksConfig(opened.source, settings), out, **options)
 
 
-def random_graph(seed: int = 0, num_entities: int = 10, num_recipes: int = 25) -> RecipeGraph:
+def random_graph(seed=0, num_entities=10, num_recipes=25):
     """A graph of random recipes, with self pairs, ambiguous pairs and self results as they come."""
     rows = np.random.default_rng(seed).integers(num_entities, size=(num_recipes, 3))
     return RecipeGraph.from_recipes([tuple(f"e{i}" for i in row) for row in rows], name=f"random-{seed}")
 
 
-def interrupt_after(*epochs: int, times: int = 1) -> Callable[[int, int, dict[str, float]], None]:
+def interrupt_after(*epochs, times=1):
     """A progress callback that presses Ctrl-C when an epoch is reported."""
 
-    def progress(done: int, total: int, figures: dict[str, float]) -> None:
+    def progress(done, total, figures):
         if done in epochs:
             for _ in range(times):
                 signal.raise_signal(signal.SIGINT)
@@ -47,7 +46,7 @@ def interrupt_after(*epochs: int, times: int = 1) -> Callable[[int, int, dict[st
     return progress
 
 
-def contents(folder: Path) -> dict[str, str]:
+def contents(folder):
     """SHA-256 of every file below a folder."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
@@ -56,18 +55,12 @@ def contents(folder: Path) -> dict[str, str]:
     }
 
 
-def same_files(one: Path, other: Path, *more: str) -> bool:
+def same_files(one, other, *more):
     names = ["model.safetensors", "folds.safetensors", "folds.json", *more]
     return [contents(one)[name] for name in names] == [contents(other)[name] for name in names]
 
 
-def rewritten(
-    folder: Path,
-    out: Path,
-    tensors: Change | None = None,
-    record: Change | None = None,
-    inputs: dict[str, str] | None = None,
-) -> Path:
+def rewritten(folder, out, tensors=None, record=None, inputs=None):
     """Copy a cross-fitted model with its folds' tensors or record changed, as if it had been written that way."""
     shutil.copytree(folder, out)
     run = json.loads((out / "run.json").read_text())
@@ -85,13 +78,13 @@ def rewritten(
     return out
 
 
-def flip_bit(path: Path, position: int, bit: int = 0) -> None:
+def flip_bit(path, position, bit=0):
     data = bytearray(path.read_bytes())
     data[position] ^= 1 << bit
     path.write_bytes(data)
 
 
-def global_states() -> dict[str, Any]:
+def global_states():
     """Everything global that PyKEEN's seeding, or a training of ours, could leave changed."""
     legacy = np.random.get_state()  # noqa: NPY002
     return {

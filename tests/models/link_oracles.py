@@ -3,16 +3,11 @@
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
-
-import numpy as np
-
-from wordcraft_kg.graphs import RecipeGraph
 
 Vector = Sequence[complex]
 
 
-def equation_1(subject: Vector, predicate: Vector, obj: Vector) -> float:
+def equation_1(subject, predicate, obj):
     """``phi(s, p, o) = Re<e_s, e_p, conj(e_o)>``."""
     total = 0.0
     for s, p, o in zip(subject, predicate, obj, strict=True):
@@ -20,12 +15,7 @@ def equation_1(subject: Vector, predicate: Vector, obj: Vector) -> float:
     return total
 
 
-def equation_2(
-    entity: Sequence[Vector],
-    relation: Sequence[Vector],
-    triples: Sequence[Sequence[int]],
-    candidates: Sequence[Vector] | None = None,
-) -> float:
+def equation_2(entity, relation, triples, candidates=None):
     """Mean over triples of ``log sum_o exp phi(s, p, o) + log sum_s exp phi(s, p, o) - 2 phi(s, p, o)``.
 
     The sums are over all entities, or over the vectors of some ``candidates``.
@@ -39,7 +29,7 @@ def equation_2(
     return total / len(triples)
 
 
-def n3(entity: Sequence[Vector], relation: Sequence[Vector], triples: Sequence[Sequence[int]]) -> float:
+def n3(entity, relation, triples):
     """Mean over triples of the cubed moduli of subject, predicate and object, summed over dimensions."""
     total = 0.0
     for s, p, o in triples:
@@ -48,19 +38,17 @@ def n3(entity: Sequence[Vector], relation: Sequence[Vector], triples: Sequence[S
     return total / len(triples)
 
 
-def slow_ranks(
-    table: np.ndarray, triples: Sequence[Sequence[int]], known: Sequence[Sequence[int]]
-) -> list[dict[str, Any]]:
+def slow_ranks(table, triples, known):
     """Rank each triple's tail, then each triple's head, among all entities but the other known answers."""
     facts = {tuple(int(i) for i in triple) for triple in known}
     rows = []
     for side, (head, relation, tail) in product(("tail", "head"), [tuple(int(i) for i in t) for t in triples]):
         true = tail if side == "tail" else head
 
-        def with_entity(entity: int, h: int = head, r: int = relation, t: int = tail, side: str = side) -> tuple:
+        def with_entity(entity, h=head, r=relation, t=tail, side=side):
             return (h, r, entity) if side == "tail" else (entity, r, t)
 
-        def score(entity: int, with_entity: Any = with_entity) -> float:
+        def score(entity, with_entity=with_entity):
             h, r, t = with_entity(entity)
             return float(table[r, h, t])
 
@@ -91,7 +79,7 @@ def slow_ranks(
     return rows
 
 
-def slow_clusters(graph: RecipeGraph, chosen: np.ndarray, triples: Sequence[Sequence[int]]) -> list[int]:
+def slow_clusters(graph, chosen, triples):
     """For each triple, the number of the first pair of a chosen recipe that gives it."""
     pairs = sorted({(a, b) for a, b, _ in graph.recipes.tolist()})
     found = []

@@ -1,31 +1,28 @@
 """Small scorers, tensors and states for the tests of scorers and policies."""
 
 import math
-from collections.abc import Sequence
 
-import numpy as np
 import torch
-from torch import Tensor
 
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.scales import scaled_table
 
 
-def normal(*shape: int, seed: int = 0) -> Tensor:
+def normal(*shape, seed=0):
     return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
 
 
-def labels_of(size: int) -> list[str]:
+def labels_of(size):
     return [f"e{i:03}" for i in range(size)]
 
 
-def table_scorer(scores: Tensor | np.ndarray) -> TableScorer:
+def table_scorer(scores):
     """A scorer of given scores, shape (R, E, E)."""
     return TableScorer(torch.as_tensor(scores).float(), labels_of(scores.shape[1]), "0" * 64)
 
 
-def embeddings(size: int, dim: int, seed: int = 0) -> dict[str, Tensor]:
+def embeddings(size, dim, seed=0):
     """Embeddings of a ComplEx model."""
     generator = torch.Generator().manual_seed(seed)
     return {
@@ -35,7 +32,7 @@ def embeddings(size: int, dim: int, seed: int = 0) -> dict[str, Tensor]:
     }
 
 
-def complex_scorer(size: int, dim: int, seed: int = 0, scale: float = 1.0, shift: float = 0.0) -> ComplExScorer:
+def complex_scorer(size, dim, seed=0, scale=1.0, shift=0.0):
     drawn = embeddings(size, dim, seed)
     return ComplExScorer({name: x * scale + shift for name, x in drawn.items()}, labels_of(size), "0" * 64)
 
@@ -45,7 +42,7 @@ class BareScorer:
 
     graph_hash = "of no graph"
 
-    def __init__(self, size: int, seed: int = 0):
+    def __init__(self, size, seed=0):
         self.entities = tuple("abcdefghij"[:size])
         self.scores = normal(len(RELATIONS), size, size, seed=seed).requires_grad_()
 
@@ -56,14 +53,14 @@ class BareScorer:
         return self.scores[RELATIONS.index(relation) if isinstance(relation, str) else relation]
 
 
-def scaled_scorer(scorer, *, scale="standardise", self_edges="keep", observed=None) -> TableScorer:
+def scaled_scorer(scorer, *, scale="standardise", self_edges="keep", observed=None):
     """The scaled tables of a scorer, as a scorer; self edges are those of combinesWith."""
     tables = [scaled_table(scorer, COMBINES_WITH, scale, self_edges=self_edges, observed=observed)]
     tables.append(scaled_table(scorer, COMPONENT_OF, scale))
     return TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)
 
 
-def states(num_entities: int, size: int = 9, num_slots: int = 5, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+def states(num_entities, size=9, num_slots=5, seed=0):
     """Goals, selections and tables: with nothing held and something held, empty slots, full tables and repeats."""
     generator = torch.Generator().manual_seed(seed)
     goal = torch.randint(num_entities, (size,), generator=generator)
@@ -76,6 +73,6 @@ def states(num_entities: int, size: int = 9, num_slots: int = 5, seed: int = 0) 
     return goal, selection, table
 
 
-def cosine(one: Sequence[float], other: Sequence[float]) -> float:
+def cosine(one, other):
     lengths = math.sqrt(sum(x * x for x in one)) * math.sqrt(sum(y * y for y in other))
     return sum(x * y for x, y in zip(one, other, strict=True)) / lengths if lengths else 0.0

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ SIZE = 7
 CURVE = RecipeCurve(intercepts=(-2.0, -1.0, -3.0, -1.5), slope=0.8, shift=0.25)
 
 
-def random_search(seed: int, width: int = SIZE, recipes: int = 6) -> PlanSearch:
+def random_search(seed, width=SIZE, recipes=6):
     """A search with random features, weights and known recipes; as many candidates as entities by default."""
     generator = torch.Generator().manual_seed(seed)
     rng = np.random.default_rng(seed)
@@ -44,7 +43,7 @@ def random_search(seed: int, width: int = SIZE, recipes: int = 6) -> PlanSearch:
     return PlanSearch(knowledge.with_ranker(weights), CURVE, width=width)
 
 
-def slow_log_probability(search: PlanSearch, a: int, b: int, result: int, prior: float = 0.0) -> float:
+def slow_log_probability(search, a, b, result, prior=0.0):
     """log P(result | a, b), by its definition."""
     knowledge = search.knowledge
     results = knowledge.results[0, int(knowledge.numbers[0, a, b])].tolist()
@@ -55,7 +54,7 @@ def slow_log_probability(search: PlanSearch, a: int, b: int, result: int, prior:
     return -math.log1p(math.exp(-(CURVE.intercepts[kind] + CURVE.shift + prior + CURVE.slope * score)))
 
 
-def slow_value(search: PlanSearch, goal: int, table: frozenset[int], attempts: int, cache: dict) -> float:
+def slow_value(search, goal, table, attempts, cache):
     """V: the best plan over all sequences of attempts and results."""
     return max(
         slow_pair(search, goal, table, attempts, pair, cache)
@@ -76,10 +75,10 @@ def slow_pair(search, goal, table, attempts, pair, cache):
 
 @pytest.mark.parametrize("attempts", [1, 2, 3, 4])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_values_are_those_of_all_plans(seed: int, attempts: int):
+def test_values_are_those_of_all_plans(seed, attempts):
     search = random_search(seed)
     goal, table = seed, [(seed + 1) % SIZE, (seed + 3) % SIZE, (seed + 4) % SIZE]
-    cache: dict = {}
+    cache = {}
     state = torch.tensor([goal]), torch.tensor([[*table, SIZE]]), torch.tensor([0])
     values = search.values(*state, torch.tensor([attempts]))[0]
     for i, j in itertools.product(range(3), repeat=2):
@@ -140,18 +139,18 @@ def test_the_curve_fits_known_probabilities():
 
 
 @pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
+def opened():
     return open_graph("kitchen")
 
 
 @pytest.fixture(scope="module")
-def scorer(recipes_folder: Path) -> CrossFitted:
+def scorer(recipes_folder):
     loaded = load_scorer(recipes_folder)
     assert isinstance(loaded, CrossFitted)
     return loaded
 
 
-def success(world: World, source) -> float:
+def success(world, source):
     state = BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks)))
     player, rng, won = knowledge_player([source]), np.random.default_rng(0), 0
     while (state.attempts_left > 0).any():
@@ -160,20 +159,20 @@ def success(world: World, source) -> float:
     return won / len(world.tasks)
 
 
-def test_planning_with_all_recipes_solves_every_task(opened: OpenedGraph):
+def test_planning_with_all_recipes_solves_every_task(opened):
     source = BestPlan.of_recipes(opened.graph.num_entities, opened.graph.recipes)
     for depth in (1, 2, 3):
         world = World(opened, WordCraftConfig(part="test", depth=depth, num_distractors=3, num_tasks=60))
         assert success(world, source) == 1
 
 
-def test_planning_beats_recipe_scores_at_depth_2(opened: OpenedGraph, scorer: CrossFitted):
+def test_planning_beats_recipe_scores_at_depth_2(opened, scorer):
     world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=4))
     p, w = make_sources(["p", "w"], scorer)
     assert success(world, p) > success(world, w) + 0.2
 
 
-def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened: OpenedGraph, scorer: CrossFitted):
+def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened, scorer):
     graph, split = opened.graph, opened.split
     rng = np.random.default_rng(0)
     is_train = split.is_in("train")
@@ -207,7 +206,7 @@ def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened: OpenedGrap
     assert torch.equal(first[:, :slots], again[:, :slots])
 
 
-def test_p_of_a_batch_follows_selection_and_attempts(scorer: CrossFitted, opened: OpenedGraph):
+def test_p_of_a_batch_follows_selection_and_attempts(scorer, opened):
     (p,) = make_sources(["p"], scorer)
     world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
     states = states_of(BatchEngine(world, 50).pose(np.arange(50)))

@@ -3,7 +3,6 @@
 import re
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -40,7 +39,7 @@ TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320)
 TASKS = TaskConfig(distractors=2)
 
 
-def trained(home: Path, runs: dict[str, tuple[PolicyConfig, ImpalaConfig]], scorer: str | None = None):
+def trained(home, runs, scorer=None):
     for name, settings in runs.items():
         train_agent(AgentConfig("kitchen", scorer, TASKS, *settings), home / name)
     return [open_agent(home / name) for name in runs]
@@ -173,7 +172,7 @@ def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, 
 
 
 def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents, report):
-    def first_line(report: AgentReport) -> str:
+    def first_line(report):
         return text_of(re.search(r"<b>In short.*?</div>", render(report), re.DOTALL)[0])
 
     mlp = report.view.agents[1].success["2"]

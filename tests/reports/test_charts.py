@@ -20,13 +20,13 @@ from wordcraft_kg.reports.pages import chart_style
 LABEL = "<b>&\"'</b>"
 
 
-def parse(svg: str) -> ET.Element:
+def parse(svg):
     assert svg.startswith("<svg")
     assert "nan" not in svg
     return ET.fromstring(svg)
 
 
-def drawn(series, percent=True, **options) -> ET.Element:
+def drawn(series, percent=True, **options):
     """Curves without titles."""
     return parse(charts.curves(series, "", "", "", percent=percent, **options))
 
@@ -55,43 +55,43 @@ def test_a_chart_is_well_formed_escapes_its_labels_and_is_safe_in_a_page(chart, 
     assert root.find(".//b") is None
 
 
-def points_of(element: ET.Element) -> np.ndarray:
+def points_of(element):
     return np.array([[float(number) for number in pair.split(",")] for pair in element.get("points").split()])
 
 
-def of_class(root: ET.Element, name: str) -> list[ET.Element]:
+def of_class(root, name):
     return [element for element in root.iter() if name in element.get("class", "").split()]
 
 
-def titles_of(elements: list[ET.Element]) -> list[str]:
+def titles_of(elements):
     return [element.find("title").text for element in elements]
 
 
-def numbers_of(element: ET.Element, *names: str) -> list[float]:
+def numbers_of(element, *names):
     return [float(element.get(name)) for name in names]
 
 
-def colours(elements: list[ET.Element], prefix: str = "series-") -> list[str]:
+def colours(elements, prefix="series-"):
     return [next(name for name in element.get("class").split() if name.startswith(prefix)) for element in elements]
 
 
-def dashes(elements: list[ET.Element]) -> list[str]:
+def dashes(elements):
     return colours(elements, "dash")
 
 
-def of_text(root: ET.Element, style: str) -> list[ET.Element]:
+def of_text(root, style):
     return [text for text in root.iter("text") if text.get("class", "").startswith(style)]
 
 
-def end_labels(root: ET.Element) -> dict[str, tuple[float, float]]:
+def end_labels(root):
     return {text.text: tuple(numbers_of(text, "x", "y")) for text in of_text(root, "series-")}
 
 
-def texts_of(root: ET.Element) -> list[str]:
+def texts_of(root):
     return [text.text for text in root.iter("text")]
 
 
-def straight(end: float, last: float = 3e6) -> list[tuple[float, float, float | None, float | None]]:
+def straight(end, last=3e6):
     """A curve from 0.3 to an end, of seven points with an interval of ±0.05."""
     values = [(last * i / 6, 0.3 + (end - 0.3) * i / 6) for i in range(7)]
     return [(x, y, y - 0.05, y + 0.05) for x, y in values]
@@ -288,7 +288,7 @@ def test_a_long_curve_has_all_its_points_but_not_all_to_hover_over():
     assert titles[-1] == "one, 1,000: 0.5"
 
 
-def estimates(*shares: float) -> list[tuple[float, float | None, float | None]]:
+def estimates(*shares):
     return [(share, share - 0.1, share + 0.05) for share in shares]
 
 

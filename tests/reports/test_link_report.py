@@ -24,11 +24,10 @@ from wordcraft_kg.base.errors import OutputExistsError, SplitError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import bootstrap
 from wordcraft_kg.evaluation.links import LinkView, summarise_links
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, Split, SplitConfig, make_split
+from wordcraft_kg.graphs import OpenedGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.links.records import TraceRow
-from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import glove_features
@@ -43,19 +42,19 @@ LinkReport = Report[LinkView]
 Values = dict[str, Any]
 
 
-def values_of(report: LinkReport) -> Values:
+def values_of(report):
     return as_values(report.view)
 
 
-def summary_of(report: LinkReport) -> Values:
+def summary_of(report):
     return as_values(summarise_links(report.view, "index.html"))
 
 
-def made(model: Model, **more: Any) -> LinkReport:
+def made(model, **more):
     return make_link_report(model.scorer, model.opened, **more)
 
 
-def with_view(report: LinkReport, **changes: Any) -> LinkReport:
+def with_view(report, **changes):
     return replace(report, view=msgspec.structs.replace(report.view, **changes))
 
 
@@ -106,23 +105,23 @@ def whole_report(kitchen_model, opened):
     return make_link_report(kitchen_model.scorer.whole, opened)
 
 
-def triple_of(graph: RecipeGraph, row: Values) -> tuple[int, int, int]:
+def triple_of(graph, row):
     return graph.id_of(row["head"]), RELATIONS.index(row["relation"]), graph.id_of(row["tail"])
 
 
-def table_scorer(graph: RecipeGraph, scores: torch.Tensor) -> TableScorer:
+def table_scorer(graph, scores):
     return TableScorer(scores, graph.entities, graph.hash)
 
 
-def of_frequency(opened: OpenedGraph) -> LinkReport:
+def of_frequency(opened):
     return make_link_report(FrequencyScorer(opened.graph, opened.split.partial), opened)
 
 
-def checks(values: Values, key: str = "passed") -> Values:
+def checks(values, key="passed"):
     return {check["id"]: check[key] for check in values["checks"]}
 
 
-def without_ci(metrics: Values) -> Values:
+def without_ci(metrics):
     """Return metrics without their interval, which holds the MRR and is left out below five recipes."""
     low, high = metrics.get("mrr_ci", (0, 1)) if metrics["queries"] < 20 else metrics["mrr_ci"]
     assert low <= metrics["mrr"] <= high
@@ -292,7 +291,7 @@ def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill
 
 @pytest.mark.parametrize(("ends", "choose"), [("best", min), ("worst", max)])
 def test_best_and_worst_are_the_ends_of_the_ranking_with_each_fact_once(values, kitchen_report, ends, choose):
-    def fact(row: Values) -> tuple[str, ...]:
+    def fact(row):
         pair = (row["head"], row["tail"])
         return row["relation"], *(sorted(pair) if row["relation"] == "combinesWith" else pair)
 
@@ -594,7 +593,7 @@ def test_the_seed_moves_the_interval_but_not_the_headline(kitchen_model, values)
 
 @pytest.mark.usefixtures("whole")
 def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model):
-    def states() -> tuple[Any, ...]:
+    def states():
         return random.getstate(), np.random.get_state()[1].tobytes(), torch.get_rng_state().tolist()  # noqa: NPY002
 
     before = states()

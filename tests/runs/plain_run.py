@@ -17,7 +17,7 @@ class Settings(RunConfig):
     commands = ("train-agent",)
 
 
-def train(out: Path, result: str, *, force: bool = False) -> None:
+def train(out, result, *, force=False):
     """A training whose result is a word; it fails without one, before its first checkpoint."""
     with new_run(out, PLAIN, force=force) as run:
         run.begin(Settings("kitchen"), inputs={})
@@ -27,7 +27,7 @@ def train(out: Path, result: str, *, force: bool = False) -> None:
         run.finish(("result",), card="")
 
 
-def die(*_: object, **__: object) -> None:
+def die(*_, **__):
     os.kill(os.getpid(), signal.SIGKILL)
 
 

@@ -31,7 +31,7 @@ class Light:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_all_jobs_are_done_and_say_how_far_they_are(workers):
-    noted: list[tuple[int, ...]] = []
+    noted = []
     train_in_processes([Light(0), Light(1), Light(2)], workers, lambda *message: noted.append(message))
     assert sorted(filter(None, noted)) == [(fold, epoch) for fold in range(3) for epoch in (1, 2)]
 

@@ -3,7 +3,6 @@
 import json
 import sys
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from refusals import refuses
@@ -130,9 +129,9 @@ def test_a_tracker_that_is_named_twice_is_opened_once():
 
 
 def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(tmp_path, monkeypatch):
-    begun: list[dict[str, Any]] = []
-    rows: list[tuple[int, dict[str, float]]] = []
-    ended: list[int] = []
+    begun = []
+    rows = []
+    ended = []
 
     def init(**options):
         begun.append(options)

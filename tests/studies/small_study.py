@@ -1,16 +1,13 @@
 """A study of the kitchen that takes seconds, and workers that perform tasks where they are asked to."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import run_plan
 from wordcraft_kg.studies.perform import perform
-from wordcraft_kg.studies.plan import Plan, make_plan
+from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.results import RunFigures, ScorerFigures, write_figures
 from wordcraft_kg.studies.study import parse_study
-from wordcraft_kg.studies.tasks import Outcome, Task
+from wordcraft_kg.studies.tasks import Outcome
 
 TEXT = """
 title = "A comparison"
@@ -32,7 +29,7 @@ TRAINED = TEXT.replace('"neighbours"', '"train-complex"\nepochs = 2\ndim = 4\nfo
 """The same with a scorer that is trained, which takes seconds."""
 
 
-def small_plan(more: str = "", name: str = "small", text: str = TEXT) -> Plan:
+def small_plan(more="", name="small", text=TEXT):
     return make_plan(parse_study(text + more, "a test"), name)
 
 
@@ -56,7 +53,7 @@ RUN_FIGURES = RunFigures(
 SCORER_FIGURES = ScorerFigures(seconds=1.0, versions={"torch": "2"}, platform="here", mrr=0.5, kg="partial")
 
 
-def pretend(task: Task, root: Path) -> Outcome:
+def pretend(task, root):
     """Make a folder that looks done, and counts how often it was made."""
     folder = task.folder(root)
     folder.mkdir(parents=True, exist_ok=True)
@@ -72,30 +69,25 @@ class Inline:
 
     places = 1
 
-    def __init__(self, root: Path, work: Callable[[Task, Path], Outcome] = perform):
+    def __init__(self, root, work=perform):
         self.root, self.work = root, work
         self.began: list[str] = []
         self.stopped = False
         self._ended: list[Outcome] = []
 
-    def start(self, task: Task) -> None:
+    def start(self, task):
         self.began.append(task.title)
         self._ended.append(self.work(task, self.root))
 
-    def wait(self, seconds: float) -> list[Outcome]:
+    def wait(self, seconds):
         ended, self._ended = self._ended, []
         return ended
 
-    def stop(self) -> None:
+    def stop(self):
         self.stopped = True
 
 
-def run_small(
-    root: Path,
-    plan: Plan | None = None,
-    work: Callable[[Task, Path], Outcome] = perform,
-    store: Path | None = None,
-) -> Inline:
+def run_small(root, plan=None, work=perform, store=None):
     """Run a study inline; return the workers, which know what was begun."""
     workers = Inline(root, work)
     run_plan(plan or small_plan(), root, lambda: workers, store=store)

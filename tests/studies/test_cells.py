@@ -1,7 +1,6 @@
 """A store of cells: what it has is not trained again, what it lacks is added, and what is damaged does not count."""
 
 import json
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -16,7 +15,6 @@ from wordcraft_kg.studies.report import make_study_report
 from wordcraft_kg.studies.results import write_figures
 from wordcraft_kg.studies.store import collect_study
 from wordcraft_kg.studies.tables import lines_of
-from wordcraft_kg.studies.tasks import Outcome, Task
 from wordcraft_kg.studies.view import view_study
 
 
@@ -85,7 +83,7 @@ def test_a_damaged_or_edited_cell_is_made_again_with_a_warning(tmp_path, store, 
 
 
 def test_other_results_of_the_same_platform_are_warned_of_and_the_cell_stays(tmp_path, store, caplog):
-    def another(task: Task, root: Path, platform: str = "here") -> Outcome:
+    def another(task, root, platform="here"):
         outcome = pretend(task, root)
         if task.kind == "runs":
             figures = msgspec.structs.replace(RUN_FIGURES, won="6", seconds=9.0, platform=platform)

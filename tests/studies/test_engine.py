@@ -7,7 +7,6 @@ import signal
 import time
 from errno import ENOSPC
 from functools import partial
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -21,14 +20,14 @@ from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import FullDiskError, run_plan
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import make_graph, perform
-from wordcraft_kg.studies.plan import Plan, agent_config, make_plan
+from wordcraft_kg.studies.plan import agent_config, make_plan
 from wordcraft_kg.studies.results import Figures, RunFigures, read_figures, write_figures
 from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
-from wordcraft_kg.studies.tasks import Outcome, Task
+from wordcraft_kg.studies.tasks import Outcome
 
 
-def times_made(root: Path) -> list[int]:
+def times_made(root):
     return [len(path.read_text().splitlines()) for path in sorted(root.glob("*/*/made"))]
 
 
@@ -40,16 +39,16 @@ def done(tmp_path_factory):
     return root
 
 
-def the(kind: str, plan: Plan) -> Task:
+def the(kind, plan):
     """The first task of a kind."""
     return next(task for task in plan.tasks.values() if task.kind == kind)
 
 
-def record(folder: Path) -> dict:
+def record(folder):
     return json.loads((folder / "run.json").read_text())
 
 
-def interrupted(task: Task, done: Path, root: Path) -> Path:
+def interrupted(task, done, root):
     """Copy a study, and leave a run of it interrupted; return its folder."""
     from wordcraft_kg.agents.training import train_agent
 
@@ -62,7 +61,7 @@ def interrupted(task: Task, done: Path, root: Path) -> Path:
     return folder
 
 
-def figures(root: Path) -> list[dict]:
+def figures(root):
     """All figures but those of time."""
     runs = as_values(collect_study(root, "small").runs)
     return [{name: value for name, value in run.items() if "second" not in name} for run in runs]
@@ -199,7 +198,7 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
     plan = small_plan()
     broken = the("scorers", plan).address
 
-    def work(task: Task, root: Path) -> Outcome:
+    def work(task, root):
         assert failure_of(root, task.address) is None, "what went wrong the last time is forgotten"
         return Outcome(task.address, "failed", "the oven is broken") if task.address == broken else pretend(task, root)
 
@@ -216,7 +215,7 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
 def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):
     plan, began = small_plan(), []
 
-    def work(task: Task, root: Path) -> Outcome:
+    def work(task, root):
         began.append(task)
         return pretend(task, root) if len(began) < 3 else Outcome(task.address, "failed", "full", disk_full=True)
 
@@ -269,19 +268,19 @@ def test_files_that_a_killed_study_left_half_written_are_removed(tmp_path, folde
     assert not left.exists()
 
 
-def die_once(task: Task, root: Path) -> Outcome:
+def die_once(task, root):
     if not (root / "died").exists():
         (root / "died").touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return pretend(task, root)
 
 
-def die(task: Task, root: Path) -> Outcome:
+def die(task, root):
     os.kill(os.getpid(), signal.SIGKILL)
     raise AssertionError
 
 
-def endless(task: Task, root: Path) -> Outcome:
+def endless(task, root):
     """A training that takes Ctrl-C as a request to write a checkpoint."""
     asked = []
     signal.signal(signal.SIGINT, lambda *_: asked.append(1))
@@ -319,7 +318,7 @@ def test_workers_that_are_stopped_write_a_checkpoint_first(tmp_path):
 def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
     plan = small_plan()
 
-    def work(task: Task, root: Path) -> Outcome:
+    def work(task, root):
         outcome = pretend(task, root)
         if task.address == plan.runs[0]:
             path = task.folder(root)

@@ -107,7 +107,7 @@ def until(condition):
 def perform_all(root, address, tasks, meanwhile=lambda: None):
     """Perform tasks on a cluster and leave it; return the outcomes by address."""
     workers = RayWorkers(root, address, play)
-    found: list[Outcome] = []
+    found = []
     try:
         for task in tasks:
             workers.start(task)

@@ -20,7 +20,7 @@ from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.results import RunResult, StudyResults, results_text
 from wordcraft_kg.studies.store import collect_study
-from wordcraft_kg.studies.study import Study, parse_study
+from wordcraft_kg.studies.study import parse_study
 
 FILE = Path(__file__).parent / "data" / "kitchen.json"
 COMMAND = "python tests/studies/test_reproduction.py"
@@ -53,19 +53,19 @@ use = "u,v,w"
 TIMES = {"seconds": 0.0, "steps_per_second": 0}
 
 
-def untimed(results: StudyResults) -> dict[str, RunResult]:
+def untimed(results):
     """The results by address, without durations."""
     return {run.run: msgspec.structs.replace(run, **TIMES) for run in results.runs}
 
 
-def remade(study: Study, root: Path) -> StudyResults:
+def remade(study, root):
     plan = make_plan(study, "kitchen")
     state = run_plan(plan, root, lambda: LocalWorkers(root, 1, perform), command=COMMAND)
     assert not state.failed
     return collect_study(root, plan.name)
 
 
-def is_alike(was: StudyResults) -> bool:
+def is_alike(was):
     """Return whether this machine computes to the bit what that of the file did."""
     return was.versions["torch"] == torch.__version__ and torch.backends.cpu.get_cpu_capability() == PROCESSOR
 

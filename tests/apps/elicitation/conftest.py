@@ -1,7 +1,5 @@
 """A tiny language model and a tiny encoder with random weights, whose words are those of the kitchen."""
 
-from pathlib import Path
-
 import pytest
 import torch
 from tokenizers import Tokenizer, models, pre_tokenizers
@@ -12,7 +10,7 @@ from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts
 SIZES = {"hidden_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2, "intermediate_size": 16}
 
 
-def save(folder: Path, kind: type, config, tokenizer) -> Path:
+def save(folder, kind, config, tokenizer):
     # Large weights, so that labels differ in their probabilities.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
@@ -33,21 +31,21 @@ def tokenizer(kitchen):
 
 
 @pytest.fixture(scope="session")
-def model_folder(tokenizer, tmp_path_factory) -> Path:
+def model_folder(tokenizer, tmp_path_factory):
     """A causal language model; read only."""
     config = LlamaConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
     return save(tmp_path_factory.mktemp("lm"), LlamaForCausalLM, config, tokenizer)
 
 
 @pytest.fixture(scope="session")
-def masked_folder(tokenizer, tmp_path_factory) -> Path:
+def masked_folder(tokenizer, tmp_path_factory):
     """A masked language model, which sees later words; read only."""
     config = BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
     return save(tmp_path_factory.mktemp("masked"), BertForMaskedLM, config, tokenizer)
 
 
 @pytest.fixture(scope="session")
-def encoder_folder(tokenizer, tmp_path_factory) -> Path:
+def encoder_folder(tokenizer, tmp_path_factory):
     """An encoder without a pooling of its own; read only."""
     config = BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
     return save(tmp_path_factory.mktemp("encoder"), BertModel, config, tokenizer)

@@ -2,19 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from graph_folders import write_graph
 
-from tests.apps.explorer.shown import HOSTILE, Rows, explored_graph
+from tests.apps.explorer.shown import HOSTILE, explored_graph
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.export import export_site
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
+from wordcraft_kg.graphs.folder import open_graph, write_graph_folder
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
@@ -23,27 +22,26 @@ from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 from wordcraft_kg.models.scorers.kernel import KernelScorer
-from wordcraft_kg.models.scorers.scorer import Scorer
 
 SHORT = ImpalaConfig(steps=1_024, batch_size=16, log_every=128, eval_every=512)
 LEARNED = PolicyConfig(features="learned", embedding_size=8, key_size=8, value_size=8, hidden_size=8)
 
 
 @pytest.fixture(scope="session")
-def kitchen_folder(made_once) -> Path:
+def kitchen_folder(made_once):
     """The folder of the kitchen's graph."""
     return made_once("explored/kitchen", write_graph)
 
 
 @pytest.fixture(scope="session")
-def links_folder(kitchen_folder: Path, made_once) -> Path:
+def links_folder(kitchen_folder, made_once):
     """A small ComplEx of the kitchen's partial graph, with folds."""
     config = LinksConfig(str(kitchen_folder), ComplExConfig(dim=8, epochs=5, folds=2))
     return made_once("explored/kitchen-complex", lambda out: train_links(config, out))
 
 
 @pytest.fixture(scope="session")
-def run_folder(kitchen_folder: Path, recipes_folder: Path, made_once) -> Path:
+def run_folder(kitchen_folder, recipes_folder, made_once):
     """An agent that was trained for a moment, with the recipe scorer of the kitchen."""
     policy, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=4_000)
     config = AgentConfig(str(kitchen_folder), str(recipes_folder), policy=policy, trainer=trainer)
@@ -51,13 +49,13 @@ def run_folder(kitchen_folder: Path, recipes_folder: Path, made_once) -> Path:
 
 
 @pytest.fixture(scope="session")
-def explored(kitchen_folder: Path, links_folder: Path, recipes_folder: Path, run_folder: Path) -> Explored:
+def explored(kitchen_folder, links_folder, recipes_folder, run_folder):
     """The kitchen with two models and an agent."""
     return Explored.open(kitchen_folder, [links_folder, recipes_folder], [run_folder])
 
 
 @pytest.fixture(scope="session")
-def agents(kitchen_folder: Path, run_folder: Path, made_once) -> Explored:
+def agents(kitchen_folder, run_folder, made_once):
     """The kitchen with an agent that mixes the scores of a cross-fitted scorer, one without, and an mlp."""
     plain = AgentConfig(str(kitchen_folder), None, TaskConfig(distractors=8), LEARNED, SHORT)
     mlp = replace(plain, policy=replace(LEARNED, policy="mlp"), tasks=TaskConfig(distractors=2))
@@ -69,14 +67,14 @@ def agents(kitchen_folder: Path, run_folder: Path, made_once) -> Explored:
 
 
 @pytest.fixture(scope="session")
-def hostile() -> Explored:
+def hostile():
     """A graph of labels that a page must show as text, and that addresses must survive."""
     rows = zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)
     return explored_graph(RecipeGraph.from_recipes([*rows, ("water", "earth", "mud")], name="<b>hostile</b>"))
 
 
 @pytest.fixture(scope="session")
-def static_site(explored: Explored, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def static_site(explored, tmp_path_factory):
     """The kitchen's site as files."""
 
     out = tmp_path_factory.mktemp("static") / "site"
@@ -88,17 +86,17 @@ Saved = Callable[..., LinkPredictor]
 
 
 @pytest.fixture(scope="session")
-def saved(tmp_path_factory: pytest.TempPathFactory) -> Saved:
+def saved(tmp_path_factory):
     """Save a scorer of an opened graph as a model: `saved(name, scorer, opened, kg)`."""
 
-    def saved(name: str, scorer: Scorer, opened: OpenedGraph, kg: str = "partial") -> LinkPredictor:
+    def saved(name, scorer, opened, kg="partial"):
         return _opened(save_scorer(tmp_path_factory.mktemp("models") / name, scorer, opened, kg=kg))
 
     return saved
 
 
 @pytest.fixture(scope="session")
-def kernel(parted_kitchen: OpenedGraph, saved: Saved) -> LinkPredictor:
+def kernel(parted_kitchen, saved):
     """The recipe kernel, with folds and so with probabilities."""
     graph = parted_kitchen.graph
     scorer = cross_fit(parted_kitchen.split, lambda recipes: KernelScorer(graph, recipes), folds=3)
@@ -106,29 +104,29 @@ def kernel(parted_kitchen: OpenedGraph, saved: Saved) -> LinkPredictor:
 
 
 @pytest.fixture(scope="session")
-def neighbours(parted_kitchen: OpenedGraph, saved: Saved) -> LinkPredictor:
+def neighbours(parted_kitchen, saved):
     """The neighbour rule, without folds."""
     return saved("neighbours", NeighbourScorer(parted_kitchen.graph, parted_kitchen.split.partial), parted_kitchen)
 
 
 @pytest.fixture(scope="session")
-def all_seeing(parted_kitchen: OpenedGraph, saved: Saved) -> LinkPredictor:
+def all_seeing(parted_kitchen, saved):
     """A model of the full graph."""
     graph = parted_kitchen.graph
     return saved("full", NeighbourScorer(graph, graph.triples), parted_kitchen, "full")
 
 
 @pytest.fixture(scope="session")
-def rankers(recipes_folder: Path) -> LinkPredictor:
+def rankers(recipes_folder):
     """A recipe scorer of the kitchen with its default split."""
     return _opened(recipes_folder)
 
 
 @pytest.fixture(scope="session")
-def of_recipes(tmp_path_factory: pytest.TempPathFactory, saved: Saved) -> Callable[..., LinkPredictor]:
+def of_recipes(tmp_path_factory, saved):
     """Make a graph of recipes, and the neighbour rule on it; without a split it knows everything."""
 
-    def make(rows: Rows, kg: str = "", **settings: object) -> LinkPredictor:
+    def make(rows, kg="", **settings):
         folder = tmp_path_factory.mktemp("mine") / "graph"
         graph = RecipeGraph.from_recipes(rows, name="mine")
         split = make_split(graph, SplitConfig(**settings))
@@ -140,12 +138,12 @@ def of_recipes(tmp_path_factory: pytest.TempPathFactory, saved: Saved) -> Callab
 
 
 @pytest.fixture(scope="session")
-def hostile_predictor(of_recipes: Saved) -> LinkPredictor:
+def hostile_predictor(of_recipes):
     """A model of a graph of hostile labels."""
     results = (max(HOSTILE, key=len), *HOSTILE[:2])
     rows = [(one, other, made) for one in HOSTILE for other in HOSTILE if one < other for made in results]
     return of_recipes(rows, train_ratio=0.7)
 
 
-def _opened(folder: Path) -> LinkPredictor:
+def _opened(folder):
     return LinkPredictor(folder.name, folder, open_model(folder))

@@ -3,19 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
-from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from starlette.testclient import TestClient
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.apps.explorer.server import make_app
 from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.graphs import RecipeGraph, Split
+from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 
 HOSTILE = (
@@ -47,7 +45,7 @@ class Form:
 class Shown(HTMLParser):
     """The tags of a page, its forms, the addresses that it links to, and its text."""
 
-    def __init__(self, page: str):
+    def __init__(self, page):
         super().__init__()
         self.page, self.text = page, ""
         self.tags: list[tuple[str, dict[str, str | None]]] = []
@@ -56,7 +54,7 @@ class Shown(HTMLParser):
         self.feed(page)
         self.text = " ".join(self.text.split())
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         values = dict(attrs)
         self.tags.append((tag, values))
         if tag == "form":
@@ -68,45 +66,45 @@ class Shown(HTMLParser):
         elif tag == "option":
             self._options.append((values.get("value", "?") or "", "selected" in values))
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         self.text += " " if tag in ("td", "th", "option", "dt", "dd") else ""
         if tag == "select":
             chosen = [value for value, is_selected in self._options if is_selected] or [self._options[0][0]]
             self.forms[-1].fields.append((self._select, chosen[-1]))
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         if self._options and self._options[-1][0] == "?":
             self._options[-1] = (data, self._options[-1][1])  # an option without a value is its text
         self.text += data
 
     @property
-    def links(self) -> list[str]:
+    def links(self):
         return [values["href"] or "" for tag, values in self.tags if tag == "a" and values.get("href")]
 
     @property
-    def own(self) -> list[tuple[str, State]]:
+    def own(self):
         """The pages of the site that it links to."""
         return [state_of(link) for link in self.links if link.startswith("/") and not link.startswith("/files")]
 
-    def form(self, name: str) -> list[tuple[str, str]]:
+    def form(self, name):
         """The fields of the form that has a field of this name."""
         return next(form.fields for form in self.forms if name in dict(form.fields))
 
 
-def page_of(state: State) -> Page[Any]:
+def page_of(state):
     """Return the page of a state."""
     return next(page for page in PAGES.values() if page.state is type(state))
 
 
-def view_of(explored: Explored, state: State) -> Any:
+def view_of(explored, state):
     """Return the view of a state."""
     return page_of(state).view(explored, state)
 
 
-def look(explored: Explored, state: State, *, is_static: bool = False) -> Shown:
+def look(explored, state, *, is_static=False):
     """Render a state."""
 
-    def address(page: Page[Any], state: State) -> str:
+    def address(page, state):
         return "" if is_static else page.address(state)
 
     return Shown(
@@ -114,19 +112,19 @@ def look(explored: Explored, state: State, *, is_static: bool = False) -> Shown:
     )
 
 
-def state_of(address: str) -> tuple[str, State]:
+def state_of(address):
     """Return the page and state of an address."""
     parts = urlsplit(address)
     name, _, subject = parts.path.removeprefix("/").partition("/")
     return name, PAGES[name].read(unquote(subject), parse_qsl(parts.query, keep_blank_values=True))
 
 
-def client_of(explored: Explored) -> TestClient:
+def client_of(explored):
     """Return a browser of the site."""
     return TestClient(make_app(explored), base_url="http://localhost", follow_redirects=True)
 
 
-def explored_graph(rows: Rows | RecipeGraph, base: list[str] | None = None, split: Split | None = None) -> Explored:
+def explored_graph(rows, base=None, split=None):
     """Return a graph without models and runs."""
     graph = rows if isinstance(rows, RecipeGraph) else RecipeGraph.from_recipes(rows, base)
     return Explored(OpenedGraph(graph, split or default_split(graph), "here"))
@@ -135,14 +133,14 @@ def explored_graph(rows: Rows | RecipeGraph, base: list[str] | None = None, spli
 _EXPLORED: dict[int, tuple[LinkPredictor, Explored]] = {}
 
 
-def explored_by(predictor: LinkPredictor) -> Explored:
+def explored_by(predictor):
     """Return a model's graph with the model, the same one each time."""
     known = _EXPLORED.setdefault(id(predictor), (predictor, Explored(predictor.model.opened)))
     known[1].models[predictor.name] = predictor
     return known[1]
 
 
-def view_by(predictor: LinkPredictor, state: State) -> Any:
+def view_by(predictor, state):
     """Return the view of a state for a model, with sound values."""
     view = view_of(explored_by(predictor), state)
     assert checked_values(view)

@@ -5,7 +5,6 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,7 +15,6 @@ from wordcraft_kg.agents.config import AgentConfig, TaskConfig
 from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import State
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.episode import Episode
 from wordcraft_kg.apps.explorer.pages.runs import Run, Runs
@@ -29,7 +27,7 @@ from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, make_split
 LARGEST = 300 * 1024
 
 
-def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agents: Explored):
+def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agents):
     for part in ("train", "test"):
         shown = view_of(agents, Tasks(part=part, run="guided"))
         for row in shown.table.rows[::7]:
@@ -49,17 +47,17 @@ def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agent
         (Tasks(), ""),
     ],
 )
-def test_where_there_are_no_results_the_page_says_why(agents: Explored, state: Tasks, reason: str):
+def test_where_there_are_no_results_the_page_says_why(agents, state, reason):
     view = view_of(agents, state)
     assert (view.missing, view.table.counts == {}) == (reason, bool(reason))
     assert reason in look(agents, state).text
 
 
-def test_a_sample_of_tasks_is_said_to_be_one(agents: Explored):
+def test_a_sample_of_tasks_is_said_to_be_one(agents):
     assert "a random sample; further tasks may exist" in look(agents, Tasks(depth=3)).text
 
 
-def test_tasks_are_shown_without_any_agent(kitchen_folder: Path):
+def test_tasks_are_shown_without_any_agent(kitchen_folder):
     explored, state = Explored.open(kitchen_folder), Tasks(part="train")
     page = look(explored, state)
     assert f"{view_of(explored, state).table.tasks} train tasks of depth 1" in page.text
@@ -71,7 +69,7 @@ def test_tasks_are_shown_without_any_agent(kitchen_folder: Path):
 
 
 @pytest.mark.parametrize("run", ["guided", "plain", "mlp"])
-def test_an_episode_is_what_the_agent_explains(agents: Explored, run: str):
+def test_an_episode_is_what_the_agent_explains(agents, run):
     agent = open_agent(agents.runs[run], agents.opened)
     world = World(agents.opened, agent.config.tasks.environment("train"))
     explainer = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
@@ -86,7 +84,7 @@ def test_an_episode_is_what_the_agent_explains(agents: Explored, run: str):
         assert f"<td>{slot.logit:.2f}</td><td>{100 * slot.probability:.1f} %</td>" in page
 
 
-def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
+def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents):
     shown = view_of(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp", "")))
     guided, plain, mlp = shown.agents
     assert guided.explained.table == plain.explained.table == shown.table
@@ -101,7 +99,7 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents: Explored):
         view_of(agents, Episode(run="mlp", distractors=8))
 
 
-def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
+def test_the_form_asks_at_the_table_that_is_seen(agents):
     episode = PAGES["episode"]
     state = Episode(part="train", task=9, distractor_seed=1, other=("plain",))
     shown, sent = view_of(agents, state), look(agents, state).form("selection")
@@ -124,7 +122,7 @@ def test_the_form_asks_at_the_table_that_is_seen(agents: Explored):
     assert "Back to the original table" in text
 
 
-def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents: Explored):
+def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents):
     state = Episode(goal="bread", table=agents.opened.graph.entities[:MOST_ON_TABLE], other=("plain", "mlp"))
     assert len(look(agents, state).page.encode()) < LARGEST
     state = Episode(goal=state.goal, table=state.table, other=("plain",))
@@ -134,12 +132,12 @@ def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents: Explored
     assert shown in look(agents, state).text
 
 
-def test_in_sample_scores_are_marked(agents: Explored, recipes_folder: Path):
+def test_in_sample_scores_are_marked(agents, recipes_folder):
     """Where two folds have a way, every model has learned one of them; where one has, there is a model that has not."""
     from wordcraft_kg.models.scorers.folder import load_scorer
 
     graph, folds = agents.opened.graph, load_scorer(recipes_folder).of_recipe.tolist()  # type: ignore[attr-defined]
-    by_goal: dict[int, dict[int, list[int]]] = {}
+    by_goal = {}
     for (a, b, goal), fold in zip(graph.recipes.tolist(), folds, strict=True):
         if fold >= 0:
             by_goal.setdefault(goal, {}).setdefault(fold, [a, b])
@@ -156,7 +154,7 @@ def test_in_sample_scores_are_marked(agents: Explored, recipes_folder: Path):
     assert ("in-sample This model" in text, "model trained without fold" in text) == (False, True)
 
 
-def explored_of(book: RecipeBook, split: SplitConfig, home: Path, **tasks: Any) -> Explored:
+def explored_of(book, split, home, **tasks):
     graph = RecipeGraph.from_book(book)
     write_graph_folder(home / "graph", book, make_split(graph, split))
     config = AgentConfig(str(home / "graph"), None, TaskConfig(**tasks), LEARNED, replace(SHORT, steps=64))
@@ -165,13 +163,13 @@ def explored_of(book: RecipeBook, split: SplitConfig, home: Path, **tasks: Any) 
 
 
 @pytest.fixture(scope="module")
-def hostile_agents(tmp_path_factory: pytest.TempPathFactory) -> Explored:
+def hostile_agents(tmp_path_factory):
     rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
     book = RecipeBook.of("<b>hostile</b>", rows)
     return explored_of(book, SplitConfig("none"), tmp_path_factory.mktemp("hostile"), distractors=4)
 
 
-def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents: Explored):
+def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents):
     explored, episode = hostile_agents, PAGES["episode"]
     rows = view_of(explored, Tasks()).table.rows
     assert {row.goal for row in rows} == {*HOSTILE}
@@ -196,7 +194,7 @@ def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents: Ex
 
 
 @pytest.mark.parametrize(("kind", "part"), [("none", "train"), ("by-goal", "test"), ("by-recipe", "test")])
-def test_pages_fit_any_split(tmp_path: Path, kind: str, part: str):
+def test_pages_fit_any_split(tmp_path, kind, part):
     explored = explored_of(open_book("kitchen"), SplitConfig(kind), tmp_path, distractors=3)  # type: ignore[arg-type]
     shown = view_of(explored, Tasks())
     assert (shown.table.part, shown.usual) == (part, part)
@@ -208,11 +206,11 @@ def test_pages_fit_any_split(tmp_path: Path, kind: str, part: str):
         assert look(explored, PAGES[name].state()).page
 
 
-def lines_of(folder: Path) -> list[dict[str, Any]]:
+def lines_of(folder):
     return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
 
 
-def test_the_runs_are_what_their_records_say(agents: Explored):
+def test_the_runs_are_what_their_records_say(agents):
     view = view_of(agents, Runs())
     assert [row.name for row in view.runs] == ["guided", "plain", "mlp"]
     for row in view.runs:
@@ -229,7 +227,7 @@ def test_the_runs_are_what_their_records_say(agents: Explored):
     assert view.sources == ("alpha", "u", "v", "w")
 
 
-def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agents: Explored, tmp_path: Path):
+def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agents, tmp_path):
     view = view_of(agents, Run("guided"))
     lines = lines_of(agents.runs["guided"])
     points = [(line["step"], line["test_success"]) for line in lines if "test_success" in line]
@@ -242,11 +240,11 @@ def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agen
 
 
 @pytest.fixture
-def unfinished(agents: Explored, tmp_path: Path) -> Callable[..., tuple[Explored, Path]]:
+def unfinished(agents, tmp_path):
     """Open `plain` as its training left it after some lines of metrics, the last one half written: `live`."""
     done, live = agents.runs["plain"], tmp_path / "live"
 
-    def unfinished(status: str, lines: int, *others: Path) -> tuple[Explored, Path]:
+    def unfinished(status, lines, *others):
         live.mkdir()
         for name in ("config.toml", "policy.json", "constants.safetensors"):
             shutil.copy(done / name, live / name)
@@ -263,7 +261,7 @@ def unfinished(agents: Explored, tmp_path: Path) -> Callable[..., tuple[Explored
 
 @pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
 @pytest.mark.parametrize("lines", [0, 1, 4])
-def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents: Explored, unfinished, status: str, lines: int):
+def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents, unfinished, status, lines):
     explored, _ = unfinished(status, lines)
     view, page = view_of(explored, Run()), look(explored, Run())
     written = lines_of(agents.runs["plain"])[:lines]
@@ -286,7 +284,7 @@ def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents: Explored,
         assert not page_of(state).is_live(agents, state)
 
 
-def test_a_run_that_ends_while_it_is_looked_at_is_shown_as_done(agents: Explored, unfinished):
+def test_a_run_that_ends_while_it_is_looked_at_is_shown_as_done(agents, unfinished):
     done, (explored, folder) = agents.runs["plain"], unfinished("running", 3)
     seen = [view_of(explored, Run()).row.steps]
     shutil.copy(done / "metrics.jsonl", folder / "metrics.jsonl")
@@ -300,15 +298,13 @@ def test_a_run_that_ends_while_it_is_looked_at_is_shown_as_done(agents: Explored
     assert not PAGES["run"].is_live(explored, Run())
 
 
-def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(
-    kitchen_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(kitchen_folder, tmp_path, monkeypatch):
     from wordcraft_kg.agents.impala import Impala
 
     update, seen = Impala.update, []
     trainer = replace(SHORT, checkpoint_every=320, log_every=160)
 
-    def look(self: Impala):
+    def look(self):
         update(self)
         if self.update_number == 15:
             explored = Explored.open(kitchen_folder, [], [tmp_path / "run"])
@@ -333,7 +329,7 @@ BREAK: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("what", BREAK)
-def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents: Explored, unfinished, what: str):
+def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, unfinished, what):
     explored, folder = unfinished("running", 3, agents.runs["guided"])
     BREAK[what](folder)
     rows = view_of(explored, Runs()).runs
@@ -353,7 +349,7 @@ def test_a_run_that_begins_again_is_waited_for(unfinished):
     assert [attributes for _, attributes in page.tags if "data-live" in attributes]
 
 
-def test_a_site_of_files_has_the_episodes_of_the_tasks_that_it_lists(agents: Explored):
+def test_a_site_of_files_has_the_episodes_of_the_tasks_that_it_lists(agents):
     states = list(PAGES["episode"].states(agents))
     rows = view_of(agents, Tasks(run="plain")).table.rows
     assert {Episode(run="plain", task=row.number) for row in rows} <= set(states)
@@ -361,7 +357,7 @@ def test_a_site_of_files_has_the_episodes_of_the_tasks_that_it_lists(agents: Exp
     assert list(PAGES["runs"].states(agents)) == [Runs()]
     known = {("episode", state) for state in states} | {("tasks", state) for state in PAGES["tasks"].states(agents)}
 
-    def address(page: Any, state: State) -> str:
+    def address(page, state):
         return f"/{page.name}.html" if (page.name, state) in known else ""
 
     site = Site(agents, address, lambda file: file, is_static=True)
@@ -372,7 +368,7 @@ def test_a_site_of_files_has_the_episodes_of_the_tasks_that_it_lists(agents: Exp
         assert "/episode.html" in found.links
 
 
-def test_a_site_of_files_has_no_episode_of_an_agent_that_cannot_be_asked(agents: Explored, tmp_path: Path):
+def test_a_site_of_files_has_no_episode_of_an_agent_that_cannot_be_asked(agents, tmp_path):
     folder = next(iter(agents.runs.values()))
     shutil.copytree(folder, failed := tmp_path / "failed")
     record = json.loads((failed / "run.json").read_text())

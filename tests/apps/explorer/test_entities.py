@@ -1,21 +1,18 @@
 """The overview, lists of entities and the search; an entity's recipes, cost, predictions and similar entities."""
 
 from collections import Counter
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from refusals import refuses
 
-from tests.apps.explorer.shown import Rows, Shown, explored_by, explored_graph, look, view_by, view_of
+from tests.apps.explorer.shown import Shown, explored_by, explored_graph, look, view_by, view_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
 from wordcraft_kg.apps.explorer.pages import entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
 from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes, near_by_words
 from wordcraft_kg.apps.explorer.pages.home import Home
-from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.graphs import Planner, RecipeGraph, layers
 from wordcraft_kg.graphs.splits import PARTS
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
@@ -33,7 +30,7 @@ PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
         ([], (), ()),
     ],
 )
-def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows: Rows, furthest, most_used):
+def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, furthest, most_used):
     overview = view_of(explored_graph(rows), Home())
     assert (overview.furthest, overview.most_used) == (furthest, most_used)
 
@@ -41,7 +38,7 @@ def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows: Ro
 @pytest.mark.parametrize(
     ("has_models", "pages"), [(True, ["/path/pie", "/link", "/episode"]), (False, ["/path/pie", "/entity/pot", "/map"])]
 )
-def test_the_overview_asks_three_questions_that_lead_to_pages(explored: Explored, has_models: bool, pages: list[str]):
+def test_the_overview_asks_three_questions_that_lead_to_pages(explored, has_models, pages):
     page = look(explored if has_models else Explored(explored.opened), Home()).page
     assert Shown(page.split('aria-label="Examples"')[1].split("</ul>")[0]).links == pages
 
@@ -53,7 +50,7 @@ def test_the_overview_asks_three_questions_that_lead_to_pages(explored: Explored
         ({"train_fraction": 0.5, "label_noise": 0.25}, "50 % of the train recipes, 25 % of them with a wrong result"),
     ],
 )
-def test_a_model_that_was_taught_a_dose_says_of_what(settings: dict[str, float], train_sample: str, tmp_path: Path):
+def test_a_model_that_was_taught_a_dose_says_of_what(settings, train_sample, tmp_path):
     config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, folds=0, **settings))  # type: ignore[arg-type]
     explored = Explored.open("kitchen", [train_links(config, tmp_path / "model").folder])
     assert [line.train_sample for line in view_of(explored, Home()).models] == [train_sample]
@@ -61,7 +58,7 @@ def test_a_model_that_was_taught_a_dose_says_of_what(settings: dict[str, float],
 
 
 @pytest.mark.parametrize("total", [0, 1, 19, 20, 21, 40, 41])
-def test_pages_together_hold_every_row_once(total: int):
+def test_pages_together_hold_every_row_once(total):
     rows = list(range(total))
     first = paging(total, 1, 20)
     shown = [row for page in range(1, first.pages + 1) for row in rows[paging(total, page, 20).rows]]
@@ -72,7 +69,7 @@ def test_pages_together_hold_every_row_once(total: int):
             paging(total, page, 20)
 
 
-def test_the_list_has_every_entity_in_the_order_asked_for(kitchen: RecipeGraph, monkeypatch: pytest.MonkeyPatch):
+def test_the_list_has_every_entity_in_the_order_asked_for(kitchen, monkeypatch):
     monkeypatch.setattr(entities, "ENTITIES_A_PAGE", 7)
     layer = layers(kitchen).tolist()
     made = [sum(row[2] == i for row in kitchen.recipes.tolist()) for i in range(kitchen.num_entities)]
@@ -110,7 +107,7 @@ def test_an_entity_that_cannot_be_made_has_no_layer():
     ],
 )
 def test_a_search_takes_the_label_itself_then_beginnings_words_and_parts_without_case_and_accents(
-    rows: list[tuple[str, str, str]], wanted: str, expected: tuple[str, ...]
+    rows, wanted, expected
 ):
     graph = RecipeGraph.from_recipes(rows)
     assert search_entities(graph, wanted) == expected
@@ -118,9 +115,7 @@ def test_a_search_takes_the_label_itself_then_beginnings_words_and_parts_without
     assert list_entities(graph, wanted).paging.total == len(expected) or not wanted.strip()
 
 
-def test_recipes_that_make_and_use_an_entity_have_their_parts(
-    neighbours: LinkPredictor, monkeypatch: pytest.MonkeyPatch
-):
+def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkeypatch):
     monkeypatch.setattr(entity, "LISTED", 1_000)
     graph, split = neighbours.graph, neighbours.split
     part_of = {tuple(row): PARTS[part] for row, part in zip(graph.recipe_labels(), split.parts.tolist(), strict=True)}
@@ -139,7 +134,7 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(
     assert parts == set(PARTS)
 
 
-def test_layer_and_crafts_are_those_of_the_planner(kitchen: RecipeGraph):
+def test_layer_and_crafts_are_those_of_the_planner(kitchen):
     planner, layer, explored = Planner(kitchen), layers(kitchen), explored_graph(kitchen)
     for label in kitchen.entities[::9]:
         found = view_of(explored, Entity(label))
@@ -148,14 +143,14 @@ def test_layer_and_crafts_are_those_of_the_planner(kitchen: RecipeGraph):
         assert found.base == (label in kitchen.base)
 
 
-def test_what_cannot_be_made_has_neither_layer_nor_crafts(of_recipes: Callable[..., LinkPredictor]):
+def test_what_cannot_be_made_has_neither_layer_nor_crafts(of_recipes):
     rows = [("a", "b", "c"), ("x", "y", "x"), ("x", "c", "y")]
     found = view_by(of_recipes(rows, kind="none"), Entity("y"))
     assert (found.layer, found.crafts, found.base) == (None, None, False)
     assert found.made_by.paging.total == 1
 
 
-def test_a_model_answers_for_partners_ingredients_and_products(neighbours: LinkPredictor):
+def test_a_model_answers_for_partners_ingredients_and_products(neighbours):
     for learned in (False, True):
         found = view_by(neighbours, Entity("bread", learned=learned))
         queries = [(slot.head, slot.relation, slot.tail) for slot in found.slots]
@@ -165,7 +160,7 @@ def test_a_model_answers_for_partners_ingredients_and_products(neighbours: LinkP
         assert found.model == neighbours.name
 
 
-def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours: LinkPredictor):
+def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):
     found = view_by(neighbours, Entity("bread")).nearest
     assert len({row.entity for row in found} - {"bread"}) == len(found) == 8
     cosines = [row.cosine for row in found]
@@ -190,7 +185,7 @@ def test_an_entity_whose_words_have_no_vector_is_like_none_by_words():
     assert {row.entity for row in view_of(explored, Entity("bread")).by_words} == {"water", "cake"}
 
 
-def test_many_recipes_come_page_by_page(of_recipes: Callable[..., LinkPredictor]):
+def test_many_recipes_come_page_by_page(of_recipes):
     rows = [("hub", f"part {i:03}", f"thing {i:03}") for i in range(250)]
     explored = explored_by(of_recipes(rows, kind="by-recipe-plain"))
     pages = [view_of(explored, Recipes("hub", page=page)) for page in (1, 2, 3)]

@@ -1,7 +1,6 @@
 """The pages of links, pairs, ranks and two models: scores, in-sample marks, evidence, and texts."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of, view_by, view_of
 from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import State
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
 from wordcraft_kg.apps.explorer.pages.compare import Compare
 from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes
@@ -27,14 +25,14 @@ MANY = [(f"part {i % 7}", f"other {i % 5}", f"thing {i}") for i in range(35)]
 OfRecipes = Callable[..., LinkPredictor]
 
 
-def held_out(predictor: LinkPredictor) -> tuple[list[int], Link]:
+def held_out(predictor):
     """Return the first held-out triple as ids and as a page."""
     head, relation, tail = predictor.split.held_out("test")[0].tolist()
     labels = predictor.graph.entities
     return [head, relation, tail], Link(labels[head], RELATIONS[relation], labels[tail])
 
 
-def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel: LinkPredictor):
+def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel):
     graph, scorer = kernel.graph, kernel.model.scorer
     triples = graph.triples[::37]
     ranks = rank_triples(scorer, triples, graph.triples)
@@ -54,14 +52,14 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel:
     assert statuses == {("learned", "train"), ("held out", "valid"), ("held out", "test")}
 
 
-def test_a_learned_link_names_a_train_recipe_and_a_held_out_one_its_evidence(kernel: LinkPredictor):
+def test_a_learned_link_names_a_train_recipe_and_a_held_out_one_its_evidence(kernel):
     a, b, _ = kernel.graph.labels(kernel.split.recipes("train")[0])
     reason = view_by(kernel, Link(a, "combinesWith", b)).reason
     assert reason.learned_from[0] in [tuple(row)[:3] for row in kernel.graph.recipe_labels()]
     assert view_by(kernel, held_out(kernel)[1]).reason.witnesses
 
 
-def test_a_link_that_is_not_in_the_book_says_so(kernel: LinkPredictor):
+def test_a_link_that_is_not_in_the_book_says_so(kernel):
     itself = view_by(kernel, Link("bread", "componentOf", "bread"))
     assert (itself.status, itself.known, itself.recipes) == ("itself", "new", ())
     assert itself.probability is not None
@@ -72,13 +70,13 @@ def test_a_link_that_is_not_in_the_book_says_so(kernel: LinkPredictor):
         assert (slot.head, slot.tail, len(slot.best)) == (*ends, 10)
 
 
-def test_a_model_of_the_full_graph_is_marked(all_seeing: LinkPredictor):
+def test_a_model_of_the_full_graph_is_marked(all_seeing):
     view = view_by(all_seeing, held_out(all_seeing)[1])
     assert (view.has_seen_the_test_recipes, view.status, view.known) == (True, "learned", "test")
     assert view.reason.is_in_sample
 
 
-def test_a_pair_makes_what_the_book_says_with_the_part(neighbours: LinkPredictor):
+def test_a_pair_makes_what_the_book_says_with_the_part(neighbours):
     graph, explored = neighbours.graph, explored_graph(neighbours.graph, split=neighbours.split)
     for a, b, _ in graph.recipe_labels()[::13]:
         for one, other in ((a, b), (b, a)):
@@ -87,7 +85,7 @@ def test_a_pair_makes_what_the_book_says_with_the_part(neighbours: LinkPredictor
             assert (view.link, view.results, view.model) == (None, None, "")
 
 
-def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers: LinkPredictor):
+def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers):
     a, b, result = rankers.graph.labels(rankers.split.recipes("test")[0])
     view, scorer = view_by(rankers, Pair(a, b)), rankers.model.scorer
     assert isinstance(scorer, CrossFitted)
@@ -99,14 +97,14 @@ def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers
     assert [row.part for row in view.makes if row.result == result] == ["test"]
 
 
-def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers: LinkPredictor):
+def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers):
     a, b, result = rankers.graph.labels(rankers.split.recipes("train")[0])
     view = view_by(rankers, Pair(a, b))
     assert {row.result for row in view.results if row.in_sample} >= {result}
     assert (view.link.status, view.link.probability) == ("learned", None)
 
 
-def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel: LinkPredictor, explored: Explored):
+def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     _, link = held_out(kernel)
     view = view_by(kernel, Pair(link.head, link.tail))
     assert (view.results, view.link.status, view.link.probability is None) == (None, "held out", False)
@@ -118,7 +116,7 @@ def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel: LinkPredict
 
 
 @pytest.mark.parametrize("page", [Pair(model="kitchen-recipes"), Goal()], ids=["pair", "path"])
-def test_an_example_offers_others_and_a_choice_does_not(explored: Explored, page: State):
+def test_an_example_offers_others_and_a_choice_does_not(explored, page):
     examples = view_of(explored, page).examples
     assert len(set(examples)) == 3
     text = look(explored, page).text
@@ -129,25 +127,25 @@ def test_an_example_offers_others_and_a_choice_does_not(explored: Explored, page
     assert "try another" not in look(explored, chosen).text
 
 
-def test_reasons_stand_below_their_rows(explored: Explored):
+def test_reasons_stand_below_their_rows(explored):
     shown = look(explored, Pair(model="kitchen-recipes"))
     assert [attributes for tag, attributes in shown.tags if tag == "tr"].count({"class": "why"}) == 10
 
 
-def test_the_headline_of_predictions_is_on_the_page(explored: Explored):
+def test_the_headline_of_predictions_is_on_the_page(explored):
     for name in explored.models:
         metrics = view_of(explored, Predictions(model=name, part="test")).metrics
         assert f"{metrics.mrr:.3f}" in look(explored, Predictions(model=name)).text
 
 
 @pytest.mark.parametrize(("known", "how_many"), [("unseen", ""), ("all", " of these"), ("learned", "All of these")])
-def test_ranks_of_what_was_learned_are_marked_as_memory(explored: Explored, known: str, how_many: str):
+def test_ranks_of_what_was_learned_are_marked_as_memory(explored, known, how_many):
     text = look(explored, Predictions(known=known)).text  # type: ignore[arg-type]
     shown = f"{how_many} queries are for training triples: these ranks are in-sample"
     assert (shown in text) == ("ranks are in-sample" in text) == bool(how_many)
 
 
-def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes: OfRecipes):
+def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes):
     explored = explored_by(of_recipes(MANY, kg="full", kind="by-recipe-plain"))
     page = look(explored, Predictions())
     assert "no triple in the book is unseen" in page.text
@@ -160,7 +158,7 @@ def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes: 
     assert result in pair.text
 
 
-def test_a_book_without_a_split_has_pages_too(of_recipes: OfRecipes):
+def test_a_book_without_a_split_has_pages_too(of_recipes):
     predictor = of_recipes([("a", "b", "c"), ("b", "a", "d"), ("b", "c", "d"), ("a", "d", "e")], kind="none")
     explored = explored_by(predictor)
     assert "This model was trained on all recipes" in look(explored, Predictions()).text
@@ -171,7 +169,7 @@ def test_a_book_without_a_split_has_pages_too(of_recipes: OfRecipes):
     assert pair.has_seen_the_test_recipes
 
 
-def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(explored: Explored, of_recipes: OfRecipes):
+def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(explored, of_recipes):
     assert "%" in look(explored, Entity("bread")).text
     assert view_of(explored, Entity("bread")).has_probabilities
     plain = of_recipes(MANY, kind="by-recipe-plain")
@@ -179,7 +177,7 @@ def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(explore
     assert view_by(plain, held_out(plain)[1]).probability is None
 
 
-def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder: Path):
+def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder):
     explored = Explored.open(kitchen_folder)
     view = view_of(explored, Entity("bread"))
     assert (view.model, view.slots, view.nearest) == ("", (), ())
@@ -193,7 +191,7 @@ def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder: Path
         assert not page_of(state).is_there(explored)
 
 
-def test_a_model_compared_with_itself_does_not_differ(explored: Explored):
+def test_a_model_compared_with_itself_does_not_differ(explored):
     view = view_of(explored, Compare(one="kitchen-recipes", other="kitchen-recipes"))
     assert view.headline is not None
     assert view.headline.models[1].difference == 0
@@ -201,7 +199,7 @@ def test_a_model_compared_with_itself_does_not_differ(explored: Explored):
     assert view_of(explored, Compare(other="kitchen-complex")).ranks.models[0] == "kitchen-recipes"
 
 
-def test_too_few_unseen_triples_leave_no_headline(of_recipes: OfRecipes):
+def test_too_few_unseen_triples_leave_no_headline(of_recipes):
     predictor = of_recipes(
         [(f"part {i % 3}", f"other {i % 4}", f"thing {i}") for i in range(9)], kind="by-recipe-plain"
     )
@@ -210,9 +208,7 @@ def test_too_few_unseen_triples_leave_no_headline(of_recipes: OfRecipes):
     assert "No headline: only" in look(explored, Compare()).text
 
 
-def test_ranks_are_made_once_however_many_ask(
-    kitchen_folder: Path, links_folder: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_ranks_are_made_once_however_many_ask(kitchen_folder, links_folder, monkeypatch):
     explored = Explored.open(kitchen_folder, [links_folder])
     made, views, rank_graph = [], [], predictions.rank_graph
     monkeypatch.setattr(predictions, "rank_graph", lambda predictor: made.append(1) or rank_graph(predictor))
@@ -229,7 +225,7 @@ def test_a_graph_without_recipes_has_no_pair_in_the_menu():
             view_of(explored, state)
 
 
-def test_what_speaks_for_a_prediction_is_named_beside_it(explored: Explored):
+def test_what_speaks_for_a_prediction_is_named_beside_it(explored):
     state = Entity("bread", model="kitchen-recipes")
     text, named = look(explored, state).text, 0
     for slot, row in [(one, row) for one in view_of(explored, state).slots for row in one.best]:
@@ -243,7 +239,7 @@ def test_what_speaks_for_a_prediction_is_named_beside_it(explored: Explored):
     assert named > 10
 
 
-def test_a_link_shows_how_far_each_train_recipe_speaks_for_it(explored: Explored):
+def test_a_link_shows_how_far_each_train_recipe_speaks_for_it(explored):
     a, b = explored.opened.graph.labels(np.array(explored.opened.split.held_out("test")[0])[[0, 2]])
     state = Link(a, "combinesWith", b, "kitchen-recipes")
     witnesses, text = view_of(explored, state).reason.witnesses, look(explored, state).text

@@ -1,6 +1,5 @@
 """The table of all ranks: its headline is the report's, its filters choose what they say, and two models beside."""
 
-from collections.abc import Callable
 from itertools import product
 
 import pytest
@@ -8,14 +7,11 @@ import pytest
 from wordcraft_kg.apps.explorer.pages import predictions
 from wordcraft_kg.apps.explorer.pages.compare import view_compared_ranks
 from wordcraft_kg.apps.explorer.pages.predictions import (
-    RankedQuery,
-    RankedTriples,
     RankFilter,
     rank_graph,
     ranked_queries,
     view_link_ranks,
 )
-from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.evaluation.link_comparison import Contender, compare
@@ -28,40 +24,40 @@ UNSEEN = RankFilter(part="test")
 
 
 @pytest.fixture(scope="module")
-def ranked(neighbours: LinkPredictor) -> RankedTriples:
+def ranked(neighbours):
     return rank_graph(neighbours)
 
 
 @pytest.fixture(scope="module")
-def by_kernel(kernel: LinkPredictor) -> RankedTriples:
+def by_kernel(kernel):
     return rank_graph(kernel)
 
 
-def pages(ranked: RankedTriples, chosen: RankFilter, **options: str) -> list:
+def pages(ranked, chosen, **options):
     number = view_link_ranks(ranked, chosen, **options).paging.pages
     shown = (view_link_ranks(ranked, chosen, page=page, **options) for page in range(1, number + 1))
     return [query for page in shown for query in page.queries]
 
 
 @pytest.fixture(scope="module")
-def everything(ranked: RankedTriples) -> list:
+def everything(ranked):
     return list(ranked_queries(ranked.split.graph, ranked.ranks))
 
 
-def link_of(query: RankedQuery) -> tuple[str, ...]:
+def link_of(query):
     ends = (query.head, query.tail)
     return (query.relation, *(sorted(ends) if query.relation == "combinesWith" else ends))
 
 
-def key_of(query: RankedQuery) -> tuple[str, str, str, str]:
+def key_of(query):
     return query.head, query.relation, query.tail, query.side
 
 
-def gain(queries: tuple[RankedQuery, RankedQuery]) -> float:
+def gain(queries):
     return 1 / queries[0].rank - 1 / queries[1].rank
 
 
-def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours: LinkPredictor, ranked: RankedTriples):
+def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours, ranked):
     report = view_links(rank_links(neighbours.model.scorer, neighbours.model.opened))
     found = view_link_ranks(ranked, UNSEEN)
     assert found.metrics.mrr == pytest.approx(report.metrics["all"].mrr)
@@ -71,7 +67,7 @@ def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours: L
         assert of_relation.metrics.mrr == pytest.approx(report.metrics[relation].mrr)
 
 
-def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours: LinkPredictor):
+def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours):
     few = rank_graph(neighbours, 40)
     report = rank_links(neighbours.model.scorer, neighbours.model.opened, max_queries=80)
     found = view_link_ranks(few, UNSEEN)
@@ -84,12 +80,12 @@ def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours: LinkPred
 
 
 @pytest.mark.parametrize(("each", "ranked"), [(50, 50), (0, MIN_TRIPLES)])
-def test_of_many_entities_fewer_triples_are_ranked(neighbours: LinkPredictor, monkeypatch, each: int, ranked: int):
+def test_of_many_entities_fewer_triples_are_ranked(neighbours, monkeypatch, each, ranked):
     monkeypatch.setattr(predictions, "SCORES", each * neighbours.graph.num_entities)
     assert rank_graph(neighbours).sample.unseen == ranked
 
 
-def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours: LinkPredictor, everything: list):
+def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours, everything):
     graph, labels = neighbours.graph, neighbours.graph.entities
     ranks = rank_triples(neighbours.model.scorer, graph.triples, graph.triples)
     ranks["learned"] = is_in(ranks[["head", "relation", "tail"]].to_numpy(), neighbours.split.partial, len(labels))
@@ -112,8 +108,8 @@ FILTERS = [
 
 
 @pytest.mark.parametrize("chosen", FILTERS, ids=str)
-def test_a_filter_chooses_what_it_says(ranked: RankedTriples, everything: list, chosen: RankFilter):
-    def fits(query: RankedQuery) -> bool:
+def test_a_filter_chooses_what_it_says(ranked, everything, chosen):
+    def fits(query):
         return (
             chosen.relation in ("", query.relation)
             and chosen.side in ("", query.side)
@@ -141,28 +137,28 @@ def test_a_filter_chooses_what_it_says(ranked: RankedTriples, everything: list, 
         ("label", lambda query: (query.relation, query.head, query.tail)),
     ],
 )
-def test_queries_are_sorted_as_asked(ranked: RankedTriples, order: str, key: Callable[[RankedQuery], object]):
+def test_queries_are_sorted_as_asked(ranked, order, key):
     keys = [key(query) for query in pages(ranked, UNSEEN, order=order)]
     assert keys == sorted(keys)
 
 
 @pytest.mark.parametrize(("order", "first"), [("worst", max), ("best", min)])
-def test_each_link_is_listed_once_by_its_first_query(ranked: RankedTriples, everything: list, order: str, first):
+def test_each_link_is_listed_once_by_its_first_query(ranked, everything, order, first):
     listed = pages(ranked, RankFilter(known="all"), order=order)
-    ranks: dict[tuple[str, ...], list[float]] = {}
+    ranks = {}
     for query in everything:
         ranks.setdefault(link_of(query), []).append(query.rank)
     assert {link_of(query): query.rank for query in listed} == {link: first(both) for link, both in ranks.items()}
     assert (len(listed), max(map(len, ranks.values()))) == (len(ranks), 4)
 
 
-def test_no_query_may_be_chosen(ranked: RankedTriples):
+def test_no_query_may_be_chosen(ranked):
     found = view_link_ranks(ranked, RankFilter(part="test", known="learned", entity="water"))
     assert (found.queries, found.metrics.queries, found.metrics.mrr) == ((), 0, None)
     checked_values(found)
 
 
-def test_a_model_of_the_full_graph_has_learned_every_row(all_seeing: LinkPredictor):
+def test_a_model_of_the_full_graph_has_learned_every_row(all_seeing):
     ranked = rank_graph(all_seeing)
     found = view_link_ranks(ranked, RankFilter(known="all"))
     assert found.has_seen_the_test_recipes
@@ -170,7 +166,7 @@ def test_a_model_of_the_full_graph_has_learned_every_row(all_seeing: LinkPredict
     assert view_link_ranks(ranked, UNSEEN).queries == ()
 
 
-def test_two_models_are_compared_query_by_query(ranked: RankedTriples, by_kernel: RankedTriples):
+def test_two_models_are_compared_query_by_query(ranked, by_kernel):
     found = view_compared_ranks(ranked, by_kernel, UNSEEN)
     one, other = (
         {key_of(query): query for query in ranked_queries(model.split.graph, model.ranks[model.mask(UNSEEN)])}
@@ -191,16 +187,14 @@ def test_two_models_are_compared_query_by_query(ranked: RankedTriples, by_kernel
     assert found.better[1] == sum(gain < 0 for gain in gains) > 0
 
 
-def test_the_headline_of_a_comparison_is_that_of_compare_links(
-    neighbours: LinkPredictor, kernel: LinkPredictor, ranked: RankedTriples, by_kernel: RankedTriples
-):
+def test_the_headline_of_a_comparison_is_that_of_compare_links(neighbours, kernel, ranked, by_kernel):
     view = compare([Contender(one.name, [one.model]) for one in (neighbours, kernel)], resamples=10)
     found = view_compared_ranks(ranked, by_kernel, UNSEEN)
     assert [found.metrics[0].mrr, found.metrics[1].mrr] == pytest.approx([model.mrr for model in view.models])
 
 
 @pytest.mark.parametrize(("better", "sign"), [("one", 1), ("other", -1)])
-def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked, by_kernel, better: str, sign: int):
+def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked, by_kernel, better, sign):
     found = view_compared_ranks(ranked, by_kernel, UNSEEN, better)  # type: ignore[arg-type]
     assert found.queries
     assert all(sign * gain(query) > 0 for query in found.queries)
@@ -208,9 +202,7 @@ def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked, by_kernel, 
     assert found.metrics[0].queries == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics[0].queries
 
 
-def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(
-    ranked: RankedTriples, all_seeing: LinkPredictor
-):
+def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(ranked, all_seeing):
     found = view_compared_ranks(ranked, rank_graph(all_seeing), RankFilter(part="test", known="all"))
     assert found.learned == found.metrics[0].queries
     assert any(other.learned and not one.learned for one, other in found.queries)
@@ -218,6 +210,6 @@ def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(
 
 
 @pytest.mark.parametrize("other", ["rankers", "hostile_predictor"])
-def test_models_of_other_splits_or_graphs_are_not_compared(request, other: str, ranked: RankedTriples):
+def test_models_of_other_splits_or_graphs_are_not_compared(request, other, ranked):
     with pytest.raises(GraphMismatchError):
         view_compared_ranks(ranked, rank_graph(request.getfixturevalue(other)), RankFilter(known="all"))

@@ -48,7 +48,7 @@ def test_each_craft_is_a_layer_after_all_that_it_needs_and_a_layer_before_someth
     for entity in kitchen.entities:
         view = view_of(explored, Path(entity))
         layer = {step.recipe.result: step.layer for step in view.listed}
-        needed_in: dict[str, set[int]] = {}
+        needed_in = {}
         for step in view.listed:
             for part in step.recipe[:2]:
                 assert layer.get(part, 0) < step.layer

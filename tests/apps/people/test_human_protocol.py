@@ -1,7 +1,5 @@
 """The paper's protocol for people: picks, tasks, and the interval of a rate."""
 
-from typing import Any
-
 import msgspec
 import numpy as np
 import pytest
@@ -17,11 +15,11 @@ from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.envs.words import table_labels
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import SplitConfig, make_split
 
 
 @pytest.fixture(scope="module")
-def protocol(kitchen: RecipeGraph) -> HumanProtocol:
+def protocol(kitchen):
     return HumanProtocol(kitchen)
 
 
@@ -29,7 +27,7 @@ def test_a_session_is_40_train_tasks_and_then_40_test_tasks():
     assert schedule() == tuple((part, number) for part in ("train", "test") for number in range(1, 41))
 
 
-def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol: HumanProtocol, kitchen: RecipeGraph):
+def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol, kitchen):
     for part in ("train", "test"):
         agents = WordCraftEnv(kitchen, part=part, num_distractors=8)
         for number in range(1, TASKS_PER_PART + 1):
@@ -40,7 +38,7 @@ def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol: HumanP
             assert observation["attempts_left"] == 1
 
 
-def test_fewer_tasks_are_the_first_of_more_and_a_world_may_be_shared(protocol: HumanProtocol):
+def test_fewer_tasks_are_the_first_of_more_and_a_world_may_be_shared(protocol):
     few = HumanProtocol(protocol.world, tasks=3)
     assert few.turns == tuple((part, number) for part in ("train", "test") for number in (1, 2, 3))
     assert [few.task(*turn) for turn in few.turns] == [protocol.task(*turn) for turn in few.turns]
@@ -51,12 +49,12 @@ def test_fewer_tasks_are_the_first_of_more_and_a_world_may_be_shared(protocol: H
 @pytest.mark.parametrize(
     ("setting", "value"), [*(("tasks", value) for value in (0, -1, 1_001, True, 1.5)), ("seed", -1)]
 )
-def test_a_setting_that_cannot_be_is_refused(protocol: HumanProtocol, setting: str, value: Any):
+def test_a_setting_that_cannot_be_is_refused(protocol, setting, value):
     with refuses(setting):
         HumanProtocol(protocol.world, **{setting: value})
 
 
-def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol: HumanProtocol):
+def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol):
     outcomes = set()
     for part, number in protocol.turns:
         task = protocol.task(part, number)
@@ -77,14 +75,14 @@ def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol: Human
     assert outcomes == {(True, True), (False, True), (False, False)}
 
 
-def test_the_goals_are_the_same_with_any_number_of_distractors(protocol: HumanProtocol):
+def test_the_goals_are_the_same_with_any_number_of_distractors(protocol):
     few = HumanProtocol(protocol.world, 1)
     for turn in protocol.turns:
         assert few.task(*turn).goal == protocol.task(*turn).goal
         assert len(few.task(*turn).table) == len(protocol.task(*turn).table) - 7
 
 
-def test_a_task_does_not_depend_on_what_was_posed_before(protocol: HumanProtocol, kitchen: RecipeGraph):
+def test_a_task_does_not_depend_on_what_was_posed_before(protocol, kitchen):
     env, observation = HumanProtocol(kitchen).pose("test", 7)
     first = env.task, table_labels(env, observation)
     for number in (3, 7):
@@ -99,7 +97,7 @@ def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
     assert {key: episode_seed(*key) for key in golden} == golden
 
 
-def test_the_header_and_an_answer_have_nothing_about_people(protocol: HumanProtocol, kitchen: RecipeGraph):
+def test_the_header_and_an_answer_have_nothing_about_people(protocol, kitchen):
     settings = {"tasks_per_part": 40, "depth": 1, "num_distractors": 8, "attempts": 1}
     weights = {"distractor_weighting": "use", "distractor_policy": "any", "task_weighting": "task", "ambiguity": "all"}
     hashes = {"graph_hash": kitchen.hash, "split_hash": make_split(kitchen, SplitConfig()).hash}
@@ -110,7 +108,7 @@ def test_the_header_and_an_answer_have_nothing_about_people(protocol: HumanProto
 
 
 @given(st.integers(1, 10_000), st.data())
-def test_the_wilson_interval_is_scipys(n: int, data: st.DataObject):
+def test_the_wilson_interval_is_scipys(n, data):
     successes = data.draw(st.integers(0, n))
     expected = tuple(binomtest(successes, n).proportion_ci(0.95, method="wilson"))
     low, high = wilson_interval(successes, n)
@@ -119,6 +117,6 @@ def test_the_wilson_interval_is_scipys(n: int, data: st.DataObject):
 
 
 @pytest.mark.parametrize(("successes", "n"), [(0, 0), (-1, 3), (4, 3)])
-def test_a_rate_that_cannot_be_is_refused(successes: int, n: int):
+def test_a_rate_that_cannot_be_is_refused(successes, n):
     with pytest.raises(ConfigError, match="expected"):
         wilson_interval(successes, n)

@@ -2,26 +2,24 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
 from tests.apps.people.stored import answered, other_world
-from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
+from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
 from wordcraft_kg.apps.people.comparison import agent_successes, greedy_slots
 from wordcraft_kg.apps.people.protocol import HumanProtocol, Session
-from wordcraft_kg.apps.people.summary import HumanSummary, view_people
+from wordcraft_kg.apps.people.summary import view_people
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.base.statistics import wilson_interval
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.graphs import RecipeGraph
 
 
-def session(protocol: HumanProtocol, right: str, seconds: float = 1.0) -> Session:
+def session(protocol, right, seconds=1.0):
     """Somebody's answers: a digit for each, 1 for a right one."""
     turns = zip(protocol.turns, right, strict=False)
     answers = tuple(answered(protocol, protocol.task(*turn), digit == "1", seconds) for turn, digit in turns)
@@ -30,17 +28,17 @@ def session(protocol: HumanProtocol, right: str, seconds: float = 1.0) -> Sessio
 
 
 @pytest.fixture(scope="module")
-def protocol(kitchen: RecipeGraph) -> HumanProtocol:
+def protocol(kitchen):
     return HumanProtocol(kitchen, tasks=3)
 
 
-def summed(*sessions: Session, agents: Any = None) -> HumanSummary:
+def summed(*sessions, agents=None):
     view = view_people({Path(str(number)): (one,) for number, one in enumerate(sessions)}, agents)
     checked_values(view)
     return view
 
 
-def test_each_part_is_summed_up_over_all_sessions(protocol: HumanProtocol):
+def test_each_part_is_summed_up_over_all_sessions(protocol):
     view = summed(*(session(protocol, right) for right in ("110100", "1110", "")))
     assert (view.graph, view.sessions, view.finished) == ("kitchen", 3, 1)
     assert view.settings == {k: v for k, v in protocol.header.settings.items() if k != "num_distractors"}
@@ -53,7 +51,7 @@ def test_each_part_is_summed_up_over_all_sessions(protocol: HumanProtocol):
     assert train.agents == {}
 
 
-def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol: HumanProtocol):
+def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol):
     """With two people there are four resamples, which a thousand draws meet about equally often."""
     row = summed(session(protocol, "111"), session(protocol, "100")).conditions[0].parts["train"]
     drawn = [np.mean([3, 3]) / 3, np.mean([3, 1]) / 3, np.mean([1, 3]) / 3, np.mean([1, 1]) / 3]
@@ -61,7 +59,7 @@ def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol: H
 
 
 @pytest.mark.parametrize("answers", ["111", "000"])
-def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(protocol: HumanProtocol, answers: str):
+def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(protocol, answers):
     people = [session(protocol, right) for right in (answers[:2], answers, answers[:1])]
     made = {one.table_of(answer): answers == "111" for one in people for answer in one.answers}
     row = summed(*people, agents={"agent": made}).conditions[0].parts["train"]
@@ -70,20 +68,20 @@ def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(
     assert (row.agents["agent"].tables, row.agents["agent"].interval) == (3, wilson_interval(right, 3))
 
 
-def test_one_person_alone_has_no_interval_over_people_and_none_without_answers(protocol: HumanProtocol):
+def test_one_person_alone_has_no_interval_over_people_and_none_without_answers(protocol):
     parts = summed(session(protocol, "111")).conditions[0].parts
     assert parts["train"].people_interval is None
     assert (parts["test"].interval, parts["test"].rate, parts["test"].people) == (None, None, 0)
 
 
-def test_numbers_of_distractors_are_conditions_of_their_own(protocol: HumanProtocol):
+def test_numbers_of_distractors_are_conditions_of_their_own(protocol):
     few = HumanProtocol(protocol.world, 1, tasks=3)
     view = summed(session(protocol, "110"), session(few, "100100"), session(few, "000", 2.0))
     shown = [(one.distractors, one.parts["train"].successes, one.sessions, one.finished) for one in view.conditions]
     assert shown == [(1, 1, 2, 1), (8, 2, 1, 0)]
 
 
-def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(protocol: HumanProtocol):
+def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(protocol):
     other = HumanProtocol(protocol.world, seed=1, tasks=3)
     assert summed(session(protocol, "1"), session(other, "1")).sessions == 2
     longer = HumanProtocol(protocol.world, tasks=4)
@@ -92,19 +90,19 @@ def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(pro
 
 
 @pytest.mark.parametrize("what", ["graph", "split"])
-def test_another_graph_or_split_is_not_summed_up(protocol: HumanProtocol, kitchen: RecipeGraph, what: str):
+def test_another_graph_or_split_is_not_summed_up(protocol, kitchen, what):
     with pytest.raises(GraphMismatchError, match=f"{what}_hash"):
         summed(session(protocol, "1"), session(HumanProtocol(other_world(kitchen, what), tasks=3), "1"))
 
 
-def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol: HumanProtocol):
+def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol):
     with pytest.raises(ArtefactError, match="1 has the same answers as 0"):
         summed(session(protocol, "10"), session(protocol, "10"))
     assert summed(session(protocol, ""), session(protocol, "")).sessions == 2
 
 
 @pytest.fixture(scope="module")
-def agent(recipes_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> OpenedAgent:
+def agent(recipes_folder, tmp_path_factory):
     """A little trained agent of the kitchen, whose scorer is cross-fitted."""
     from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
     from wordcraft_kg.agents.training import train_agent
@@ -117,7 +115,7 @@ def agent(recipes_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Ope
 
 
 @pytest.mark.parametrize("part", ["train", "test"])
-def test_the_greedy_picks_are_those_of_a_player_in_an_engine_with_the_same_tables(agent: OpenedAgent, part: str):
+def test_the_greedy_picks_are_those_of_a_player_in_an_engine_with_the_same_tables(agent, part):
     protocol = HumanProtocol(agent.opened, 5, seed=3)
     world = protocol.world.variant(part=part)
     tasks = [protocol.task(part, number) for number in range(1, 41)]
@@ -140,7 +138,7 @@ def test_the_greedy_picks_are_those_of_a_player_in_an_engine_with_the_same_table
     assert 0 < sum(made) < len(made)
 
 
-def test_an_agent_is_compared_at_the_table_of_each_answer(agent: OpenedAgent):
+def test_an_agent_is_compared_at_the_table_of_each_answer(agent):
     first, second = (HumanProtocol(agent.opened, 5, seed, tasks=20) for seed in (0, 1))
     people = [session(first, "1" * 40), session(first, "0" * 7), session(second, "01" * 12)]
     made = agent_successes(agent, people)
@@ -162,13 +160,13 @@ def test_an_agent_is_compared_at_the_table_of_each_answer(agent: OpenedAgent):
         assert rate.interval[0] <= rate.rate <= rate.interval[1]
 
 
-def test_an_agent_of_another_graph_or_split_is_refused(agent: OpenedAgent, kitchen: RecipeGraph):
+def test_an_agent_of_another_graph_or_split_is_refused(agent, kitchen):
     for graph in (other_world(kitchen, "split"), "everyday"):
         with pytest.raises(GraphMismatchError):
             agent_successes(agent, [session(HumanProtocol(graph, 5, tasks=3), "1")])
 
 
-def test_answers_at_a_table_that_is_not_posed_today_are_refused(agent: OpenedAgent):
+def test_answers_at_a_table_that_is_not_posed_today_are_refused(agent):
     one = session(HumanProtocol(agent.opened, 5, tasks=3), "1")
     turned = replace(one, answers=(msgspec.structs.replace(one.answers[0], table=one.answers[0].table[::-1]),))
     with pytest.raises(ArtefactError, match="poses another task"):

@@ -17,7 +17,7 @@ from refusals import refuses
 
 from tests.apps.people.stored import at_once, contents, go_on, lines_of, other_world, unchanged
 from wordcraft_kg.apps.people import answers_database
-from wordcraft_kg.apps.people.answers_database import ANSWERS_FILE, AnswersDatabase, Cell, Participant, read_answers
+from wordcraft_kg.apps.people.answers_database import ANSWERS_FILE, AnswersDatabase, Cell, read_answers
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
 from wordcraft_kg.apps.people.study import Study, check_study_folder, kept_answers, read_study, read_study_record
@@ -141,7 +141,7 @@ def test_of_equally_begun_cells_the_least_finished_comes_first(study, answers):
 
 
 def test_people_who_begin_at_once_are_spread_evenly(study, answers):
-    people: list[Participant] = []
+    people = []
     at_once(lambda: people.append(begin(answers, study)), 40)
     assert Counter(person.cell for person in people) == dict.fromkeys(study.cells, 10)
     assert sorted(person.number for person in people) == list(range(1, 41))

@@ -5,7 +5,6 @@ import re
 import time
 from contextlib import contextmanager
 from html import unescape
-from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
@@ -395,7 +394,7 @@ def test_a_half_sent_form_is_refused_after_a_while_and_at_the_end(browser, monke
     monkeypatch.setattr(guard, "LONGEST_WAIT", 0.05 if ends == "late" else 60)
     headers = [(b"host", b"localhost"), (b"content-length", b"100")]
     scope = {"type": "http", "method": "POST", "path": "/begin", "query_string": b"", "headers": headers}
-    sent: list[Any] = []
+    sent = []
 
     async def send(message):
         sent.append(message)

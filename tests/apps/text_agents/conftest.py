@@ -1,6 +1,5 @@
 import json
 import threading
-from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -8,13 +7,13 @@ import pytest
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import open_graph
 
 
 class _Chat(BaseHTTPRequestHandler):
     """Answers every prompt with the first two things, after a thought."""
 
-    def do_POST(self) -> None:
+    def do_POST(self):
         body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         assert body["messages"][-1]["role"] == "user"
         message = {"role": "assistant", "content": "Let me think.\n\n1 + 2\n"}
@@ -24,12 +23,12 @@ class _Chat(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(body)
 
-    def log_message(self, *_: object) -> None:
+    def log_message(self, *_):
         pass
 
 
 @pytest.fixture
-def chat_server() -> Iterator[str]:
+def chat_server():
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Chat)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_port}/v1"
@@ -38,10 +37,10 @@ def chat_server() -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def kitchen() -> OpenedGraph:
+def kitchen():
     return open_graph("kitchen")
 
 
 @pytest.fixture(scope="session")
-def games(kitchen: OpenedGraph) -> TaskGames:
+def games(kitchen):
     return TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3)))

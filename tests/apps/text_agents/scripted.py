@@ -4,10 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
+from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
-from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
@@ -22,13 +20,13 @@ PLAYERS: dict[str, Callable[[OpenedGraph], Player]] = {
 }
 
 
-def picks_of(player: Player, world: World, distractor_seeds: int) -> dict[tuple[int, int], list[int]]:
+def picks_of(player, world, distractor_seeds):
     """Return the slots that a scripted player picks, by task and draw, as an evaluation has them."""
-    found: dict[tuple[int, int], list[int]] = {}
+    found = {}
     evaluator = Evaluator(world, distractor_seeds=distractor_seeds)
     episode = -1
 
-    def recording(engine: BatchEngine, rng: np.random.Generator) -> np.ndarray:
+    def recording(engine, rng):
         nonlocal episode
         slots = player(engine, rng)
         if (engine.selection == engine.nothing).all() and (engine.attempts_left == world.config.attempts).all():
@@ -41,7 +39,7 @@ def picks_of(player: Player, world: World, distractor_seeds: int) -> dict[tuple[
     return found
 
 
-def assert_same(found: Evaluation, expected: Evaluation) -> None:
+def assert_same(found, expected):
     for name in ("tasks", "success", "by_plan", "actions", "terminations"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     assert found.figures() == expected.figures()

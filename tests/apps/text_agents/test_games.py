@@ -1,8 +1,6 @@
 """Games as text, and results: the tables, rules and counts of the agents, to the last digit."""
 
-from collections.abc import Callable, Sequence
 from itertools import product
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -11,9 +9,9 @@ import pytest
 from tests.apps.text_agents.scripted import PLAYERS, assert_same, picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
 from wordcraft_kg.apps.text_agents.knowledge import PartialGraphKnowledge, ScorerKnowledge
-from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.records import GamesHeader, PlayedSettings
 from wordcraft_kg.apps.text_agents.result_reader import read_games_result
 from wordcraft_kg.apps.text_agents.results import (
     append_game,
@@ -28,15 +26,12 @@ from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, Gra
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import TaskPlay
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_graph
-from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.studies.result_readers import external_rows
 
 
-def play_all(
-    games: TaskGames, distractor_seeds: int, player: Callable[[int, int], Callable[[str], str]]
-) -> list[PlayedTask]:
+def play_all(games, distractor_seeds, player):
     """Let a player, by task and draw, play all tasks."""
     played = []
     for task, distractor_seed in product(range(len(games.world.tasks)), range(distractor_seeds)):
@@ -47,15 +42,13 @@ def play_all(
 
 @pytest.mark.parametrize("name", PLAYERS)
 @pytest.mark.parametrize("settings", [{}, {"depth": 2, "num_tasks": 60, "max_attempts": 3}], ids=["depth 1", "depth 2"])
-def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_last_digit(
-    kitchen: OpenedGraph, name: str, settings: dict[str, int]
-):
+def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_last_digit(kitchen, name, settings):
     world = World(kitchen, WordCraftConfig(part="test", num_distractors=3, **settings))
     player = PLAYERS[name](kitchen)
     slots = picks_of(player, world, 2)
     expected = Evaluator(world, distractor_seeds=2)(player)
 
-    def speaker(task: int, distractor_seed: int) -> Callable[[str], str]:
+    def speaker(task, distractor_seed):
         actions = iter(slots[task, distractor_seed])
         return lambda _: f"{next(actions) + 1} + {next(actions) + 1}"
 
@@ -63,8 +56,8 @@ def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_
     assert 0 < expected.success.mean() < 1 or name == "oracle"
 
 
-def test_a_player_of_the_texts_alone_makes_every_goal(games: TaskGames, kitchen: OpenedGraph):
-    def answer(prompt: str) -> str:
+def test_a_player_of_the_texts_alone_makes_every_goal(games, kitchen):
+    def answer(prompt):
         lines = dict(line.split(": ", 1) for line in prompt.splitlines() if ": " in line)
         table = {thing.split(" ", 1)[1] for thing in lines["Table"].split(", ")}
         recipes = kitchen.graph.recipe_labels()
@@ -75,7 +68,7 @@ def test_a_player_of_the_texts_alone_makes_every_goal(games: TaskGames, kitchen:
     assert played[0].messages[-1].endswith(f"You made the goal: {played[0].goal}.")
 
 
-def test_an_invalid_message_costs_nothing_until_there_are_too_many(games: TaskGames):
+def test_an_invalid_message_costs_nothing_until_there_are_too_many(games):
     talk = Conversation(games.begin(0))
     before = talk.game.state
     for _ in range(MAX_INVALID):
@@ -90,7 +83,7 @@ def test_an_invalid_message_costs_nothing_until_there_are_too_many(games: TaskGa
     assert record_of(talk, []).termination == "no_recipe"
 
 
-def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen: OpenedGraph):
+def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen):
     games = TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3, max_attempts=4)))
     talk = Conversation(games.begin(0), max_invalid=1)
     for message, left in (("nonsense", 4), ("1 1", 3), ("nonsense", 3), ("nonsense", 2)):
@@ -98,8 +91,8 @@ def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen: OpenedGrap
         assert talk.game.attempts_left == left
 
 
-def test_many_games_at_once_do_not_touch_each_other(games: TaskGames):
-    def begin(task: int) -> Conversation:
+def test_many_games_at_once_do_not_touch_each_other(games):
+    def begin(task):
         return Conversation(games.begin(task, distractor_seed=1))
 
     alone = [(talk.opening, talk.hear("1 2")) for talk in map(begin, range(6))]
@@ -108,7 +101,7 @@ def test_many_games_at_once_do_not_touch_each_other(games: TaskGames):
     assert [talk.hear("1 2") for talk in reversed(talks)] == [reply for _, reply in reversed(alone)]
 
 
-def test_a_game_that_is_given_up_takes_no_attempt_more(games: TaskGames):
+def test_a_game_that_is_given_up_takes_no_attempt_more(games):
     game = games.begin(0)
     game.end()
     assert (game.is_over, game.state, game.is_made) == (True, "The game was ended early.", False)
@@ -116,7 +109,7 @@ def test_a_game_that_is_given_up_takes_no_attempt_more(games: TaskGames):
         game.combine(0, 1)
 
 
-def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitchen: OpenedGraph):
+def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitchen):
     games = DiscoveryGames(kitchen, attempts=4)
     base = len(games.env.discovery.base)
     talk, other = Conversation(games.begin()), Conversation(games.begin())
@@ -139,9 +132,7 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
 
 @pytest.mark.parametrize("part", ["test", "train"])
 @pytest.mark.parametrize(("distractors", "depth", "attempts"), [(2, 1, 1), (8, 1, 1), (4, 2, 3)])
-def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(
-    kitchen: OpenedGraph, part: TaskPart, distractors: int, depth: int, attempts: int
-):
+def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(kitchen, part, distractors, depth, attempts):
     graph, knowledge, is_train = kitchen.graph, PartialGraphKnowledge(kitchen.split), kitchen.split.is_in("train")
     world = World(kitchen, WordCraftConfig(part, depth, num_distractors=distractors, max_attempts=attempts))
     games, recipes = TaskGames(world), graph.recipe_labels()
@@ -172,7 +163,7 @@ def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
     assert both < facts["lava"]
 
 
-def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games: TaskGames, kitchen: OpenedGraph):
+def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games, kitchen):
     talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, max_invalid=1)
     unknown = "Invalid answer: unknown item 'unicorn': expected an item name, or the start of a name."
     assert (talk.hear("look up unicorn").startswith(unknown), talk.look_ups) == (True, 0)
@@ -184,7 +175,7 @@ def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games: TaskGames,
     assert (all("You have no look-ups left" in reply for reply in replies), talk.is_over) == (True, True)
 
 
-def test_without_knowledge_nothing_can_be_looked_up(games: TaskGames):
+def test_without_knowledge_nothing_can_be_looked_up(games):
     talk = Conversation(games.begin(0))
     assert "look up" not in talk.opening
     assert talk.hear("look up bread").startswith("Invalid answer")
@@ -192,7 +183,7 @@ def test_without_knowledge_nothing_can_be_looked_up(games: TaskGames):
         talk.look_up(0)
 
 
-def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGames, kitchen: OpenedGraph):
+def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games, kitchen):
     scorer = FrequencyScorer(kitchen.graph, kitchen.split.partial)
     knowledge = ScorerKnowledge(scorer, kitchen.split)
     game = games.begin(0)
@@ -210,33 +201,33 @@ def test_a_scorer_tells_its_best_links_and_never_what_it_remembers(games: TaskGa
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return tmp_path / "games.jsonl"
 
 
 @pytest.mark.parametrize("most", [1, 2, 60, 62, 63, 64])
-def test_as_many_tasks_are_played_as_asked_at_even_distances(games: TaskGames, most: int):
+def test_as_many_tasks_are_played_as_asked_at_even_distances(games, most):
     tasks = chosen_tasks(games.world, most)
     assert len(tasks) == min(most, 63)
     assert len({*np.diff(tasks).tolist()} - {63 // most, -(-63 // most)}) == 0
 
 
-def play(game: Game, answer: str, number: int = 0) -> PlayedTask | PlayedWorld:
+def play(game, answer, number=0):
     talk = Conversation(game)
     return record_of(talk, converse(talk, lambda _: answer), number)
 
 
-def all_tasks(games: TaskGames, *answers: str) -> list[PlayedTask]:
+def all_tasks(games, *answers):
     return [play(games.begin(task), answer) for task in range(len(games.world.tasks)) for answer in answers]
 
 
-def write(path: Path, settings: PlayedSettings, lines: Sequence[PlayedTask | PlayedWorld]) -> None:
+def write(path, settings, lines):
     open_games(path, GamesHeader(player="MCP clients", settings=settings))
     for line in lines:
         append_game(path, line)
 
 
-def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen: OpenedGraph, games, path: Path):
+def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen, games, path):
     lines, settings = all_tasks(games, "1 2")[::-1], PlayedSettings.of(games.world, kitchen.split)
     write(path, settings, lines + all_tasks(games, "1 3", "2 3"))
     before = path.read_bytes() + b'{"torn'
@@ -247,7 +238,7 @@ def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen: 
     assert path.read_bytes() == before
 
 
-def test_a_figure_over_selected_tasks_is_refused(kitchen: OpenedGraph, games: TaskGames, path: Path):
+def test_a_figure_over_selected_tasks_is_refused(kitchen, games, path):
     count, settings = len(games.world.tasks), PlayedSettings.of(games.world, kitchen.split)
     write(path, settings, [*all_tasks(games, "1 2"), play(games.begin(0, distractor_seed=1), "1 2")])
     with pytest.raises(ConfigError, match=f"holds {count + 1} / {2 * count} games for the test tasks"):
@@ -256,7 +247,7 @@ def test_a_figure_over_selected_tasks_is_refused(kitchen: OpenedGraph, games: Ta
         read_games_result(path, open_graph("paper-examples"))
 
 
-def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, path: Path):
+def test_games_in_the_open_ended_world_count_all(kitchen, path):
     worlds = DiscoveryGames(kitchen, attempts=3)
     settings = PlayedSettings.of(worlds.env, kitchen.split)
     write(path, settings, [])
@@ -268,7 +259,7 @@ def test_games_in_the_open_ended_world_count_all(kitchen: OpenedGraph, path: Pat
     assert result.known[3] >= len(settings.base)
 
 
-def test_figures_are_marked_if_look_ups_in_other_games_name_the_recipes(kitchen: OpenedGraph, path: Path):
+def test_figures_are_marked_if_look_ups_in_other_games_name_the_recipes(kitchen, path):
     games = TaskGames(World(kitchen, WordCraftConfig(part="train", num_distractors=2)))
     write(path, PlayedSettings.of(games.world, kitchen.split, knowledge="partial"), all_tasks(games, "1 2"))
     (row,) = external_rows(kitchen, TaskPlay("train", 1, 1), [2], [path])

@@ -42,7 +42,7 @@ def wordnet(tmp_path):
     folder = tmp_path / "wordnet"
     folder.mkdir()
     lines = ["  1 the licence\n"]
-    senses: dict[str, list[str]] = {}
+    senses = {}
     for offset, field, words, pointers, gloss in SYNSETS:
         names = " ".join(f"{word} 0" for word in words)
         links = " ".join(f"{symbol} {target:08d} n 0000" for symbol, target in pointers)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 from refusals import refuses
-from torch import Tensor
 
 from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.impala import Impala
@@ -12,56 +11,55 @@ from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.triples import recipe_triples
-from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.attention_folds import AttentionFolds
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
+from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 
 FOLDS = 3
 SMALL = {"features": "random", "key_size": 4, "value_size": 5}
 
 
 @pytest.fixture(scope="module")
-def opened() -> OpenedGraph:
+def opened():
     return open_graph("kitchen")
 
 
 @pytest.fixture(scope="module")
-def scorer(opened: OpenedGraph) -> CrossFitted:
+def scorer(opened):
     return cross_fit(opened.split, lambda ids: FrequencyScorer(opened.graph, recipe_triples(ids)), folds=FOLDS)
 
 
-def world_of(opened: OpenedGraph, depth: int = 1, part: str = "train") -> World:
+def world_of(opened, depth=1, part="train"):
     return World(opened, WordCraftConfig(part=part, depth=depth, num_distractors=3, num_tasks=60))
 
 
 @pytest.fixture(params=[{}, {"kg_only": True}, {"value_readout": "logits", "mixing": "softmax"}])
-def policy(request: pytest.FixtureRequest, opened: OpenedGraph, scorer: CrossFitted) -> AttentionPolicy:
+def policy(request, opened, scorer):
     return made(opened, scorer, **request.param)
 
 
-def made(opened: OpenedGraph, scorer: CrossFitted, depth: int = 1, **settings) -> AttentionPolicy:
+def made(opened, scorer, depth=1, **settings):
     world, config = world_of(opened, depth), PolicyConfig(**{**SMALL, "fold_attention": True, **settings})
     partial = opened.split.partial
     return make_policy(config, opened.graph, world.num_slots, scorer=scorer, observed=partial, tasks=world.tasks)[0]
 
 
-def states_of(world: World, seed: int = 0) -> list[Tensor]:
+def states_of(world, seed=0):
     """Goal, selection, table and task of all tasks, with something in hand."""
     state = BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks)), seed=seed)
     held, _ = state.engine.step_once(state, np.zeros(len(world.tasks), dtype=np.int64))
     return [torch.as_tensor(part.copy()) for part in (held.goal, held.selection, held.table, held.task)]
 
 
-def folds_by_loops(scorer: CrossFitted, world: World) -> list[set[int]]:
+def folds_by_loops(scorer, world):
     return [{int(scorer.of_recipe[row]) for plan in plans for row in plan} - {-1} for plans in world.tasks.plans]
 
 
-def slow_alpha(policy: AttentionPolicy, goal: int, selection: int, table: list[int], networks: set[int]) -> Tensor:
+def slow_alpha(policy, goal, selection, table, networks):
     """Mean α over networks, slot by slot."""
     vectors = torch.cat([policy.vectors.vectors, torch.zeros(1, policy.vectors.dim)])
     query, key, size = policy.attention.query, policy.attention.key, policy.config.key_size
@@ -92,7 +90,7 @@ def test_attention_on_a_task_is_that_of_networks_that_never_learn_from_it(opened
     torch.testing.assert_close(alone.sources[:, 0], policy(goal, selection, table).sources[:, 0])
 
 
-def gradients(policy: AttentionPolicy, loss: Tensor) -> dict[str, Tensor]:
+def gradients(policy, loss):
     policy.zero_grad()
     loss.backward()
     return {name: parameter.grad for name, parameter in policy.named_parameters() if parameter.grad is not None}

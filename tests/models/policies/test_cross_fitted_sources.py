@@ -5,7 +5,6 @@ import importlib
 import json
 import signal
 from dataclasses import replace
-from pathlib import Path
 
 import gymnasium as gym
 import msgspec
@@ -51,26 +50,26 @@ SMALL = {"features": "random", "key_size": 8, "value_size": 8}
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """A cross-fitted ComplEx of the kitchen; read only."""
     out = tmp_path_factory.mktemp("models") / "model"
     return train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=4, n3=0.1, folds=FOLDS)), out).folder
 
 
 @pytest.fixture(scope="module")
-def scorer(folder: Path) -> CrossFitted:
+def scorer(folder):
     return load_scorer(folder)
 
 
-def world_of(opened: OpenedGraph, part="train", depth=1, **settings) -> World:
+def world_of(opened, part="train", depth=1, **settings):
     return World(opened, WordCraftConfig(part=part, depth=depth, num_distractors=3, **settings))
 
 
-def folds_of(world: World) -> list[set[int]]:
+def folds_of(world):
     """The fold to leave out for each task: none, one, or several if no fold has a recipe of each plan."""
     of_recipe = make_folds(world.split, FOLDS).of_recipe
 
-    def left_out(plans) -> set[int]:
+    def left_out(plans):
         of_plans = [{int(of_recipe[row]) for row in plan} for plan in plans]
         of_plans = [folds for folds in of_plans if -1 not in folds]
         shared = sorted(set.intersection(*of_plans)) if of_plans else []
@@ -102,7 +101,7 @@ def expected_scores(opened, scorer, view, state, folds):
 @pytest.mark.parametrize("by_factors", [False, True])
 @pytest.mark.parametrize(("part", "depth"), [("train", 1), ("train", 2), ("all", 1), ("test", 1)])
 def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
-    opened, folder, part, depth, by_factors, monkeypatch: pytest.MonkeyPatch
+    opened, folder, part, depth, by_factors, monkeypatch
 ):
     view = ScoreView("standardise", "observed", opened.split.partial)
     if by_factors:
@@ -174,7 +173,7 @@ def test_tasks_of_another_split_or_graph_are_refused(opened, scorer):
         source.bind(foreign.tasks)
 
 
-def test_a_model_that_has_seen_a_recipe_of_the_plan_is_never_asked(opened, scorer, monkeypatch: pytest.MonkeyPatch):
+def test_a_model_that_has_seen_a_recipe_of_the_plan_is_never_asked(opened, scorer, monkeypatch):
     # Plant the fault: the rule says that another fold's model answers.
     monkeypatch.setattr(cross_fitting, "fold_of_tasks", lambda of_recipe, tasks: np.zeros(len(tasks), dtype=np.int64))
     with pytest.raises(LeakError):
@@ -196,7 +195,7 @@ def guided(opened, scorer, world, **settings):
     return make_policy(config, opened.graph, world.num_slots, scorer=scorer, observed=partial, tasks=world.tasks)[0]
 
 
-def impala_of(policy, world) -> Impala:
+def impala_of(policy, world):
     """A trainer after one update."""
     impala = Impala(policy, BatchEngine(world, 8).reset(), ImpalaConfig(steps=64, batch_size=8))
     impala.update()
@@ -235,7 +234,7 @@ def test_scripted_players_do_not_remember_the_recipes_of_train_tasks(opened, sco
     assert memory > honest + 0.1
 
 
-def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(folder, opened, tmp_path: Path, caplog):
+def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(folder, opened, tmp_path, caplog):
     trainer = ImpalaConfig(steps=1_024, batch_size=32, eval_every=0, checkpoint_every=512)
     config = AgentConfig(
         "kitchen", str(folder), TaskConfig(distractors=3), PolicyConfig(**SMALL, fold_attention=True), trainer
@@ -269,7 +268,7 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(fold
 
 
 @pytest.mark.parametrize("in_sample", [False, True])
-def test_a_run_on_memory_says_so(folder, tmp_path: Path, caplog, in_sample: bool):
+def test_a_run_on_memory_says_so(folder, tmp_path, caplog, in_sample):
     if not in_sample:
         config = ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0)
         folder = train_links(LinksConfig("kitchen", config), tmp_path / "model").folder
@@ -283,7 +282,7 @@ def test_a_run_on_memory_says_so(folder, tmp_path: Path, caplog, in_sample: bool
     assert not load_policy(done).reads_task
 
 
-def test_an_agent_with_a_scorer_that_has_seen_no_recipe_is_not_warned_of_memory(opened, tmp_path: Path, caplog):
+def test_an_agent_with_a_scorer_that_has_seen_no_recipe_is_not_warned_of_memory(opened, tmp_path, caplog):
     scorer = FrequencyScorer(opened.graph, opened.split.partial)
     folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")
     trainer = ImpalaConfig(steps=64, batch_size=32, eval_every=0)
@@ -340,7 +339,7 @@ def test_a_wrapper_asks_about_its_own_tasks_whatever_else_the_sources_were_asked
 
 
 @pytest.mark.parametrize("part", ["train", "test"])
-def test_observations_can_have_the_number_of_the_task(opened, part: str):
+def test_observations_can_have_the_number_of_the_task(opened, part):
     world = world_of(opened, part)
     number = len(world_of(opened).tasks)
     env = TaskObservation(gym.make("WordCraft-v0", graph=world))

@@ -107,7 +107,7 @@ def test_the_same_seed_makes_the_same_policy_and_another_seed_another(make, kind
 
 @any_kind
 def test_making_a_policy_leaves_every_global_generator_as_it_was(make, kind, monkeypatch):
-    seeded_devices: list[int] = []
+    seeded_devices = []
     monkeypatch.setattr(torch.cuda, "manual_seed_all", seeded_devices.append)
     before = global_states()
     make(kind)

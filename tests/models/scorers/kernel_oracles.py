@@ -9,16 +9,16 @@ import numpy as np
 Recipes = Sequence[Sequence[int]]
 
 
-def slow_profiles(recipes: Recipes, size: int) -> list[dict[tuple, float]]:
+def slow_profiles(recipes, size):
     """The row of each entity in ``[C | P | Pᵀ | 2 R]``, damped by column sums to the power 1/4, of length 1."""
-    rows: list[dict[tuple, float]] = [{} for _ in range(size)]
+    rows = [{} for _ in range(size)]
     for a, b, c in recipes:
         for one, other in ((a, b), (b, a)):
             rows[one]["C", other] = 1.0
             rows[one]["P", c] = 1.0
             rows[c]["PT", one] = 1.0
             rows[one]["R", other, c] = 2.0
-    totals: dict[tuple, float] = {}
+    totals = {}
     for row in rows:
         for column, value in row.items():
             totals[column] = totals.get(column, 0.0) + value
@@ -31,7 +31,7 @@ def slow_profiles(recipes: Recipes, size: int) -> list[dict[tuple, float]]:
     return rows
 
 
-def slow_similarity(recipes: Recipes, vectors: np.ndarray) -> np.ndarray:
+def slow_similarity(recipes, vectors):
     rows = slow_profiles(recipes, len(vectors))
     kernel = np.zeros((len(vectors), len(vectors)))
     for x, row in enumerate(rows):
@@ -43,7 +43,7 @@ def slow_similarity(recipes: Recipes, vectors: np.ndarray) -> np.ndarray:
     return kernel
 
 
-def explicit_ridge(kernel: np.ndarray, links: np.ndarray, ridge: float) -> np.ndarray:
+def explicit_ridge(kernel, links, ridge):
     """Ridge regression on all E² pairs with the E² x E² matrix of the product kernel."""
     size = len(kernel)
     gram = np.zeros((size**2, size**2))
@@ -52,7 +52,7 @@ def explicit_ridge(kernel: np.ndarray, links: np.ndarray, ridge: float) -> np.nd
     return (gram @ np.linalg.solve(gram + ridge * np.eye(size**2), links.reshape(-1))).reshape(size, size)
 
 
-def slow_completion(recipes: Recipes, size: int) -> np.ndarray:
+def slow_completion(recipes, size):
     """Sum over results and over paths a - y - x - b of pairs that make the result, each pair by its degrees."""
     table = np.zeros((size, size))
     for result in {c for _, _, c in recipes}:

@@ -13,7 +13,7 @@ from wordcraft_kg.models.scorers.kernel import KernelScorer
 
 
 def test_each_model_is_made_from_the_recipes_outside_its_fold_and_nothing_else(opened):
-    given: list[np.ndarray] = []
+    given = []
 
     def make(recipes):
         given.append(recipes)

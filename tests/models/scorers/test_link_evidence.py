@@ -24,7 +24,7 @@ def scorer_of(graph, seed=0):
 
 def slow_links(recipes):
     """Every link of some recipes, and the rows of those that give it."""
-    found: dict[tuple[int, int, int], list[int]] = {}
+    found = {}
     for row, (a, b, c) in enumerate(recipes):
         for link in {(a, COMBINES_WITH, b), (b, COMBINES_WITH, a), (a, COMPONENT_OF, c), (b, COMPONENT_OF, c)}:
             found.setdefault(link, []).append(row)

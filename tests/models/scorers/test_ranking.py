@@ -84,7 +84,7 @@ def test_of_many_entities_fewer_queries_are_scored_at_once(opened_kitchen, monke
     scorer = FrequencyScorer(graph, opened_kitchen.split.partial)
     queries = opened_kitchen.split.held_out("test")
     expected = rank_triples(scorer, queries, graph.triples)
-    blocks: list[int] = []
+    blocks = []
 
     def score(heads, relations, tails, whole=scorer.score):
         found = whole(heads, relations, tails)

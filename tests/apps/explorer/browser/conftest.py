@@ -4,14 +4,12 @@ import contextlib
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
 import uvicorn
 
-from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.server import make_app
 from wordcraft_kg.apps.web.serving import address_of, listen
@@ -25,7 +23,7 @@ PATIENCE = 30_000
 
 # Of a module, not of the session: while Playwright is there, no other test of the process may run an event loop.
 @pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
+def chromium():
     """The system's Chromium."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
@@ -40,7 +38,7 @@ def chromium() -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def served(app: Any) -> Iterator[str]:
+def served(app):
     """Serve an application on a free port of this machine, and yield its address."""
     listening = listen("127.0.0.1", 0)
     server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off", ws="none"))
@@ -57,7 +55,7 @@ def served(app: Any) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def site(explored: Explored) -> Iterator[str]:
+def site(explored):
     """The kitchen's site."""
     with served(make_app(explored)) as address:
         yield address
@@ -71,7 +69,7 @@ class Opened:
     complaints: list[str] = field(default_factory=list)
     contexts: list[Any] = field(default_factory=list)
 
-    def __call__(self, **options: Any) -> Any:
+    def __call__(self, **options):
         """Return a new page; options are those of a browser's context."""
         context = self.browser.new_context(**options)
         context.set_default_timeout(PATIENCE)
@@ -87,7 +85,7 @@ class Opened:
 
 
 @pytest.fixture
-def open_page(chromium: Any) -> Iterator[Callable[..., Any]]:
+def open_page(chromium):
     """Open pages; at the end there must have been nothing to complain about."""
     opened = Opened(chromium)
     yield opened
@@ -96,9 +94,9 @@ def open_page(chromium: Any) -> Iterator[Callable[..., Any]]:
     assert not opened.complaints
 
 
-def addresses(explored: Explored) -> list[str]:
+def addresses(explored):
     """Return an address or two of each page: the first one of a static site, and that of an entity."""
-    states: list[tuple[Any, Any]] = []
+    states = []
     for page in PAGES.values():
         if page.is_there(explored):
             states.append((page, next(iter(page.states(explored)), page.state())))
@@ -108,10 +106,10 @@ def addresses(explored: Explored) -> list[str]:
 
 
 @pytest.fixture
-def visits(site: str, explored: Explored) -> Callable[[Any], Iterator[str]]:
+def visits(site, explored):
     """Open an address or two of each page, one after the other."""
 
-    def visits(page: Any) -> Iterator[str]:
+    def visits(page):
         for address in addresses(explored):
             page.goto(site + address)
             yield address

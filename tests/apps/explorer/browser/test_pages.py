@@ -1,7 +1,6 @@
 """Properties of every page, labels that look like markup, and the search box by keyboard, in a real browser."""
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -118,7 +117,7 @@ def test_tab_reaches_everything_and_one_sees_where_one_is(open_page, visits):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_that_matters(open_page, visits, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    options: dict[str, Any] = {"resultTypes": ["violations"]}
+    options = {"resultTypes": ["violations"]}
     if scheme == "dark":
         options["runOnly"] = ["color-contrast"]  # all else is the same
     page = open_page(color_scheme=scheme)

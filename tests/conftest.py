@@ -6,7 +6,6 @@ import logging
 import os
 import signal
 import uuid
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,9 +29,6 @@ settings.load_profile("wordcraft")
 
 DATA_FOLDER = os.environ.get(DATA_VARIABLE)
 OFFICIAL_FILE = "alchemy2.json"
-
-MadeOnce = Callable[[str, Callable[[Path], object]], Path]
-"""Takes a folder's name and a function that fills a folder; returns the folder, filled."""
 
 
 @dataclass(frozen=True)
@@ -161,18 +157,19 @@ def recipes_folder(made_once):
 
 
 @pytest.fixture(scope="session")
+def cross_fitted(recipes_folder):
+    """This scorer, loaded."""
+    from wordcraft_kg.models.scorers.folder import load_scorer
+
+    return load_scorer(recipes_folder)
+
+
+@pytest.fixture(scope="session")
 def alchemy_path():
     path = Path(DATA_FOLDER or "") / OFFICIAL_FILE
     if not DATA_FOLDER or not path.is_file():
         pytest.skip(f"needs Little Alchemy 2: set {DATA_VARIABLE} to a folder that holds {OFFICIAL_FILE}")
     return path
-
-
-@pytest.fixture
-def alchemy_home(home, alchemy_path, monkeypatch):
-    """Make the real Little Alchemy 2 known by name, from the data folder only."""
-    monkeypatch.setenv(DATA_VARIABLE, str(alchemy_path.parent))
-    return home
 
 
 @pytest.fixture(scope="session")

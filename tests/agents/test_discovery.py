@@ -77,17 +77,6 @@ def test_curves_begin_with_the_base_and_never_fall_and_only_the_plain_random_pla
         assert run["known"].max() <= Discovery(kitchen).reachable
 
 
-def test_knowing_more_discovers_more(curves):
-    known = {name: known_after(curves, name, ATTEMPTS) for name in PLAYERS}
-    assert known["random"] < known["random-no-repeat"] < known["empowerment-scorer"]
-    assert known["empowerment-scorer"] < min(known["greedy"], known["empowerment"])
-
-
-def test_players_that_know_the_graph_never_fail(curves):
-    rows = curves[curves["player"].isin(["greedy", "empowerment"]) & (curves["attempt"] <= 15)]
-    assert (rows.groupby(["player", "run"])["known"].diff().dropna() >= 1).all()
-
-
 def test_when_everything_is_known_the_curve_stays_there_and_progress_counts_all_runs():
     graph, calls = RecipeGraph.from_recipes([("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"]), []
     curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2, progress=lambda *call: calls.append(call))

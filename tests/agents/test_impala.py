@@ -21,7 +21,6 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import PolicyOutput
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.models.scorers.folder import load_scorer
 
 BATCH = 8
 SIZES = {"embedding_size": 6, "key_size": 5, "value_size": 7, "hidden_size": 9}
@@ -31,11 +30,6 @@ SMALL = {"features": "learned", "self_edges": "keep", **SIZES}
 @pytest.fixture(scope="module")
 def scorer(opened):
     return FrequencyScorer(opened.graph, opened.split.partial)
-
-
-@pytest.fixture(scope="module")
-def cross_fitted(recipes_folder):
-    return load_scorer(recipes_folder)
 
 
 @pytest.fixture(scope="module")

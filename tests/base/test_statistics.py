@@ -114,17 +114,6 @@ def test_tables_of_another_shape_or_content_are_refused(call, arguments, message
         call(*arguments)
 
 
-def test_a_paired_difference_is_narrower_than_two_intervals_where_tasks_are_hard_for_both():
-    rng = np.random.default_rng(0)
-    hard = rng.random((400, 1))
-    x, y = rng.random((400, 5)) < hard, rng.random((400, 5)) < hard - 0.05
-    difference, low, high = paired_difference(x, y)
-    assert difference == pytest.approx(x.mean() - y.mean())
-    assert low < difference < high
-    widths = [np.ptp(task_bootstrap(table)) for table in (x, y)]
-    assert high - low < 0.8 * min(widths)
-
-
 def test_a_paired_difference_is_that_of_a_slow_bootstrap():
     rng = np.random.default_rng(1)
     x, y = rng.random((30, 3)) < 0.6, rng.random((30, 2)) < 0.4
@@ -132,7 +121,8 @@ def test_a_paired_difference_is_that_of_a_slow_bootstrap():
     for _ in range(4_000):
         rows = rng.integers(30, size=30)
         slow.append(np.mean([x[row].mean() - y[row].mean() for row in rows]))
-    _, low, high = paired_difference(x, y, draws=4_000)
+    difference, low, high = paired_difference(x, y, draws=4_000)
+    assert difference == pytest.approx(x.mean() - y.mean())
     assert [low, high] == pytest.approx(np.quantile(slow, [0.025, 0.975]), abs=0.015)
 
 
@@ -163,18 +153,6 @@ def test_crossed_bootstrap_of_one_seed_is_that_of_its_tasks():
     assert crossed_bootstrap(table.T, draws=20_000) == pytest.approx(task_bootstrap(table, draws=20_000), abs=0.01)
 
 
-def test_an_interval_over_seeds_and_tasks_covers_other_seeds_and_tasks():
-    rng = np.random.default_rng(0)
-    hits = np.zeros(2)
-    for number in range(200):
-        rates = 0.5 + rng.normal(0, 0.05, (10, 1)) + rng.normal(0, 0.2, (1, 60)) + rng.normal(0, 0.05, (10, 60))
-        bounds = [crossed_bootstrap(x, draws=400, seed=number) for x in (rates, rates.mean(axis=0, keepdims=True))]
-        hits += [low <= 0.5 <= high for low, high in bounds]
-    crossed, tasks = hits / 200
-    assert 0.88 <= crossed <= 1
-    assert tasks < crossed
-
-
 def test_resampled_means_keep_rows_together():
     drawn = resampled_means([[0.0, 10.0], [1.0, 11.0], [2.0, 12.0]], draws=500)
     assert drawn.shape == (500, 2)
@@ -190,15 +168,6 @@ def test_a_p_value_is_that_of_the_interval_it_is_made_from():
     assert interval_p_value(0.0, (-1.0, 1.0)) == pytest.approx(1.0)
     assert interval_p_value(0.3, (0.3, 0.3)) == 0.0
     assert interval_p_value(0.0, (0.0, 0.0)) == 1.0
-
-
-def test_p_values_of_no_difference_are_even_enough():
-    rng = np.random.default_rng(0)
-    values = []
-    for seed in range(300):
-        differences = rng.normal(size=(1, 200))
-        values.append(interval_p_value(differences.mean(), crossed_bootstrap(differences, draws=300, seed=seed)))
-    assert 0.02 < np.mean(np.array(values) < 0.05) < 0.1
 
 
 def test_holm_corrects_the_smallest_most():

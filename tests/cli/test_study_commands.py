@@ -10,6 +10,7 @@ import time
 import pytest
 from fabricated import fabricate
 
+from tests.studies.small_study import Inline
 from wordcraft_kg.studies.results import results_text
 from wordcraft_kg.studies.study import built_in
 
@@ -35,27 +36,10 @@ def study(tmp_path):
     return path
 
 
-class Here:
-    """Performs tasks in this process; processes have tests of their own."""
-
-    places = 1
-
-    def __init__(self, root, jobs, perform, threads):
-        self._perform, self._root, self._outcomes = perform, root, []
-
-    def start(self, task):
-        self._outcomes.append(self._perform(task, self._root))
-
-    def wait(self, seconds):
-        outcomes, self._outcomes = self._outcomes, []
-        return outcomes
-
-    def stop(self):
-        pass
-
-
 def test_a_sweep_trains_missing_runs_and_writes_its_results(printed, run, study, tmp_path, monkeypatch):
-    monkeypatch.setattr("wordcraft_kg.studies.local_workers.LocalWorkers", Here)
+    monkeypatch.setattr(
+        "wordcraft_kg.studies.local_workers.LocalWorkers", lambda root, jobs, work, threads: Inline(root, work)
+    )
     out = tmp_path / "results"
     assert printed("reproduce", study, "--out", out, "--jobs", 1)["studies"]["study"]["done"] == 6
     results = json.loads((out / "reports/study/results.json").read_text())

@@ -14,7 +14,6 @@ from .harness import IN, Trial
 from .spoiling import ODD_LABELS, as_json, spoilt_bytes, spoilt_lines, spoilt_value
 
 MAX_BYTES = 10_000_000
-Row = tuple[str, str, str]
 ENDINGS = {".csv": ",", ".tsv": "\t", ".json": ""}
 
 

@@ -1,10 +1,6 @@
 """What the graph code must compute, written as loops over labels that are too plain to be wrong."""
 
 import math
-from collections.abc import Iterable
-
-Rows = Iterable[tuple[str, str, str]]
-Triples = set[tuple[str, str, str]]
 
 
 def results(rows, one, other):

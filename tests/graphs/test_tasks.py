@@ -16,9 +16,6 @@ from wordcraft_kg.graphs.splits import PARTS, Draw
 from wordcraft_kg.graphs.task_search import MAX_DEPTH, PlanSearch, make_tasks
 from wordcraft_kg.graphs.tasks import Task, replay
 
-Pair = tuple[str, str]
-Plans = dict[str, set[frozenset[Pair]]]
-
 
 def outcomes(graph):
     """Results of each pair."""

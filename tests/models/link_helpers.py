@@ -5,8 +5,7 @@ import json
 import random
 import shutil
 import signal
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import safetensors.torch
@@ -18,8 +17,6 @@ from wordcraft_kg.models.links.config import LinksConfig
 
 if TYPE_CHECKING:
     pass
-
-Change = Callable[[dict[str, Any]], object]
 
 
 def train(opened, settings, out, **options):

@@ -1,10 +1,7 @@
 """Slow references for scores, the loss and ranks: loops that follow the formulas word by word."""
 
 import math
-from collections.abc import Sequence
 from itertools import product
-
-Vector = Sequence[complex]
 
 
 def equation_1(subject, predicate, obj):

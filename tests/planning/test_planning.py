@@ -18,9 +18,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import Attempts
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.factors import TableScorer
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RANKER, knowledge_of
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
 from wordcraft_kg.planning.search import INTERMEDIATE, NO_PLAN, PlanSearch
@@ -139,15 +137,8 @@ def test_the_curve_fits_known_probabilities():
 
 
 @pytest.fixture(scope="module")
-def opened():
-    return open_graph("kitchen")
-
-
-@pytest.fixture(scope="module")
-def scorer(recipes_folder):
-    loaded = load_scorer(recipes_folder)
-    assert isinstance(loaded, CrossFitted)
-    return loaded
+def scorer(cross_fitted):
+    return cross_fitted
 
 
 def success(world, source):

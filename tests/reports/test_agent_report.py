@@ -31,9 +31,7 @@ from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.reports.agent_pictures import slot_rows
 from wordcraft_kg.reports.agent_report import make_agent_report
-from wordcraft_kg.reports.pages import Report, render
-
-AgentReport = Report[AgentsView]
+from wordcraft_kg.reports.pages import render
 
 TRAINER = ImpalaConfig(steps=640, batch_size=8, log_every=160, eval_every=320)
 TASKS = TaskConfig(distractors=2)

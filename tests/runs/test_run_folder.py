@@ -127,15 +127,6 @@ def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_ctrl_c_keeps_two_checkpoints_and_resume_ends_with_the_bits_of_an_undisturbed_run(trainer, tmp_path, whole):
-    folder = interrupted(trainer, tmp_path / "run")
-    assert read_run(folder).status == "interrupted"
-    assert len(trainer.kind.checkpoints(folder).records()) == 2
-    resumed = trainer.train(folder)
-    assert learned(resumed.folder) == whole
-    assert len(read_run(folder).resumed) == 1
-
-
 def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, whole):
     handler = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*Repeat the command"):
@@ -145,9 +136,13 @@ def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, 
     assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
-def test_a_run_may_be_interrupted_more_than_once(trainer, tmp_path, whole):
+def test_a_run_interrupted_more_than_once_keeps_two_checkpoints_and_ends_with_the_bits_of_an_undisturbed_one(
+    trainer, tmp_path, whole
+):
     for number in trainer.numbers[:4:2]:
         assert trainer.train(tmp_path / "run", progress=after(number, ctrl_c)).interrupted
+    assert read_run(tmp_path / "run").status == "interrupted"
+    assert len(trainer.kind.checkpoints(tmp_path / "run").records()) == 2
     assert learned(trainer.train(tmp_path / "run").folder) == whole
     assert len(read_run(tmp_path / "run").resumed) == 2
 
@@ -355,14 +350,6 @@ def test_a_first_run_that_fails_leaves_nothing(tmp_path):
     with pytest.raises(RuntimeError, match="no more"):
         plain_run.train(tmp_path / "run", "")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_of_somebody_else_is_never_replaced(tmp_path):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine/thesis.tex").write_text("everything")
-    with pytest.raises(OutputExistsError), new_run(tmp_path / "mine", AGENTS, force=True):
-        pass
-    assert (tmp_path / "mine/thesis.tex").read_text() == "everything"
 
 
 # --- killed at any moment --------------------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """Small graphs with models and runs, made once; read only."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -80,9 +79,6 @@ def static_site(explored, tmp_path_factory):
     out = tmp_path_factory.mktemp("static") / "site"
     export_site(explored, out)
     return out
-
-
-Saved = Callable[..., LinkPredictor]
 
 
 @pytest.fixture(scope="session")

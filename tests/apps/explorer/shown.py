@@ -1,6 +1,5 @@
 """Helpers of page tests: hostile labels, explored graphs, and a page as tags, forms, links and text."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from urllib.parse import parse_qsl, unquote, urlsplit
@@ -31,7 +30,6 @@ HOSTILE = (
     "x" * 200,
 )
 """Labels that are no harm to a book, and might be to a page, an address or a file name."""
-Rows = Sequence[tuple[str, str, str]]
 
 
 @dataclass

@@ -78,12 +78,6 @@ def test_what_cannot_be_served_is_a_clear_error(run, arguments, message, kind):
     assert message in refused(run("explore", "kitchen", "--no-browser", *arguments.split()), kind)
 
 
-def test_a_model_of_another_graph_is_refused_and_nothing_is_written(run, recipes_folder, tmp_path):
-    command = ("explore", "everyday", "--model", recipes_folder, "--export", tmp_path / "site")
-    refused(run(*command), "GraphMismatchError")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_site_as_files(run, tmp_path):
     command = ("explore", "kitchen", "--export", tmp_path / "site")
     record = json.loads(run(*command, "--json").out)

@@ -14,8 +14,6 @@ from wordcraft_kg.apps.explorer.pages.predictions import (
 )
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.records import checked_values
-from wordcraft_kg.evaluation.link_comparison import Contender, compare
-from wordcraft_kg.evaluation.links import view_links
 from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.triples import RELATIONS, is_in
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, ranking_metrics
@@ -55,16 +53,6 @@ def key_of(query):
 
 def gain(queries):
     return 1 / queries[0].rank - 1 / queries[1].rank
-
-
-def test_the_headline_of_unseen_test_triples_is_that_of_the_report(neighbours, ranked):
-    report = view_links(rank_links(neighbours.model.scorer, neighbours.model.opened))
-    found = view_link_ranks(ranked, UNSEEN)
-    assert found.metrics.mrr == pytest.approx(report.metrics["all"].mrr)
-    assert (found.metrics.queries, found.learned) == (report.queries, 0)
-    for relation in RELATIONS:
-        of_relation = view_link_ranks(ranked, RankFilter(relation=relation, part="test"))
-        assert of_relation.metrics.mrr == pytest.approx(report.metrics[relation].mrr)
 
 
 def test_the_headline_is_that_of_the_report_on_a_sample_too(neighbours):
@@ -185,12 +173,6 @@ def test_two_models_are_compared_query_by_query(ranked, by_kernel):
     assert found.metrics[0].mrr - found.metrics[1].mrr == pytest.approx(sum(gains) / len(gains))
     assert found.better[0] == sum(gain > 0 for gain in gains) > 0
     assert found.better[1] == sum(gain < 0 for gain in gains) > 0
-
-
-def test_the_headline_of_a_comparison_is_that_of_compare_links(neighbours, kernel, ranked, by_kernel):
-    view = compare([Contender(one.name, [one.model]) for one in (neighbours, kernel)], resamples=10)
-    found = view_compared_ranks(ranked, by_kernel, UNSEEN)
-    assert [found.metrics[0].mrr, found.metrics[1].mrr] == pytest.approx([model.mrr for model in view.models])
 
 
 @pytest.mark.parametrize(("better", "sign"), [("one", 1), ("other", -1)])

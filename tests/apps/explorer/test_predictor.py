@@ -112,7 +112,6 @@ def test_each_prediction_names_links_of_training_that_speak_for_it(neighbours):
     known, named = {(a, b) for a, b, _ in neighbours.split.recipes("train").tolist()}, 0
     slot = neighbours.slot(3, COMBINES_WITH, "tail")
     for row in neighbours.best(slot, witnesses=3).best:
-        assert row.reason is not None
         assert not row.reason.is_in_sample
         for witness in row.reason.witnesses:
             pair = sorted(neighbours.graph.id_of(label) for label in (witness.head, witness.tail))

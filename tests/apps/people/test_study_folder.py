@@ -225,7 +225,6 @@ def test_what_was_stored_is_there_after_a_kill(study, killed, caplog):
     assert not caplog.records
     with closing(opened(killed)) as answers:
         person = answers.find("0" * 64)
-        assert person is not None
         assert answers.shown(person, "test", 2) == 200.0
         go_on(answers, study, person)
     assert sorted(contents(killed)) == FILES

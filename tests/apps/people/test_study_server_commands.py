@@ -35,7 +35,6 @@ def served(out, *options):
         [*command, *SMALL, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
     )
     try:
-        assert process.stdout is not None
         line = process.stdout.readline()
         assert line, process.communicate()[1]
         yield process, json.loads(line)["address"] if "--json" in options else line.split()[0]

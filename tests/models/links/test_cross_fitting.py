@@ -52,7 +52,6 @@ def spoilt_folds(folded, tmp_path):
 
 def test_each_fold_has_the_model_that_its_triples_alone_give(folded, opened_kitchen):
     scorer, folds, graph = load_scorer(folded), make_folds(opened_kitchen.split, 3), opened_kitchen.graph
-    assert isinstance(scorer, CrossFitted)
     assert (scorer.count, scorer.record.hash) == (3, folds.hash)
     np.testing.assert_array_equal(scorer.of_recipe, folds.of_recipe)
     for fold in range(3):
@@ -76,7 +75,6 @@ def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kit
 
 def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen(folded, opened_kitchen):
     scorer, folds, graph = load_scorer(folded), make_folds(opened_kitchen.split, 3), opened_kitchen.graph
-    assert isinstance(scorer, CrossFitted)
     for number, fold in enumerate(scorer.record.folds):
         own = recipe_triples(graph.recipes[folds.of_recipe == number])
         unseen = own[~is_in(own, folds.triples([number]), graph.num_entities)]

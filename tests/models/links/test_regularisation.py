@@ -35,9 +35,7 @@ def opened(graph, **settings):
 
 @pytest.fixture(scope="module")
 def choice(opened_kitchen):
-    found = choose(opened_kitchen, OPEN, silent)
-    assert found is not None
-    return found
+    return choose(opened_kitchen, OPEN, silent)
 
 
 def test_every_combination_is_a_candidate_and_the_most_cautious_of_the_good_ones_is_chosen(choice):
@@ -72,7 +70,6 @@ def test_a_split_by_goal_holds_out_goals_of_train(kitchen):
 def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen, monkeypatch):
     monkeypatch.setattr(regularisation, "FOLDS", 1)
     found = choose(opened_kitchen, OPEN, silent)
-    assert found is not None
     fold = split_of_train(opened_kitchen.split, HELD_OUT, OPEN.seed)
 
     def mrr(scorer):
@@ -107,7 +104,6 @@ def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(opene
     monkeypatch.setattr(regularisation, "SMALL", 0)
     monkeypatch.setattr(regularisation, "RANKED", 40)
     found = choose(opened_kitchen, replace(OPEN, negatives=16), silent)
-    assert found is not None
     assert {(one.n3, one.popularity) for one in found.candidates} == {(N3_PARTIAL, p) for p in POPULARITY}
     assert (found.folds, found.queries) == (1, 80)
 
@@ -125,7 +121,6 @@ def test_where_there_is_nothing_but_popularity_to_learn_the_choice_keeps_up_with
         [(f"e{a}", f"e{b}", f"e{c}") for (a, b), c in zip(parts, rng.integers(60, size=400), strict=True)]
     )
     found = choose(opened(graph), replace(OPEN, dim=32, epochs=50), silent)
-    assert found is not None
     without = max(row.mrr for row in found.candidates if row.popularity == 0)
     assert without < found.frequency_mrr
     assert found.mrr > 0.97 * found.frequency_mrr

@@ -11,7 +11,6 @@ from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.policies.attention_folds import AttentionFolds
 from wordcraft_kg.models.policies.config import PolicyConfig
@@ -21,11 +20,6 @@ from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 
 FOLDS = 3
 SMALL = {"features": "random", "key_size": 4, "value_size": 5}
-
-
-@pytest.fixture(scope="module")
-def opened():
-    return open_graph("kitchen")
 
 
 @pytest.fixture(scope="module")

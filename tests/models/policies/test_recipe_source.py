@@ -13,22 +13,12 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folds import OUTSIDE
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.factors import TableScorer
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 
 @pytest.fixture(scope="module")
-def cross_fitted(recipes_folder):
-    found = load_scorer(recipes_folder)
-    assert isinstance(found, CrossFitted)
-    return found
-
-
-@pytest.fixture(scope="module")
 def scorer(cross_fitted):
-    assert isinstance(cross_fitted.whole, RecipeScorer)
     return cross_fitted.whole
 
 

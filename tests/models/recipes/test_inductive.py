@@ -42,9 +42,7 @@ def folder(opened_kitchen, vectors, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scorer(folder):
-    loaded = load_scorer(folder)
-    assert isinstance(loaded, RecipeScorer)
-    return loaded
+    return load_scorer(folder)
 
 
 def wider(folder, scorer, labels=NEW):

@@ -7,19 +7,12 @@ import torch
 from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, Recipe
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
-
-
-@pytest.fixture(scope="module")
-def cross_fitted(recipes_folder):
-    return load_scorer(recipes_folder)
 
 
 @pytest.fixture(scope="module")
 def scorer(cross_fitted):
     found = whole_of(cross_fitted)
-    assert isinstance(found, RecipeScorer)
     assert isinstance(found, RecipeScores)
     assert whole_of(found) is found
     return found

@@ -67,24 +67,25 @@ READERS = {
 
 
 def trial(number, home, sandbox):
-    """Spoil a copy of an artefact and choose two commands that read it."""
+    """Spoil a copy of an artefact and choose two commands that read it; kinds and their files take turns."""
     rng = random.Random(f"artefacts {number}")
     (sandbox / IN).mkdir()
     for kind in ("graph", "model", "agent"):
         linked(home, kind, sandbox / IN / kind)
-    kind = rng.choice(list(READERS))
+    turn, which = divmod(number, len(READERS))
+    kind = list(READERS)[which]
     chosen = rng.sample(READERS[kind], 2)
     goes_on = any(one == "--out" and "{}" in other for command in chosen for one, other in pairwise(command))
     place = CONTINUED if goes_on else f"{IN}/spoilt"
     folder = copied(home, kind, sandbox / place)
     is_mended = rng.random() < 0.67
     done = [kind, "mended" if is_mended else "not mended"]
-    for _ in range(rng.choice((1, 1, 1, 2))):
+    for more in range(rng.choice((1, 1, 1, 2))):
         # What is a device, a pipe or a hole by now is left as it is.
         files = sorted(path for path in folder.rglob("*") if path.is_file() and 0 < path.stat().st_size < 2**30)
         if not files:  # the only one is gone
             break
-        path = rng.choice(files)
+        path = rng.choice(files) if more else files[turn % len(files)]
         name = str(path.relative_to(folder))
         done.append(f"{name}: {_spoil(path, home, rng)}")
         if is_mended:

@@ -41,6 +41,10 @@ def random_search(seed, width=SIZE, recipes=6):
     return PlanSearch(knowledge.with_ranker(weights), CURVE, width=width)
 
 
+def state_of(goal, table, **options):
+    return tuple(torch.tensor(part, **options) for part in ([goal], [table], [0]))
+
+
 def slow_log_probability(search, a, b, result, prior=0.0):
     """log P(result | a, b), by its definition."""
     knowledge = search.knowledge
@@ -112,6 +116,39 @@ def test_tried_pairs_are_not_planned_again():
     values = search.values(*state, torch.tensor([3]), tried)[0]
     assert values[0, 1] == values[1, 0] == NO_PLAN
     assert (values[2] > NO_PLAN).all()
+
+
+def test_a_plan_avoids_tried_pairs_as_its_value_does():
+    search = random_search(1)
+    goal, table = 0, [1, 2, 3]
+    pair = divmod(int(search.values(*state_of(goal, table), torch.tensor([1]))[0].argmax()), 3)
+    tried = torch.zeros(1, 3, 3, dtype=torch.bool)
+    tried[0, pair[0], pair[1]] = tried[0, pair[1], pair[0]] = True
+    values = search.values(*state_of(goal, table), torch.tensor([3]), tried)[0]
+    best = divmod(int(values.argmax()), 3)
+    steps = search.plan(goal, table, best, model=0, attempts_left=3, tried=tried)
+    assert {table[slot] for slot in pair} not in [{a, b} for a, b, *_ in steps]
+    assert sum(math.log(chance) for *_, chance in steps) == pytest.approx(float(values.max()), abs=2e-3)
+    assert search.plan(goal, table, pair, model=0, attempts_left=3, tried=tried) == []
+
+
+def test_an_entity_alone_has_the_values_of_a_table_with_empty_slots():
+    search = random_search(10, width=2)
+    for left in (2, 3, 4):
+        alone, padded = (
+            search.values(*state_of(0, [1, *empty]), torch.tensor([left]))[0, 0, 0] for empty in ([], [SIZE, SIZE])
+        )
+        assert alone == pytest.approx(float(padded), abs=1e-5)
+
+
+def test_all_tensors_are_on_the_device_of_the_table():
+    search = random_search(4, width=3)
+    with torch.device("meta"):  # a tensor made without `device` is on no real device
+        for left in (1, 2, 3, 4):
+            goal, table, model = state_of(0, [1, 2, SIZE], device="cpu")
+            values = search.values(goal, table, model, torch.tensor([left], device="cpu"))
+            assert values.device.type == "cpu"
+            assert search.plan(0, [1, 2], (0, 1), model=0, attempts_left=left)
 
 
 def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
@@ -211,6 +248,27 @@ def test_p_of_a_batch_follows_selection_and_attempts(scorer, opened):
         p(*states[:3])
     one = Attempts(torch.ones_like(states.goal))
     assert not torch.equal(p(*states[:3], attempts=one), free)
+
+
+def test_evidence_is_a_plan_whose_probability_is_p(scorer, opened):
+    (p,) = make_sources(["p"], scorer)
+    graph, empty = opened.graph, opened.graph.num_entities
+    goal, table = torch.tensor([graph.id_of("bread")]), torch.tensor([[empty, 3, 40, empty, 7, 70]])
+    for selection in (empty, 3, 55):  # nothing, on the table, not on the table
+        for pairs in ([[3, 40]], [[7, 7], [3, 70]]):
+            attempts = Attempts(torch.tensor([2]), torch.tensor([pairs]))
+            state = goal, torch.tensor([selection]), table, None, attempts
+            scores = p(*state[:4], attempts=attempts)[0]
+            for slot, evidence in enumerate(p.evidence(*state)):
+                assert (evidence is None) == (int(table[0, slot]) == empty)
+                if evidence and evidence.plan:
+                    assert math.log(math.prod(step[3] for step in evidence.plan)) == pytest.approx(float(scores[slot]))
+                    first, result = {*evidence.plan[0][:2]}, evidence.plan[0][2]
+                    assert first == {int(table[0, slot]), evidence.partner}
+                    expected = p.knowledge.supporting_recipes(int(table[0, slot]), evidence.partner, result, limit=3)
+                    assert evidence.supporting == tuple(expected)
+                elif evidence:
+                    assert scores[slot] == NO_PLAN
 
 
 def test_a_scorer_without_probabilities_of_recipes_is_refused():

@@ -53,11 +53,13 @@ class ExpectedAttempt(Record):
 class SlotEvidence(Record):
     """Train recipes that support a slot: similar to combining the slot's entity with a partner.
 
+    They make something like the goal or, with a plan, like the first attempt's expected result.
+
     Attributes:
         source: source of the recipe score.
         partner: the selection, or without selection the best partner on the table.
         because: supporting recipes, strongest first; a cross-fitted scorer excludes the recipes for the task.
-        outside: evidence from outside the train recipes for slot, partner and goal, strongest first.
+        outside: evidence from outside the train recipes for slot, partner and this result, strongest first.
         plan: expected attempts, for sources that look ahead.
     """
 
@@ -105,7 +107,7 @@ class ExplainedStep(Record):
         """Return up to ``limit`` entities with the highest logits, each with evidence; no entity-partner pair twice."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
-            if slot.evidence is not None and (slot.evidence.because or slot.evidence.outside):
+            if slot.evidence is not None and (slot.evidence.because or slot.evidence.outside or slot.evidence.plan):
                 pairs.setdefault(frozenset((slot.entity, slot.evidence.partner)), (slot.entity, slot.evidence))
         return list(pairs.values())[:limit]
 
@@ -387,7 +389,8 @@ class Explainer:
             for slot, evidence in enumerate(source.evidence(*state)):
                 if evidence is not None and (result[slot] is None or evidence.plan):
                     because = tuple(Witness.of(recipe, entities) for recipe in evidence.supporting)
-                    outside = find.of_recipe(int(state.table[0, slot]), evidence.partner, goal) if find else ()
+                    expected = evidence.plan[0][2] if evidence.plan else goal
+                    outside = find.of_recipe(int(state.table[0, slot]), evidence.partner, expected) if find else ()
                     plan = tuple(
                         ExpectedAttempt(entities[a], entities[b], entities[made], probability)
                         for a, b, made, probability in evidence.plan

@@ -60,6 +60,11 @@ class PlanSearch:
         # The learned link score is low for known links if no train recipe of a left-out fold makes the result.
         self._links = torch.maximum(learned, (10 * kernel).clamp(max=KNOWN_LINK))
 
+    @property
+    def device(self) -> torch.device:
+        """The device of the arrays."""
+        return self._links.device
+
     @torch.no_grad()
     def values(
         self, goal: Tensor, table: Tensor, model: Tensor, attempts_left: Tensor, tried: Tensor | None = None
@@ -77,7 +82,7 @@ class PlanSearch:
             ConfigError: if the search would not fit into memory.
         """
         slots = table.shape[1]
-        values = torch.full((*table.shape, slots), -torch.inf)
+        values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
         for number in attempts_left.clamp(1, MAX_ATTEMPTS).unique().tolist():
             for rows in self._chunks((attempts_left.clamp(1, MAX_ATTEMPTS) == number).nonzero()[:, 0], number, slots):
                 past = None if tried is None else tried[rows]
@@ -87,27 +92,38 @@ class PlanSearch:
 
     @torch.no_grad()
     def plan(
-        self, goal: int, table: list[int], pair: tuple[int, int], *, model: int, attempts_left: int
+        self,
+        goal: int,
+        table: list[int],
+        pair: tuple[int, int],
+        *,
+        model: int,
+        attempts_left: int,
+        tried: Tensor | None = None,
     ) -> list[tuple[int, int, int, float]]:
-        """Return the most probable plan that begins with a pair of slots: attempts with results and probabilities."""
+        """Return the most probable plan that begins with a pair of slots: attempts with results and probabilities.
+
+        ``tried`` marks tried pairs, shape (1, A, A), bool; a plan that would begin with one is empty.
+        """
         steps: list[tuple[int, int, int, float]] = []
-        table, (one, other) = list(table), pair
+        table, (one, other), device = list(table), pair, self.device
         for left in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):
-            state = torch.tensor([goal]), torch.tensor([table]), torch.tensor([model])
+            goals, *state = (torch.tensor(part, device=device) for part in ([goal], [table], [model]))
+            values, results = self._values(goals, *state, left, tried)
             if steps:
-                values = self._values(*state, left, None)[0][0].amax(0)
-                one, other = divmod(int(values.argmax()), len(table))
-            values, results = self._values(*state, left, None)
-            result = int(results[0, int(values[0, :, one, other].argmax())])
-            pairs = torch.tensor([one]), torch.tensor([other])
-            prior = 0.0 if result == goal else INTERMEDIATE
-            chance = self.curve.log_probabilities(
-                self.knowledge, torch.tensor([result]), *state[1:], pairs, prior=prior
-            )
-            steps.append((table[one], table[other], result, float(chance.exp())))
-            if result == goal:
+                one, other = divmod(int(values[0].amax(0).argmax()), len(table))
+            value, best = values[0, :, one, other].max(0)
+            if value == -torch.inf:
                 break
-            table.append(result)
+            result = results[:, best]
+            is_goal = int(result) == goal
+            pairs = torch.tensor([one], device=device), torch.tensor([other], device=device)
+            prior = 0.0 if is_goal else INTERMEDIATE
+            chance = self.curve.log_probabilities(self.knowledge, result, *state, pairs, prior=prior)
+            steps.append((table[one], table[other], int(result), float(chance.exp())))
+            if is_goal:
+                break
+            table.append(int(result))
         return steps
 
     def _chunks(self, rows: Tensor, number: int, slots: int) -> Iterator[Tensor]:
@@ -240,5 +256,6 @@ def _after(
 
 
 def _best_two(scores: Tensor) -> Tensor:
-    """Return the mean of the two largest scores along axis 1."""
-    return scores.topk(min(2, scores.shape[1]), dim=1).values.mean(1)
+    """Return the mean of the two largest scores along axis 1; the largest if all others are -inf."""
+    best = scores.topk(min(2, scores.shape[1]), dim=1).values
+    return best.where(best > -torch.inf, best[:, :1]).mean(1)

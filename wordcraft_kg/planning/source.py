@@ -78,7 +78,7 @@ class BestPlan(BestRecipe):
     @property
     def search(self) -> PlanSearch:
         """The search for plans."""
-        if self._search is None:
+        if self._search is None or self._search.device != self.knowledge.parts.device:
             a, b, c, d, slope, shift, width = self.curve.tolist()
             curve = RecipeCurve(intercepts=(a, b, c, d), slope=slope, shift=shift)
             self._search = PlanSearch(self.knowledge, curve, width=int(width))
@@ -92,13 +92,16 @@ class BestPlan(BestRecipe):
         """
         if attempts is None:
             raise ValueError("the source p needs `attempts`: the number of attempts left in each state.")
-        left, pairs = attempts
-        tried = None
-        if pairs is not None:
-            one, other = (table[:, :, None, None] == pairs[:, None, None, :, part] for part in (0, 1))
-            both = (one & other.transpose(1, 2)).any(3) & (table != self.num_entities)[:, :, None]
-            tried = both | both.transpose(1, 2)
-        return self.search.values(goal, table, model, left, tried)
+        return self.search.values(goal, table, model, attempts.left, self._tried(table, attempts))
+
+    def _tried(self, table: Tensor, attempts: Attempts) -> Tensor | None:
+        """Return a mask of the tried slot pairs, shape (B, A, A); None if unknown."""
+        pairs = attempts.tried
+        if pairs is None:
+            return None
+        one, other = (table[:, :, None, None] == pairs[:, None, None, :, part] for part in (0, 1))
+        both = (one & other.transpose(1, 2)).any(3) & (table != self.num_entities)[:, :, None]
+        return both | both.transpose(1, 2)
 
     @classmethod
     def of_recipes(cls, size: int, recipes: Ids) -> Self:
@@ -121,18 +124,24 @@ class BestPlan(BestRecipe):
         *,
         limit: int = 3,
     ) -> tuple[Evidence | None, ...]:
-        models, at_hand = self.model_of(task), [entity for entity in table[0].tolist() if entity != self.num_entities]
         evidence = super().evidence(goal, selection, table, task, attempts, limit=limit)
         if attempts is None:
             return evidence
-        model, left = 0 if models is None else int(models), int(attempts[0])
+        models, left, entities = self.model_of(task), int(attempts.left), table[0].tolist()
+        model = 0 if models is None else int(models)
+        # Without empty slots, with a selection that is not on the table
+        at_hand = [one for one in dict.fromkeys((*entities, int(selection))) if one != self.num_entities]
+        tried = self._tried(torch.tensor([at_hand], device=table.device), attempts)
 
-        def planned(slot: int, one: Evidence) -> Evidence:
-            pair = slot, at_hand.index(one.partner)
-            plan = self.search.plan(int(goal), at_hand, pair, model=model, attempts_left=left)
-            return one._replace(plan=tuple(plan))
+        def planned(entity: int, one: Evidence) -> Evidence:
+            pair = at_hand.index(entity), at_hand.index(one.partner)
+            plan = self.search.plan(int(goal), at_hand, pair, model=model, attempts_left=left, tried=tried)
+            if not plan:
+                return one
+            supporting = self.knowledge.supporting_recipes(entity, one.partner, plan[0][2], model=model, limit=limit)
+            return Evidence(one.partner, tuple(supporting), tuple(plan))
 
-        return tuple(one and planned(slot, one) for slot, one in enumerate(evidence))
+        return tuple(one and planned(entity, one) for entity, one in zip(entities, evidence, strict=True))
 
 
 def _forget(source: nn.Module, _: object) -> None:

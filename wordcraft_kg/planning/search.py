@@ -108,8 +108,8 @@ class PlanSearch:
         steps: list[tuple[int, int, int, float]] = []
         table, (one, other), device = list(table), pair, self.device
         for left in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):
-            goals, *state = (torch.tensor(part, device=device) for part in ([goal], [table], [model]))
-            values, results = self._values(goals, *state, left, tried)
+            goals, tables, models = (torch.tensor(part, device=device) for part in ([goal], [table], [model]))
+            values, results = self._values(goals, tables, models, left, tried)
             if steps:
                 one, other = divmod(int(values[0].amax(0).argmax()), len(table))
             value, best = values[0, :, one, other].max(0)
@@ -119,7 +119,7 @@ class PlanSearch:
             is_goal = int(result) == goal
             pairs = torch.tensor([one], device=device), torch.tensor([other], device=device)
             prior = 0.0 if is_goal else INTERMEDIATE
-            chance = self.curve.log_probabilities(self.knowledge, result, *state, pairs, prior=prior)
+            chance = self.curve.log_probabilities(self.knowledge, result, tables, models, pairs, prior=prior)
             steps.append((table[one], table[other], int(result), float(chance.exp())))
             if is_goal:
                 break

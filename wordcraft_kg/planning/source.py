@@ -53,7 +53,8 @@ class BestPlan(BestRecipe):
         if not isinstance(whole, RecipeScorer) or curve is None:
             raise ConfigError(
                 f"`use` p needs probabilities of recipes, and {getattr(scorer, 'name', 'this scorer')} has none. Train "
-                "a recipe scorer with folds: `wordcraft-kg train-recipes` on a graph with a test part."
+                "a recipe scorer with folds: `wordcraft-kg train-recipes` on a graph with a test part. Leave out "
+                "`in_sample`, which drops the folds."
             )
         source = super().of_scorer(scorer, view)
         assert isinstance(source, cls)

@@ -84,11 +84,7 @@ class OpenedAgent(AgentRun):
 
 
 def read_agent_run(folder: str | Path) -> AgentRun:
-    """Read the records in an agent's run folder; an unfinished run may still be training.
-
-    Raises:
-        ArtefactError: if the run does not exist or a file is damaged.
-    """
+    """Read the records in an agent's run folder; the run may still be training. Errors as for :func:`open_agent`."""
     folder = Path(folder)
     files = RunFiles(folder, AGENTS.read_record(folder))
     for name in (CONFIG_FILE, "policy.json"):
@@ -133,11 +129,7 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
 
 
 def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
-    """Load a run's policy with the weights at a checkpoint.
-
-    Raises:
-        ArtefactError: if the checkpoint's files are inconsistent.
-    """
+    """Load a run's policy with the weights at a checkpoint; ArtefactError for inconsistent files."""
     files.bytes("policy.json")
     parameters = with_prefix(checkpoint.tensors, "policy.")
     return read_policy(files.folder, files.bytes("constants.safetensors"), parameters)

@@ -45,11 +45,7 @@ class MetricsFile:
         return self.path.stat().st_size
 
     def cut(self, size: int) -> None:
-        """Truncate the file to ``size`` bytes.
-
-        Raises:
-            ValueError: if the file is shorter.
-        """
+        """Truncate the file to ``size`` bytes; ValueError if the file is shorter."""
         if self.path.stat().st_size < size:
             raise ValueError("metrics.jsonl is shorter than at the checkpoint")
         os.truncate(self.path, size)

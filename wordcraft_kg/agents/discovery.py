@@ -189,9 +189,8 @@ class ScorerDiscoverer(Discoverer):
     def __init__(self, graph: RecipeGraph, scorer: TripleScorer):
         """Standardise the scorer's tables for combinesWith and componentOf, shape (E, E) each.
 
-        Raises:
-            GraphMismatchError: if the scorer belongs to another graph.
-            ConfigError: if the tables would exceed :data:`MOST_BYTES`; then nothing is computed.
+        GraphMismatchError if the scorer belongs to another graph; ConfigError if the tables would exceed
+        :data:`MOST_BYTES`, before anything is computed.
         """
         check_scorer(scorer, graph)
         needed = graph.num_entities**2 * PAIR_BYTES
@@ -269,11 +268,8 @@ def make_discoverers(
 ) -> dict[str, Discoverer]:
     """Make players for the open-ended environment, from names in :data:`DISCOVERERS`.
 
-    ``scorer`` guides ``empowerment-scorer``; ``learner`` is the player ``recipe-learner``.
-
-    Raises:
-        ConfigError: for an unknown name, a player whose scorer is missing, or too many entities.
-        GraphMismatchError: if the scorer belongs to another graph.
+    ``scorer`` guides ``empowerment-scorer``; ``learner`` is the player ``recipe-learner``. GraphMismatchError if the
+    scorer belongs to another graph; ConfigError for an unknown name, a missing scorer, or too many entities.
     """
     makers: dict[str, Callable[[], Discoverer]] = {
         "random": RandomDiscoverer,
@@ -352,9 +348,8 @@ def discovery_curves(
 def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = (*MARKS, *LATER_MARKS)) -> "pd.DataFrame":
     """Average the number of known entities over runs, after some numbers of attempts.
 
-    Args:
-        curves: table from :func:`discovery_curves`.
-        marks: numbers of attempts, limited to the curves; the last attempt is always included.
+    ``curves`` come from :func:`discovery_curves`; ``marks`` are limited to the curves, and the last attempt is always
+    included.
 
     Returns:
         a table with a row per player and number of attempts, in the order of ``curves``: ``mean`` over runs, ``low``

@@ -52,8 +52,7 @@ class PolicyPlayer:
 def player_of(policy: Policy, kind: str) -> Player:
     """Return the player for a name: ``trained`` (the policy), ``random``, ``oracle`` or ``kg-only``.
 
-    Raises:
-        ConfigError: for ``kg-only``, which plays by the scorer alone, without a scorer.
+    ``kg-only`` plays by the scorer alone: ConfigError without a scorer.
     """
     if kind == "kg-only":
         if not policy.sources:
@@ -101,13 +100,7 @@ class Evaluator:
     """Plays all tasks in a world, or an evenly spaced sample, on fixed starting tables."""
 
     def __init__(self, world: World, *, distractor_seeds: int = 5, limit: int | None = MOST_TASKS):
-        """Create an environment for each task.
-
-        Args:
-            world: graph, tasks and settings.
-            distractor_seeds: tables per task, with different distractors.
-            limit: maximum number of tasks; None plays all.
-        """
+        """Create an environment for each task; ``limit`` is the maximum number of tasks, None plays all."""
         num_tasks = len(world.tasks)
         step = distance_of(num_tasks, limit)
         self.tasks = np.arange(0, num_tasks, step)

@@ -196,18 +196,12 @@ class Explainer:
         max_actions: int | None = None,
         outside: OutsideEvidenceFinder | None = None,
     ):
-        """Copy a policy.
+        """Copy a policy; LeakError if a model would score tasks with recipes from its training data.
 
-        Args:
-            policy: policy for the graph.
-            world: graph, tasks and settings.
-            kg: recipes that the scorer was trained on: ``partial`` (train recipes) or ``full``.
-            trained_on: shape (num_recipes,), bool: recipes that the scorer saw with the correct result; by default all.
-            max_actions: maximum number of explained actions; None plays to the end.
-            outside: finder for evidence from outside the train recipes, if any.
-
-        Raises:
-            LeakError: if a model would score tasks with recipes from its training data.
+        ``kg`` names the recipes that the scorer was trained on: ``partial`` (train recipes) or ``full``.
+        ``trained_on``, shape (num_recipes,), bool, marks those that it saw with the correct result; by default all.
+        ``max_actions`` limits the explained actions; None plays to the end. ``outside`` finds evidence from outside the
+        train recipes.
         """
         self.world = world
         self._kg, self._trained_on, self._max_actions, self._outside = kg, trained_on, max_actions, outside
@@ -221,14 +215,9 @@ class Explainer:
         self._tables = EvaluationTables(world)
 
     def episode(self, task: int, distractor_seed: int = 0) -> ExplainedEpisode:
-        """Play and explain an episode on the fixed evaluation table of a task.
+        """Play and explain an episode on the evaluation table of a task (index) with a sample of distractors.
 
-        Args:
-            task: task index.
-            distractor_seed: index for the sample of distractors.
-
-        Raises:
-            ConfigError: if the task does not exist, or the policy cannot play with so many slots.
+        ConfigError if the task does not exist, or the policy cannot play with so many slots.
         """
         return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
 
@@ -239,16 +228,11 @@ class Explainer:
     def table(
         self, goal: Entity, table: Sequence[Entity], selection: Entity | None = None, *, like: int | None = None
     ) -> ExplainedTable:
-        """Explain the actions for a goal at any table.
+        """Explain the actions for a goal at any table; entities are labels or ids, the table in slot order.
 
         If all recipes for the goal are in one fold, a cross-fitted scorer uses the model without this fold, otherwise
-        the model of all train recipes.
-
-        Args:
-            goal: entity to make, as label or id.
-            table: entities in slot order, as labels or ids, without repetition.
-            selection: entity that is selected already, if any.
-            like: index of a task; if goal and starting ingredients agree, the model for this task gives the scores.
+        the model of all train recipes. If goal and starting ingredients agree with task ``like`` (index), the model for
+        this task gives the scores.
 
         Raises:
             UnknownEntityError: for an entity outside the graph.
@@ -434,13 +418,8 @@ def explain_episodes(
 ) -> tuple[ExplainedEpisode, ...]:
     """Play tasks greedily on the fixed evaluation tables and explain each action; see :class:`Explainer`.
 
-    Args:
-        policy: policy for the graph.
-        world: graph, tasks and settings.
-        goal: only tasks with this goal; None takes evenly spaced tasks.
-        episodes: number of episodes; if necessary, tasks repeat with different distractors.
-        outside: finder for evidence from outside the train recipes, if any.
-        task: index of the only task to play.
+    Plays the task with index ``task``, or else tasks with this ``goal``, or else evenly spaced tasks; if necessary,
+    tasks repeat with different distractors until there are ``episodes``.
 
     Raises:
         UnknownEntityError: if the goal does not exist.

@@ -30,6 +30,8 @@ T = TypeVar("T")
 class FollowedRun:
     """An agent's run folder, read again when the files change; thread-safe.
 
+    All methods raise ArtefactError if the run does not exist or a file is damaged.
+
     Example:
         >>> run = FollowedRun(Path("runs/kitchen"), open_graph("kitchen"))
         >>> run.records().run.status, run.agent() is run.agent()
@@ -43,21 +45,12 @@ class FollowedRun:
         self._explainers: OrderedDict[WordCraftConfig, Explainer] = OrderedDict()
 
     def records(self) -> AgentRun:
-        """Return the run's settings, status, learning curves and checkpoints, as the files are now.
-
-        Raises:
-            ArtefactError: if the run does not exist or a file is damaged.
-        """
+        """Return the run's settings, status, learning curves and checkpoints, as the files are now."""
         stamp = *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"), *AGENTS.checkpoints(self.folder).records()
         return self._once("records", stamp, lambda: read_agent_run(self.folder))
 
     def agent(self) -> OpenedAgent:
-        """Return the agent with the latest weights.
-
-        Raises:
-            ArtefactError: if the run or a checkpoint does not exist, or a file is damaged.
-            GraphMismatchError: if the graph or split differs from training.
-        """
+        """Return the agent with the latest weights; GraphMismatchError if the graph or split differs from training."""
         with self._lock:
             before = self._kept.get("agent")
             stamp = *self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records()
@@ -69,9 +62,7 @@ class FollowedRun:
     def explainer(self, world: World) -> Explainer:
         """Return an explainer for the latest weights in a world, limited to :data:`MAX_ACTIONS` actions per episode.
 
-        Raises:
-            ArtefactError: as in :meth:`agent`.
-            LeakError: if a model would score tasks with recipes from its training data.
+        LeakError if a model would score tasks with recipes from its training data.
         """
         with self._lock:
             agent = self.agent()
@@ -100,11 +91,7 @@ class FollowedRun:
         return self._once("trained_on", inputs["scorer"], read)
 
     def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
-        """Return the episodes in the final evaluation by part, goal and start; empty before the end of training.
-
-        Raises:
-            ArtefactError: if the file is missing or damaged.
-        """
+        """Return the final evaluation's episodes by part, goal and start; empty before the end of training."""
         if self.records().evaluation is None:
             return {}
         stamp = self._stamp(EPISODES_FILE)

@@ -67,10 +67,7 @@ class Impala:
     def __init__(self, policy: Policy, envs: State, config: ImpalaConfig):
         """Prepare training in place, from the first state in ``config.batch_size`` environments.
 
-        Every update changes ``policy``.
-
-        Raises:
-            ConfigError: if ``config.compile`` is set and torch cannot compile.
+        Every update changes ``policy``. ConfigError if ``config.compile`` is set and torch cannot compile.
         """
         self.policy, self.envs, self.config = policy, envs, config
         self.device = torch.device(config.device)
@@ -79,8 +76,11 @@ class Impala:
         self._parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         # The parameters are views of a flat tensor, so that an optimiser step takes a few calls, not hundreds.
         self._flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters]))
-        self._flat.grad = torch.zeros_like(self._flat)
-        self._make_views()
+        self._flat.grad = gradients = torch.zeros_like(self._flat)
+        sizes = [parameter.numel() for parameter in self._parameters]
+        views = zip(self._parameters, self._flat.data.split(sizes), gradients.split(sizes), strict=True)
+        for parameter, value, gradient in views:
+            parameter.data, parameter.grad = value.view_as(parameter), gradient.view_as(parameter)
         rate, decay, epsilon = config.learning_rate, config.rms_decay, config.rms_epsilon
         self.optimizer = torch.optim.RMSprop([self._flat], rate, decay, epsilon, momentum=config.momentum)
         lag = min(config.policy_lag, config.updates)
@@ -116,8 +116,7 @@ class Impala:
     def update(self) -> None:
         """Collect an unroll (a few steps in each environment) and update the parameters.
 
-        Raises:
-            TrainingError: if the loss is not finite; then parameters are unchanged.
+        TrainingError if the loss is not finite; then parameters are unchanged.
         """
         bind_tasks([self.policy], self.envs.world)  # an evaluation may have bound different tasks
         weights = self.policy.weights()
@@ -155,10 +154,7 @@ class Impala:
         Two kinds describe the last update only. ``lambda_<source>_first`` and ``lambda_<source>_second`` are mean
         mixing weights for the first and second selection in an attempt; a source is ``alpha`` (attention) or a
         knowledge graph score. ``ratio_mean``, ``ratio_max`` and ``ratio_clipped`` (share above 1) describe importance
-        ratios π/μ.
-
-        Raises:
-            TrainingError: if the loss was not finite.
+        ratios π/μ. TrainingError if the loss was not finite.
         """
         sums = dict(zip(FIGURES, self._sums.tolist(), strict=True))
         self._sums.zero_()
@@ -184,8 +180,7 @@ class Impala:
     def state(self) -> dict[str, Tensor]:
         """Return the complete training state by name; :meth:`restore` continues bit for bit.
 
-        Raises:
-            TrainingError: if a parameter is not finite; updates on a device do not check.
+        TrainingError if a parameter is not finite; updates on a device do not check.
         """
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
@@ -202,9 +197,7 @@ class Impala:
     def restore(self, state: Mapping[str, Tensor]) -> None:
         """Continue training from a :meth:`state` with the same policy, tasks and settings.
 
-        Raises:
-            KeyError: if a tensor is missing.
-            RuntimeError: if a shape differs.
+        KeyError if a tensor is missing, RuntimeError if a shape differs.
         """
         with torch.no_grad():
             for name, parameter in self.policy.named_parameters():
@@ -304,13 +297,6 @@ class Impala:
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
         return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 
-    def _make_views(self) -> None:
-        assert self._flat.grad is not None
-        sizes = [parameter.numel() for parameter in self._parameters]
-        values, gradients = self._flat.data.split(sizes), self._flat.grad.split(sizes)
-        for parameter, value, gradient in zip(self._parameters, values, gradients, strict=True):
-            parameter.data, parameter.grad = value.view_as(parameter), gradient.view_as(parameter)
-
     def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """Return the optimiser state; without this check, torch would fail in the next update."""
         expected = {"step": (), "square_avg": self._flat.shape} if state["update"] else {}
@@ -336,11 +322,7 @@ class Impala:
 
 
 def check_compiler(device: torch.device) -> None:
-    """Check that torch can compile for a device.
-
-    Raises:
-        ConfigError: with the reason given by torch.
-    """
+    """Check that torch can compile for a device; ConfigError with the reason given by torch."""
     try:
         torch.compile(lambda x: (x + 1).exp())(torch.zeros(8, device=device))
     except Exception as error:  # torch raises a dozen different classes here

@@ -169,26 +169,24 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
     return score
 
 
-def _planner_with_facts(graph: RecipeGraph, recipes: Ids) -> dict[str, Player]:
-    if graph.num_entities > MAX_DENSE:
-        return {}
-    return {"partial KG, planner": knowledge_player([BestPlan.of_recipes(graph.num_entities, recipes)])}
-
-
 def knowledge_players(split: Split) -> dict[str, Player]:
     """Return scripted players by name: chance, triples as facts, votes, an oracle, and players in :data:`PLAYERS`."""
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
     no_self = fact_sources(graph, graph.triples[~loops])
+    train = split.recipes("train")
+    planner = {}
+    if graph.num_entities <= MAX_DENSE:
+        planner = {"partial KG, planner": knowledge_player([BestPlan.of_recipes(graph.num_entities, train)])}
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
         NEAREST_WORDS: nearest_words(graph),
         "partial KG, v": knowledge_player([some["v"]]),
         "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
-        "partial KG, votes": pair_player(VoteScorer(graph, split.recipes("train")).score_recipes),
-        **_planner_with_facts(graph, split.recipes("train")),
+        "partial KG, votes": pair_player(VoteScorer(graph, train).score_recipes),
+        **planner,
         "full KG, v": knowledge_player([everything["v"]]),
         "full KG, u": knowledge_player([everything["u"]]),
         "full KG, u+v": knowledge_player([everything["u"], everything["v"]]),
@@ -205,17 +203,11 @@ def scorer_players(
     """Return players that act by a scorer's standardised scores: v, u, and u+v with three settings for self edges.
 
     The source u scores a slot with the selection, v with the goal; self edges are scores for an entity with itself.
-    Recipe scorers add ``w, best pair``, which plays the pair with the highest recipe score.
+    Recipe scorers add ``w, best pair``, which plays the pair with the highest recipe score, and with ``plans``, if the
+    scorer can plan, ``planner``, which plays the first pair of the most probable plan.
 
-    Args:
-        graph: the scorer's recipe graph.
-        scorer: scores for triples.
-        observed: the scorer's training triples, shape (T, 3).
-        tasks: tasks to play; required by cross-fitted scorers on train tasks.
-        plans: add ``planner``, which plays the first pair of the most probable plan, if the scorer can plan.
-
-    Raises:
-        GraphMismatchError: if the scorer belongs to another graph.
+    ``observed`` are the scorer's training triples, shape (T, 3). Cross-fitted scorers need the ``tasks`` to play if
+    these are train tasks. GraphMismatchError if the scorer belongs to another graph.
     """
     check_scorer(scorer, graph)
 
@@ -263,18 +255,11 @@ def play_all(
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players on all tasks of a world; success does not depend on reward settings.
+    """Evaluate players on all tasks of a world with each number of distractors; a record each per number and player.
 
-    Args:
-        world: graph, tasks and settings; ``distractors`` replaces the number of distractors.
-        players: players by name.
-        distractors: numbers of distractors to evaluate.
-        distractor_seeds: tables per task, equal for all players.
-        seed: seed for distractors and players.
-        progress: receives finished records, total records, and the last success rate.
-
-    Returns:
-        a record per number of distractors and player.
+    Success does not depend on reward settings. ``distractor_seeds`` are tables per task, equal for all players;
+    ``seed`` draws distractors and players' choices. ``progress`` receives finished records, total records, and the last
+    success rate.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)

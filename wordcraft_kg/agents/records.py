@@ -62,11 +62,7 @@ class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
-    """Parse the content of ``metrics.jsonl``; ``path`` is for error messages.
-
-    Raises:
-        ArtefactError: naming the damaged line and field.
-    """
+    """Parse the content of ``metrics.jsonl``; ArtefactError with ``path``, naming the damaged line and field."""
     rows = parse_lines(data, MetricsRow, path)
     figures = parse_lines(data, dict[str, float | None], path)
     return [
@@ -95,21 +91,13 @@ class PlayedTask(Record):
 
 
 def read_episodes(folder: Path) -> list[PlayedTask]:
-    """Read ``episodes.jsonl`` from a finished run.
-
-    Raises:
-        ArtefactError: if the file is missing or damaged, naming the line.
-    """
+    """Read ``episodes.jsonl`` from a finished run; ArtefactError if the file is missing or damaged, naming the line."""
     path = folder / EPISODES_FILE
     return parse_lines(read_large_file(path), PlayedTask, path)
 
 
 def read_summary(files: RunFiles) -> AgentSummary:
-    """Read ``evaluation.json`` from a finished run.
-
-    Raises:
-        ArtefactError: if the file is missing or damaged.
-    """
+    """Read ``evaluation.json`` from a finished run; ArtefactError if the file is missing or damaged."""
     summary = files.record("evaluation.json", AgentSummary)
     if not summary.success:
         path = files.folder / "evaluation.json"

@@ -50,19 +50,13 @@ class _NetworkPolicy(BasePolicy):
         optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
         optimizer_kwargs: dict[str, Any] | None = None,
     ):
-        """Copy the policy; algorithms pass positional arguments, ``policy_kwargs`` keyword arguments.
+        """Copy the policy ``network``, which stays unchanged; the attribute ``network`` is the trained copy.
 
-        Args:
-            observation_space: from the environment.
-            action_space: from the environment.
-            lr_schedule: learning rate by the remaining share of training, 1 to 0.
-            use_sde: always False; PPO and A2C pass this argument but reject the noise for discrete actions.
-            network: the policy, which stays unchanged; the attribute ``network`` is the trained copy.
-            optimizer_class: Adam by default, with the ``eps`` 1e-5 from Stable-Baselines3.
-            optimizer_kwargs: optimiser settings except the learning rate.
+        Algorithms pass positional arguments, ``policy_kwargs`` keyword arguments. ``lr_schedule`` is the learning rate
+        by the remaining share of training, 1 to 0; ``use_sde`` is always False. The optimiser is Adam by default, with
+        the ``eps`` 1e-5 from Stable-Baselines3.
 
-        Raises:
-            ConfigError: unless the spaces are from ``WordCraft-v0``, with the policy's number of entities.
+        ConfigError unless the spaces are from ``WordCraft-v0``, with the policy's number of entities.
         """
         _check_spaces(observation_space, action_space, network)
         settings = {"optimizer_class": optimizer_class, "optimizer_kwargs": optimizer_kwargs}
@@ -89,13 +83,8 @@ class _NetworkPolicy(BasePolicy):
     def get_distribution(self, obs: Observations, action_masks: Any = None) -> Any:
         """Return the distribution over slots; empty and masked slots have probability exactly 0.
 
-        Args:
-            obs: ids for B states.
-            action_masks: reshapeable to (B, A): False excludes a slot; True does not revive an empty slot. None
-                excludes empty slots only.
-
-        Raises:
-            ActionError: if a row of ``action_masks`` leaves no choice.
+        ``action_masks``, reshapeable to (B, A), excludes slots by False; True does not revive an empty slot, and None
+        excludes empty slots only. ActionError if a row leaves no choice.
         """
         return self._decide(obs, action_masks)[0]
 

@@ -50,8 +50,7 @@ def has_train_recipes(world: World) -> bool:
 def bind_tasks(scores: Iterable[Any], world: World) -> None:
     """Give the world's tasks to all sources or policies whose scores depend on the task index.
 
-    Raises:
-        LeakError: if a model would score tasks by recipes from the model's training data.
+    LeakError if a model would score tasks by recipes from the model's training data.
     """
     if has_train_recipes(world):
         for source in scores:

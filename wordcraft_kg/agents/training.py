@@ -6,8 +6,7 @@ as an uninterrupted run.
 
 import logging
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +22,7 @@ from wordcraft_kg.agents.impala import Impala, check_compiler
 from wordcraft_kg.agents.records import AgentProgress, AgentSummary, read_summary
 from wordcraft_kg.agents.results import OUTPUTS, model_card, write_results
 from wordcraft_kg.base.settings import check_memory
-from wordcraft_kg.base.tensors import check_device
+from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -44,12 +43,9 @@ _MANY_SELF_PAIRS = 0.25  # minimum share for a warning about self edges
 
 @dataclass(frozen=True)
 class TrainedAgent:
-    """The result of an agent's training, finished or interrupted.
+    """The result of an agent's training: run folder, number of environment steps so far, and the final evaluation.
 
-    Attributes:
-        folder: run folder.
-        step: number of environment steps so far.
-        summary: the final evaluation; None for an interrupted run, which the same call would continue.
+    ``summary`` is None for an interrupted run, which the same call would continue.
     """
 
     folder: Path
@@ -72,16 +68,8 @@ def train_agent(
 ) -> TrainedAgent:
     """Train an agent into a run folder, or continue an interrupted run with the same settings.
 
-    Args:
-        config: graph, scorer, tasks, policy and trainer settings.
-        out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
-        force: replace an existing run.
-        trackers: additional receivers of metrics: tensorboard, wandb, or a
-            :class:`~wordcraft_kg.runs.trackers.Tracker`.
-        progress: function to call after each line of metrics; True shows a bar.
-
-    Raises:
-        WordCraftKGError: for unusable settings, inputs or output, see :func:`~wordcraft_kg.runs.training.train`.
+    ``out`` is by default ``runs/<graph name>-<scorer folder or no-kg>``. ``progress`` is called after each line of
+    metrics. Further arguments and errors are those of :func:`~wordcraft_kg.runs.training.train`.
 
     Example:
         >>> config = AgentConfig("kitchen", "models/kitchen", trainer=ImpalaConfig(steps=512, eval_every=0))
@@ -99,11 +87,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     config_type = AgentConfig
 
     def __init__(self, config: AgentConfig, opened: OpenedGraph):
-        """Check that the device and the compiler are available.
-
-        Raises:
-            ConfigError: if the device or the compiler is unavailable.
-        """
+        """Check that the device and the compiler are available; ConfigError otherwise."""
         super().__init__(config, opened)
         check_device(config.trainer.device)
         if config.trainer.compile:
@@ -187,7 +171,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             with run.restoring():
                 self._restore(checkpoint)
             run.resume(self.config)
-        with _threads(self.config.trainer.threads):
+        with torch_threads(self.config.trainer.threads):
             self._train()
             if self.impala.update_number < self.config.trainer.updates:
                 run.interrupt()
@@ -291,13 +275,3 @@ def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
             100 * share,
             graph.name,
         )
-
-
-@contextmanager
-def _threads(number: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(number)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

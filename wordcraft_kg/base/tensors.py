@@ -1,6 +1,7 @@
 """Tensors in files, and conversion between arrays and tensors."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -59,3 +60,14 @@ def check_device(device: str) -> None:
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
         raise ConfigError(f"`device` {device!r}: not available here ({reason}). Use cpu.") from None
+
+
+@contextmanager
+def torch_threads(number: int) -> Iterator[None]:
+    """Limit torch to a number of CPU threads in this block."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

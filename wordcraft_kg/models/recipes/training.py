@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -118,13 +118,8 @@ def _text(graph: RecipeGraph, spec: str, allow_missing: bool) -> tuple[Tensor, s
 @contextmanager
 def _threads(number: int) -> Iterator[None]:
     """Limit the CPU threads of torch and NumPy: for small arrays, further threads mostly wait, at full load."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(number)
-    try:
-        with threadpool_limits(number):
-            yield
-    finally:
-        torch.set_num_threads(before)
+    with torch_threads(number), threadpool_limits(number):
+        yield
 
 
 @dataclass(frozen=True)

@@ -71,15 +71,9 @@ class PlanSearch:
     ) -> Tensor:
         """Return log Q for all pairs of slots, shape (B, A, A), from :data:`NO_PLAN` to 0; -inf for empty slots.
 
-        Args:
-            goal: shape (B,), int64.
-            table: shape (B, A), int64, E for empty slots.
-            model: number of the model, shape (B,), int64.
-            attempts_left: shape (B,), int64; more than :data:`MAX_ATTEMPTS` count as that many.
-            tried: shape (B, A, A), bool: pairs that were tried, which make nothing new.
-
-        Raises:
-            ConfigError: if the search would not fit into memory.
+        ``goal``, ``model`` (number of the model) and ``attempts_left`` have shape (B,); more than :data:`MAX_ATTEMPTS`
+        count as that many. ``table``, shape (B, A), has E for empty slots; ``tried``, shape (B, A, A), bool, marks
+        pairs that were tried, which make nothing new. ConfigError if the search would not fit into memory.
         """
         slots = table.shape[1]
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)

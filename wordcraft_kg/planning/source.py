@@ -86,11 +86,7 @@ class BestPlan(BestRecipe):
         return self._search
 
     def pair_scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
-        """Return log Q for all slot pairs, shape (B, A, A).
-
-        Raises:
-            ValueError: without ``attempts``.
-        """
+        """Return log Q for all slot pairs, shape (B, A, A); ValueError without ``attempts``."""
         if attempts is None:
             raise ValueError("the source p needs `attempts`: the number of attempts left in each state.")
         return self.search.values(goal, table, model, attempts.left, self._tried(table, attempts))

@@ -23,20 +23,13 @@ _CHUNK = 256
 def encode_labels(
     labels: Sequence[str], path: Path, report: Progress | None = None
 ) -> tuple[NDArray[np.float16], dict[str, str]]:
-    """Encode labels with a sentence encoder, or with mean pooling over the tokens of another transformer.
+    """Encode N labels with a sentence encoder, or with mean pooling over the tokens of another transformer.
 
-    Args:
-        labels: N texts.
-        path: model folder that ``sentence_transformers`` loads.
-        report: called with the numbers of encoded and of all labels.
+    ``path`` is a model folder that ``sentence_transformers`` loads; ``report`` is called with the numbers of encoded
+    and of all labels. Returns vectors of length 1, shape (N, D), and the hashes of the weights by file name.
 
-    Returns:
-        Vectors of length 1, shape (N, D), and the hashes of the weights by file name.
-
-    Raises:
-        MissingExtraError: if a package is missing.
-        ArtefactError: if the model is damaged or incomplete.
-        ConfigError: if a label has only tokens for unknown text, and so the vector of any such label.
+    MissingExtraError if a package is missing; ConfigError if a label has only tokens for unknown text, and so the
+    vector of any such label; ArtefactError if the model is damaged or incomplete.
     """
     check_extra("text")
     hashes = hash_weights(path)
@@ -68,14 +61,6 @@ def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
             )
 
 
-def vector_files(labels: Sequence[str], vectors: NDArray[np.float16]) -> dict[str, bytes]:
-    """Return the content of the vector file and the label file (a label per line), by name."""
-    buffer = io.BytesIO()
-    np.save(buffer, vectors, allow_pickle=False)
-    names = "".join(f"{label}\n" for label in labels)
-    return {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names.encode()}
-
-
 def write_vectors(
     out: Path,
     labels: Sequence[str],
@@ -86,12 +71,14 @@ def write_vectors(
 ) -> Path:
     """Write a folder of vectors; ``inputs`` are the hashes of graph and weights.
 
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
+    OutputExistsError if ``out`` exists and ``force`` is False.
     """
     folder = with_a_name(out)
     with staged_folder(folder, force=force) as staging:
-        files = vector_files(labels, vectors)
+        buffer = io.BytesIO()
+        np.save(buffer, vectors, allow_pickle=False)
+        names = "".join(f"{label}\n" for label in labels).encode()
+        files = {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names}
         for name, content in files.items():
             write_atomically(staging / name, content)
         end_run(staging, start_run(staging, "encode", inputs=inputs), "done", tuple(files))

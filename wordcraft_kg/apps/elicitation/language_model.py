@@ -54,13 +54,8 @@ class LanguageModel:
 def open_language_model(path: Path, random_seed: int | None = None) -> LanguageModel:
     """Load a language model: a model folder or a ``.gguf`` file.
 
-    Args:
-        path: folder or file.
-        random_seed: draw random weights for the same architecture, as a control.
-
-    Raises:
-        MissingExtraError: if a package is missing.
-        ArtefactError: if the model is damaged, incomplete or not causal.
+    With ``random_seed``, the same architecture has random weights, as a control. MissingExtraError if a package is
+    missing; ArtefactError if the model is damaged, incomplete or not causal.
     """
     check_extra("text")
     hashes = hash_weights(path)
@@ -95,10 +90,8 @@ def _is_causal(model: Any) -> bool:
 def label_tokens(tokenizer: Any, label: str) -> list[int]:
     """Return the tokens that stand for a label: the first token of each word after a blank.
 
-    The mean of their log-probabilities is the label's log-probability.
-
-    Raises:
-        ConfigError: if a word has no token, or only the token for unknown words.
+    The mean of their log-probabilities is the label's log-probability. ConfigError if a word has no token, or only the
+    token for unknown words.
     """
     before = len(tokenizer("a", add_special_tokens=False).input_ids)
     tokens = []
@@ -166,14 +159,7 @@ def elicit_knowledge(
     """Write a knowledge folder with a table for each prompt, and return the tables.
 
     Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the remaining rows.
-
-    Args:
-        out: new folder.
-        graph: graph with E entities.
-        language_model: model and tokenizer.
-        prompts: texts.
-        report: called with the numbers of finished and of all texts.
-        force: replace an existing folder.
+    ``report`` is called with the numbers of finished and of all texts.
 
     Raises:
         ConfigError: if the tables are too large, or a label has no tokens.

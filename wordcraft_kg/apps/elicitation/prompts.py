@@ -58,8 +58,7 @@ DEFAULT = Path(__file__).with_name("prompts.json")
 def read_prompts(path: Path) -> tuple[Prompt, ...]:
     """Read prompts from a JSON file, ``{"prompts": [...]}``.
 
-    Raises:
-        ArtefactError: if the file is missing, not JSON, or a prompt is invalid.
+    ArtefactError if the file is missing, not JSON, or a prompt is invalid.
     """
     return parse_record(read_small_file(path), _Prompts, path).prompts
 

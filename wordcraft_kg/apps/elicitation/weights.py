@@ -17,8 +17,7 @@ _NOT_NEEDED = ("onnx/*", "openvino/*", "*.h5", "*.ot", "*.msgpack", "*.onnx", "*
 def locate_model(setting: str, name: str) -> Path:
     """Return the path of a model on disk, or download a model of the Hugging Face hub into the hub's cache.
 
-    Raises:
-        ConfigError: naming ``setting``, if the model is neither on disk nor to download.
+    ConfigError naming ``setting``, if the model is neither on disk nor to download.
     """
     if os.path.exists(name):
         return Path(name)
@@ -36,8 +35,7 @@ def locate_model(setting: str, name: str) -> Path:
 def hash_weights(path: Path) -> dict[str, str]:
     """Return the SHA-256 hashes of a model's weights by file name: a file, or all weights in a folder.
 
-    Raises:
-        ArtefactError: if the folder has no ``config.json`` or no weights.
+    ArtefactError if the folder has no ``config.json`` or no weights.
     """
     if path.is_file():
         return {path.name: sha256_of(path)}
@@ -54,8 +52,7 @@ def hash_weights(path: Path) -> dict[str, str]:
 def loading(path: Path, expected: str) -> Iterator[None]:
     """Load a model in this block without the bars and warnings of its library.
 
-    Raises:
-        ArtefactError: if the block fails, because files are damaged or hold another kind of model than ``expected``.
+    ArtefactError if the block fails, because files are damaged or hold another kind of model than ``expected``.
     """
     try:
         with redirect_stderr(io.StringIO()):

@@ -55,13 +55,7 @@ class Alignment:
 
 
 def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
-    """Align entity labels with nodes.
-
-    Args:
-        network: graph from outside the book.
-        entities: labels.
-        recipes: shape (n, 3), train recipes, as contexts of senses.
-    """
+    """Align entity labels with nodes of a network; train recipes, shape (n, 3), are contexts of senses."""
     joined = _joined(network, entities)
     spelled = [_spelling(label, network, joined) for label in entities]
     senses_of = [network.spellings.get(text, ()) for _, text in spelled]
@@ -95,8 +89,7 @@ def with_overrides(
 ) -> Alignment:
     """Replace the nodes of labels by named nodes, with confidence 1; an empty name leaves the label out.
 
-    Raises:
-        KnowledgeFileError: for an unknown label or node.
+    KnowledgeFileError for an unknown label or node.
     """
     nodes, confidences, methods = alignment.nodes.copy(), alignment.confidences.copy(), list(alignment.methods)
     numbers = {name: node for node, name in enumerate(network.nodes)} if overrides else {}

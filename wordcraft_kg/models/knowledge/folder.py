@@ -106,18 +106,10 @@ def write_knowledge(
     files: Mapping[str, str | bytes],
     force: bool = False,
 ) -> Path:
-    """Write a knowledge folder, complete or not at all.
+    """Write a knowledge folder, complete or not at all; OutputExistsError if it exists and ``force`` is False.
 
-    Args:
-        out: new folder.
-        command: name of the writing command, the run's kind.
-        knowledge: tables, with finite numbers.
-        inputs: SHA-256 hashes of what the tables were made from, such as graph, weights and prompts.
-        files: further files by name, such as ``README.md`` and ``triples.tsv``.
-        force: replace an existing folder.
-
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
+    ``command`` is the name of the writing command. ``inputs`` are SHA-256 hashes of what the tables were made from,
+    such as graph, weights and prompts; ``files`` are further files by name, such as ``README.md``.
     """
     folder = with_a_name(Path(out))
     tensors = {info.name: table for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True)}
@@ -133,8 +125,7 @@ def write_knowledge(
 def read_knowledge(folder: str | Path) -> Knowledge:
     """Read a knowledge folder, with a SHA-256 check.
 
-    Raises:
-        ArtefactError: if the folder is unfinished, incomplete, damaged or of another kind.
+    ArtefactError if the folder is unfinished, incomplete, damaged or of another kind.
     """
     files = knowledge_files(folder)
     record, tensors = files.record(KNOWLEDGE, KnowledgeRecord), files.tensors(TABLES)

@@ -42,18 +42,13 @@ class Coverage(Record, frozen=True, kw_only=True):
 
 
 class ImportedKnowledge(Record, frozen=True, kw_only=True):
-    """What was imported.
+    """What was imported, from which ``source``, into the knowledge folder ``out``.
 
     Attributes:
-        out: knowledge folder.
-        source: display name.
-        entities: number of labels of the recipe graph.
-        aligned: number of labels with a node.
-        coverage: the same by method.
+        entities, aligned: numbers of labels of the recipe graph, and of labels with a node.
+        coverage: labels with a node by method.
         nodes, edges: size of the imported graph.
-        tables: names of the tables.
-        triples: lines in ``triples.tsv`` without the header.
-        facts: lines in ``facts.tsv`` without the header.
+        triples, facts: lines in ``triples.tsv`` and ``facts.tsv`` without the headers.
         reach: distances of ingredients and results in train recipes, beside random triples.
     """
 
@@ -75,13 +70,8 @@ def import_knowledge(
 ) -> ImportedKnowledge:
     """Import a general graph for a recipe graph; test and validation recipes are not read.
 
-    Args:
-        opened: graph and split; the train recipes decide between senses.
-        kind: format of ``path``.
-        path: WordNet's folder, ConceptNet's assertions, or a file of triples.
-        out: knowledge folder to write.
-        overrides: file with label and node, separated by a tab, see :func:`with_overrides`.
-        force: replace an existing folder.
+    The train recipes in ``opened`` decide between senses. ``path`` is WordNet's folder, ConceptNet's assertions, or a
+    file of triples; ``overrides`` is a file for :func:`read_overrides`.
 
     Raises:
         KnowledgeFileError: naming the line, for a damaged file; and if no label has a node.
@@ -140,8 +130,7 @@ def import_knowledge(
 def read_overrides(path: Path) -> dict[str, str]:
     """Read nodes by label from lines with label, node and ignored columns, such as edited lines of ``alignment.tsv``.
 
-    Raises:
-        KnowledgeFileError: if there is no file; naming the line, without a tab or with a repeated label.
+    KnowledgeFileError if there is no file; naming the line, without a tab or with a repeated label.
     """
     if not path.is_file():
         raise KnowledgeFileError(f"{path} is not a file; expected lines with a label, a tab and a node.")

@@ -115,12 +115,9 @@ def plain(text: str) -> str:
 
 
 def unique_edges(edges: Ids, weights: NDArray[np.float64], sizes: tuple[int, int]) -> tuple[Ids, NDArray[np.float64]]:
-    """Sort edges and merge repeated edges, whose weights add up; loops are dropped.
+    """Sort edges, shape (M, 3), and merge repeated edges, whose weights (M,) add up; loops are dropped.
 
-    Args:
-        edges: shape (M, 3): head, relation and tail.
-        weights: shape (M,).
-        sizes: number of nodes and of relations.
+    ``sizes`` are the numbers of nodes and of relations.
     """
     nodes, relations = sizes
     head, relation, tail = edges[edges[:, 0] != edges[:, 2]].T

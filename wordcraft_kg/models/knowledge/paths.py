@@ -75,12 +75,8 @@ def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats])
     """Return the tables that a network allows: ``paths`` and ``part``, with definitions ``texts`` and ``mentions``.
 
     A network without definitions has ``forward`` instead: walks of 1 and 2 steps from the ingredient to the result
-    along the edges' directions.
-
-    Args:
-        network: graph with edges :data:`DESCRIBED_BY` if it has definitions.
-        alignment: nodes of the E entities.
-        walks: weights from :func:`hops`.
+    along the edges' directions. A network with definitions needs edges :data:`DESCRIBED_BY`; ``walks`` come from
+    :func:`hops`.
     """
     own = alignment.matrix(len(network.nodes))
     tables = [_named("paths", _damped(walks), "{ingredient} is related to {result}")]

@@ -41,8 +41,7 @@ NEEDED = ("data.noun", "index.noun")
 def read_wordnet(folder: Path) -> Network:
     """Read WordNet's database files; ``data.noun`` and ``index.noun`` must exist.
 
-    Raises:
-        KnowledgeFileError: if a file is missing, or a line is cut or names an offset that does not exist.
+    KnowledgeFileError if a file is missing, or a line is cut or names an offset that does not exist.
     """
     for name in NEEDED:
         if not (folder / name).is_file():

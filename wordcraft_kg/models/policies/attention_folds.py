@@ -41,8 +41,7 @@ class AttentionFolds(nn.Module):
     def bind(self, tasks: TaskSet) -> None:
         """Set the task set that task numbers in later calls index.
 
-        Raises:
-            GraphMismatchError: if the tasks belong to another graph or split.
+        GraphMismatchError if the tasks belong to another graph or split.
         """
         if tasks.hash == self.bound_to:
             return
@@ -59,22 +58,15 @@ class AttentionFolds(nn.Module):
         self.bound_to = tasks.hash
 
     def forward(self, task: Tensor, table: Tensor, *, is_learning: bool) -> tuple[Tensor, Tensor | None]:
-        """Return each network's share for each state.
+        """Return each network's share for each state, shape (B, K).
 
         Without learning, only networks that never learn from the task have one. With learning, the sum of the table's
-        ids decides whether a state teaches networks or mixing weights: always the same for the same state, and both
-        for each task, with different distractors.
+        ids decides whether a state teaches networks or mixing weights: always the same for the same state, and both for
+        each task, with different distractors. This decision is the second result, shape (B,), bool, True for the mixing
+        weights; None without learning.
 
-        Args:
-            task: shape (B,), int64: task numbers, N for unlisted tasks.
-            table: shape (B, A), int64.
-            is_learning: whether the states are part of training.
-
-        Returns:
-            shares, shape (B, K); and, with learning, whether a state teaches the mixing weights, shape (B,), bool.
-
-        Raises:
-            LeakError: if :meth:`bind` was never called.
+        ``task``, shape (B,), holds task numbers, N for unlisted tasks; ``table`` has shape (B, A). LeakError if
+        :meth:`bind` was never called.
         """
         if not self.bound_to:
             raise LeakError(

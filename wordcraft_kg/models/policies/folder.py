@@ -126,10 +126,9 @@ def write_parameters(folder: Path, policy: Policy) -> None:
 
 
 def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]) -> Policy:
-    """Rebuild a policy from its folder, the bytes of ``constants.safetensors``, and trained parameters by name.
+    """Rebuild a policy from its folder, ``constants.safetensors`` as bytes, and trained parameters by name.
 
-    Raises:
-        ArtefactError: for inconsistent files.
+    ArtefactError for inconsistent files.
     """
     description = read_json(folder / "policy.json")
     tensors = read_tensors(folder / "constants.safetensors", constants)

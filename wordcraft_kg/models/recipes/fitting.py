@@ -133,16 +133,12 @@ def fit_recipe_scorer(
 ) -> tuple[RecipeKnowledge, LinkRankers]:
     """Fit a recipe scorer: link rankers (networks that score triples), then a recipe ranker that uses their scores.
 
-    Args:
-        folds: folds of train recipes, held out in turn.
-        text: cosines between word vectors of entities, shape (E, E); zeros without words.
-        outside: knowledge from outside the recipes, as further link features; the same in all folds.
-        left_out: numbers of folds that are not used at all.
-        seed: seed for initial weights, and for the sampled tables with distractors.
-        after: called after each fold; may raise to end the fit.
+    The ``folds`` of train recipes, except those with numbers in ``left_out``, are held out in turn. ``text`` holds
+    cosines between word vectors of entities, shape (E, E), zeros without words; ``outside`` adds link features that are
+    the same in all folds. ``seed`` is for initial weights and the sampled tables with distractors. ``after`` is called
+    after each fold, and may raise to end the fit.
 
-    Returns:
-        The feature arrays with the recipe ranker's weights, and the link rankers.
+    Returns the feature arrays with the recipe ranker's weights, and the link rankers.
     """
     turns = [fold for fold in range(folds.count) if fold not in left_out]
     rng = np.random.default_rng([seed, *sorted(left_out)])
@@ -206,11 +202,8 @@ def fit_link_rankers(
 ) -> tuple[list[Base], LinkRankers]:
     """Fit a ranker for each relation, on links from held-out folds and links to held-out (unknown) entities.
 
-    Arguments as for :func:`fit_recipe_scorer`; ``rng`` draws queries and unknown entities,
-    ``generator`` initial weights.
-
-    Returns:
-        For each fold the pair tables computed without the fold, and the two rankers.
+    Arguments as for :func:`fit_recipe_scorer`; ``rng`` draws queries and unknown entities, ``generator`` initial
+    weights. Returns for each fold the pair tables computed without the fold, and the two rankers.
     """
     size = folds.split.graph.num_entities
     turns = [fold for fold in range(folds.count) if fold not in left_out]

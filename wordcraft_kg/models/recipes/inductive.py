@@ -37,14 +37,12 @@ from wordcraft_kg.runs.record import read_finished_run
 def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScorer:
     """Return a copy of a recipe scorer that scores n more entities, described by words without recipes.
 
-    Recipes and rankers stay, and old entities keep the same scores, up to rounding in 16-bit tables.
+    Recipes and rankers stay, and old entities keep the same scores, up to rounding in 16-bit tables. ``labels`` get ids
+    from E on; ``text`` holds word vector cosines by id, shape (E + n, E + n). A cross-fitted ``scorer`` is replaced by
+    the main scorer.
 
-    ``labels`` get ids from E on; ``text`` holds word vector cosines by id, shape (E + n, E + n). A cross-fitted
-    ``scorer`` is replaced by the main scorer.
-
-    Raises:
-        ConfigError: if the scorer has another kind, a label is invalid or known, or there are too many entities.
-        ArtefactError: if the link rankers do not fit the link features.
+    ConfigError if the scorer has another kind, a label is invalid or known, or there are too many entities;
+    ArtefactError if the link rankers do not fit the link features.
     """
     whole = scorer.whole
     if not isinstance(whole, RecipeScorer):

@@ -94,13 +94,10 @@ class OtherBook(NamedTuple):
 def open_outside(
     specs: Sequence[str], opened: OpenedGraph, features: str, *, allow_missing: bool = False
 ) -> OutsideKnowledge:
-    """Open sources of outside knowledge for a graph's entities.
+    """Open sources of outside knowledge for a graph's entities: knowledge folders, graphs or books, and word vectors.
 
-    Args:
-        specs: knowledge folders, graph folders or books, and specifications of word vectors.
-        opened: graph and split; the split decides which shared recipes are counted as test recipes.
-        features: word vectors by which another book's recipes are compared, see :func:`make_features`.
-        allow_missing: use zeros for any number of labels without a vector.
+    The split in ``opened`` decides which shared recipes are counted as test recipes. ``features`` are word vectors by
+    which another book's recipes are compared; ``allow_missing`` uses zeros for labels without a vector.
 
     Raises:
         ConfigError: if a source describes none of the entities, is the graph itself, or lacks word vectors.
@@ -245,10 +242,9 @@ def open_other_book(
 
 
 def shared_recipes(graph: RecipeGraph, other: RecipeGraph) -> NDArray[np.bool_]:
-    """Mark a graph's recipes that ``other`` has too, ingredients in any order, labels as in :func:`open_other_book`.
+    """Mark a graph's recipes that ``other`` has too, ingredients in any order, shape (num_recipes,).
 
-    Returns:
-        shape (num_recipes,).
+    Labels are compared as in :func:`open_other_book`.
     """
     index = LabelIndex(graph.entities)
     places = [index.find(label) for label in other.entities]

@@ -88,13 +88,8 @@ class OutsideEvidenceFinder:
     ) -> "OutsideEvidenceFinder | None":
         """Open a model folder's outside knowledge; None for a model without outside knowledge.
 
-        Args:
-            folder: model folder of any training command.
-            opened: the graph that the model was trained for.
-            weights: expected SHA-256 of the model's weights, if it matters.
-
-        Raises:
-            ArtefactError: if the folder is missing, unfinished or damaged, or has other weights.
+        ArtefactError if the folder is missing, unfinished or damaged, or if the model's ``weights`` have another
+        SHA-256.
         """
         folder = Path(folder)
         files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))

@@ -49,12 +49,7 @@ ALONE = 1_000
 
 @dataclass(frozen=True)
 class TrainedRecipes:
-    """Outcome of :func:`train_recipes`.
-
-    Attributes:
-        folder: model folder.
-        metrics: content of ``metrics.json``.
-    """
+    """Outcome of :func:`train_recipes`: model folder, and the content of ``metrics.json``."""
 
     folder: Path
     metrics: RecipeMetrics
@@ -108,11 +103,6 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[
             split, settings.train_fraction, settings.label_noise, settings.seed, of_recipe=folds.of_recipe
         )
     )
-
-
-def _text(graph: RecipeGraph, spec: str, allow_missing: bool) -> tuple[Tensor, str]:
-    features = make_features(spec, graph.entities, allow_missing=allow_missing)
-    return text_of(features), features.sha256
 
 
 @contextmanager
@@ -181,8 +171,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
         """Draw the cross-fitting folds, look up word vectors and open outside knowledge.
 
-        Raises:
-            ConfigError: if the settings do not fit the graph.
+        ConfigError if the settings do not fit the graph.
         """
         super().__init__(config, opened)
         settings = config.settings
@@ -198,7 +187,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 self.folds = _folds(opened, settings, self.without)
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
             self.words = named(settings.features, opened.graph.entities)
-            self.text, self.features = _text(opened.graph, self.words, settings.allow_missing)
+            features = make_features(self.words, opened.graph.entities, allow_missing=settings.allow_missing)
+            self.text, self.features = text_of(features), features.sha256
 
     def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
         settings, inputs = self.config.settings, {"features": self.features, **self._outside_hashes()}

@@ -48,13 +48,10 @@ def join_books(
     allow_missing: bool = False,
     keep_train: bool = True,
 ) -> JointBook:
-    """Join other books with a graph's entities, without the graph's own recipes.
+    """Join other books with a graph's entities, without the graph's own recipes; ConfigError without a source.
 
     ``keep_train`` keeps recipes of other books that are also train recipes of the graph; test recipes are always left
     out. Further arguments as for :func:`~wordcraft_kg.models.recipes.outside.open_outside`.
-
-    Raises:
-        ConfigError: if there is no source.
     """
     if not specs:
         raise ConfigError("`kg` none learns from outside knowledge only. Name a source in `with`, such as everyday.")

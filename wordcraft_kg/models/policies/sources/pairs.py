@@ -146,8 +146,6 @@ def _constants(scorer: TripleScorer, relation: int, view: ScoreView) -> dict[str
         return {"scores": table}
     assert isinstance(scorer, FactoredScorer)
     constants = dict(vars(scaled_factors(scorer, relation, view.scale, **settings)))
-    return constants | {name: _with_nothing(constants[name]) for name in ("left", "right", "dropped")}
-
-
-def _with_nothing(rows: Tensor) -> Tensor:
-    return torch.cat([rows, torch.zeros_like(rows[:1])])
+    for name in ("left", "right", "dropped"):
+        constants[name] = torch.cat([constants[name], torch.zeros_like(constants[name][:1])])
+    return constants

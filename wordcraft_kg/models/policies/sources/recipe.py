@@ -105,17 +105,15 @@ class BestRecipe(FoldedSource):
     ) -> Tensor:
         model = self.model_of(task)
         models = len(self.knowledge.bias)
-        if model is None:
-            scores = self._scores(goal, table, torch.zeros_like(goal), attempts)
-        else:  # the empty model follows the last model
-            scores = self._scores(goal, table, model.clamp(max=models - 1), attempts)
+        used = torch.zeros_like(goal) if model is None else model.clamp(max=models - 1)  # the empty model is last
+        scores = self._scores(goal, table, used, attempts)
         is_selected = (table == selection[:, None]) & (table != self.num_entities)
         with_selection = scores[torch.arange(len(table), device=table.device), is_selected.int().argmax(1)]
         best = torch.where((selection == self.num_entities)[:, None], scores.amax(-1), with_selection)
-        if not is_selected.any(1)[selection != self.num_entities].all():
-            best = torch.where(
-                is_selected.any(1)[:, None], best, self._with_absent(goal, selection, table, model, attempts, best)
-            )
+        is_absent = (selection != self.num_entities) & ~is_selected.any(1)
+        if is_absent.any():
+            wider = torch.cat([table, selection[:, None]], dim=1)
+            best = best.where(~is_absent[:, None], self.pair_scores(goal, wider, used, attempts)[:, -1, :-1])
         best = best.masked_fill(table == self.num_entities, 0)
         return best if model is None else best.masked_fill((model == models)[:, None], 0)
 
@@ -152,20 +150,6 @@ class BestRecipe(FoldedSource):
         one, other, result = recipes.T
         number = self.knowledge.numbers[model, one, other].long()
         return (number > 0) & (self.knowledge.results[model, number] == result[:, None]).any(1)
-
-    def _with_absent(
-        self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
-        model: Tensor | None,
-        attempts: Attempts | None,
-        best: Tensor,
-    ) -> Tensor:
-        used = torch.zeros_like(goal) if model is None else model.clamp(max=len(self.knowledge.bias) - 1)
-        wider = torch.cat([table, selection[:, None]], dim=1)
-        scores = self.pair_scores(goal, wider, used, attempts)[:, -1, :-1]
-        return torch.where((selection == self.num_entities)[:, None], best, scores)
 
     def pair_scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
         """Return scores for all slot pairs, shape (B, A, A), by the models with the numbers ``model``, shape (B,)."""

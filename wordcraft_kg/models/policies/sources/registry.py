@@ -24,10 +24,8 @@ _CLASSES: dict[str, type[Source]] = {kind.label.name: kind for kind in (Combines
 def register_source(kind: _SourceT) -> _SourceT:
     """Register a class of slot scores under ``kind.label.name``, in this process only; a class decorator.
 
-    Commands and worker processes find sources by entry points in the group ``wordcraft_kg.sources``.
-
-    Raises:
-        ConfigError: if a built-in source has the name.
+    Commands and worker processes find sources by entry points in the group ``wordcraft_kg.sources``. ConfigError if a
+    built-in source has the name.
     """
     name = kind.label.name
     if name == ALPHA.name or name in BUILT_IN:
@@ -52,8 +50,7 @@ def source_class(name: str) -> type[Source]:
 def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale) -> bool:
     """Return whether score tables would be too large, so that the named sources must score by matrix factors.
 
-    Raises:
-        ConfigError: if the scorer or the scale does not allow factors.
+    ConfigError if the scorer or the scale does not allow factors.
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)

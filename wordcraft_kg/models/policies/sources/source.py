@@ -99,9 +99,8 @@ class Source(nn.Module, ABC):
     def bind(self, tasks: TaskSet) -> None:
         """Set the task set that task numbers in later calls index; no effect unless :attr:`reads_task`.
 
-        Raises:
-            LeakError: if a model has seen a task's recipes.
-            GraphMismatchError: if the tasks belong to another graph or split.
+        LeakError if a model has seen a task's recipes; GraphMismatchError if the tasks belong to another graph or
+        split.
         """
 
     @abstractmethod
@@ -137,14 +136,10 @@ def ask(
 
 
 def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int) -> None:
-    """Check types and shapes of a source's saved tensors.
+    """Check types and shapes of a source's saved tensors; KeyError if one is missing, ValueError if one is wrong.
 
     ``layouts`` gives each tensor's axis names, then the type, such as ``N N float32``; axes with the same name have the
     same size. ``sizes`` are known sizes by axis name.
-
-    Raises:
-        KeyError: if a constant is missing.
-        ValueError: if a constant has a wrong type or shape.
     """
     for name, layout in layouts.items():
         *axes, dtype = layout.split()
@@ -232,9 +227,7 @@ class FoldedSource(Source):
     def model_of(self, task: Tensor | None) -> Tensor | None:
         """Return the model number for each state, shape (B,), given the states' task numbers.
 
-        Raises:
-            LeakError: if :meth:`bind` was never called.
-            IndexError: if a task number is out of range.
+        LeakError if :meth:`bind` was never called; IndexError if a task number is out of range.
         """
         if task is None or not self.reads_task:
             return None

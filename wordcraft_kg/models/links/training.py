@@ -9,26 +9,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import msgspec
+from pykeen.models import Model
+
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.records import as_lines, as_values
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import check_device
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.train_samples import draw_train_sample, is_subsample
+from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample, is_subsample
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.knowledge.folder import check_same_split
-from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop
+from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
 from wordcraft_kg.models.links.cross_fitting import decided_folds, train_folds, write_link_folds
 from wordcraft_kg.models.links.fitting import Epochs, train_epochs
 from wordcraft_kg.models.links.outside import outside_hashes, read_outside
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
-from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress
+from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress, OutsideSummary
 from wordcraft_kg.models.links.regularisation import choose
-from wordcraft_kg.models.links.results import OUTPUTS, model_card, with_folds, write_results
-from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, make_scorer, write_scorer
+from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
@@ -36,6 +41,7 @@ from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 
 CHOICE = "choice.json"
+OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
 
 
 @dataclass(frozen=True)
@@ -159,7 +165,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 return TrainedLinks(run.path, loop._epoch, None)
             epochs.restore_best(loop)
             trained = run.path, loop.model, self.train_sample, settings, epochs.so_far
-            scorer, metrics = write_results(*trained, choice, self.outside.summary if self.outside else None)
+            scorer, metrics = _write_results(*trained, choice, self.outside.summary if self.outside else None)
         outputs: tuple[str, ...] = OUTPUTS
         if self.folds:
             try:
@@ -170,9 +176,11 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 run.interrupt()
                 return TrainedLinks(run.path, metrics.epochs, None)
             record = write_link_folds(run.path, self.folds, scorer, settings)
-            metrics = with_folds(run.path, metrics, record)
+            of_folds = {"folds": record.count, "fold_mrr": record.mrr, "fold_in_sample_mrr": record.in_sample_mrr}
+            metrics = msgspec.structs.replace(metrics, **of_folds)
+            write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
             outputs += FOLD_OUTPUTS
-        run.finish(outputs, model_card(self.opened, settings, metrics))
+        run.finish(outputs, _model_card(self.opened, settings, metrics))
         return TrainedLinks(run.path, metrics.epochs, metrics)
 
     def _cross_fit(self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None) -> None:
@@ -235,3 +243,74 @@ def _check_memory(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -
         triples = min(settings.batch_size, len(opened.triples(settings.kg)))
         needed = 4 * settings.dim * settings.negatives * triples
         check_memory("negatives", settings.negatives, f"the negatives' vectors for {triples:,} triples", needed)
+
+
+def _write_results(
+    folder: Path,
+    model: Model,
+    train_sample: TrainSample,
+    settings: LinkSettings,
+    progress: LinkProgress,
+    choice: Choice | None,
+    outside: OutsideSummary | None,
+) -> tuple[Scorer, LinkMetrics]:
+    """Write a trained model's scorer, metrics (also per epoch) and chosen weights; return scorer and metrics."""
+    model.eval()
+    graph, triples = train_sample.graph, train_sample.triples
+    kind, tensors = scorer_tensors(settings, model, triples, graph.num_entities)
+    sample = sampled_for(graph, triples)  # on large graphs a fixed sample is enough
+    scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
+    ranks = rank_triples(scorer, sample, triples)
+    metrics = LinkMetrics(
+        kg=settings.kg,
+        train_fraction=settings.train_fraction,
+        label_noise=settings.label_noise,
+        triples=len(triples),
+        epochs=len(progress.trace),
+        best_epoch=progress.best_epoch,
+        seconds=round(progress.seconds, 3),
+        seconds_per_epoch=round(progress.seconds / len(progress.trace), 4),
+        parameters=sum(parameter.numel() for parameter in model.parameters()),
+        loss=progress.trace[-1].loss,
+        valid_mrr=progress.best_mrr,
+        train_mrr=mean_reciprocal_rank(ranks),
+        train_mrr_triples=len(sample),
+        outside=outside,
+        choice=choice,
+    )
+    write_scorer(folder, kind, tensors, graph)
+    write_atomically(folder / "metrics.json", dump_json(as_values(metrics)))
+    write_atomically(folder / "trace.jsonl", as_lines(progress.trace))
+    return scorer, metrics
+
+
+def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
+    name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
+    sample = describe_train_sample(settings.train_fraction, settings.label_noise) or "the train recipes"
+    seen = f"the triples of {sample} only."
+    if settings.kg == "full":
+        seen = "all triples, test recipes included: the scores show memory, not prediction."
+    fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on training triples "
+    points = [f"{metrics.triples:,} training triples", fitted + f"{metrics.train_mrr:.3f}"]
+    if metrics.outside and isinstance(settings, ComplExConfig):
+        points.append(f"joint training with {metrics.outside}, weight {settings.outside_weight:g}")
+    if metrics.choice:
+        points.append(f"regularisation chosen: {metrics.choice}")
+    if isinstance(settings, ComplExConfig) and settings.negatives:
+        sample = f"softmax over {settings.negatives:,} entities sampled for each batch"
+        points.append(f"objective: {sample}, in place of all entities")
+    if metrics.folds:
+        folds = f"cross-fitted: {metrics.folds} more models, each trained without one fold of the train recipes"
+        if metrics.fold_mrr is not None:
+            folds += f": MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
+        points.append(folds)
+    more = "; `scorer.probability` returns probabilities for triples outside training" if metrics.folds else ""
+    return scorer_card(
+        opened,
+        f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
+        f"Scores triples (head, relation, tail) with the relations `combinesWith` and `componentOf`. Trained on {seen}",
+        points,
+        "`config.toml` reproduces the training; `run.json` records all versions. For the quality on unseen triples, "
+        f"run\n`wordcraft-kg evaluate-links`; the MRR above shows memory. Scores are not probabilities{more}.",
+        [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
+    )

@@ -25,8 +25,7 @@ CURVE_TASKS = 4_000
 class MetricsFile:
     """Writer for a run's ``metrics.jsonl``, never through a link; forwards each line to trackers such as TensorBoard.
 
-    Attributes:
-        eval_seconds: seconds spent on learning curves.
+    ``eval_seconds`` counts the seconds spent on learning curves.
     """
 
     def __init__(self, folder: Path, world: World, log: Log):

@@ -50,9 +50,7 @@ _MAX_SCORE = 50.0  # standard deviations; exp of larger numbers would overflow
 class Discoverer(ABC):
     """Base class of players for the open-ended environment, which choose pairs of known entities.
 
-    Attributes:
-        known: ids of known entities, in discovery order.
-        rng: random generator of the current run.
+    ``known`` are ids of known entities, in discovery order; ``rng`` is the random generator of the current run.
     """
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:
@@ -303,17 +301,13 @@ def discovery_curves(
 ) -> "pd.DataFrame":
     """Let players discover entities and count the known entities after each attempt.
 
-    Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses
-    ``np.random.default_rng([seed, i])``, so curves do not depend on the choice of players. After each run, ``progress``
-    receives the numbers of finished runs, all runs, and known entities.
+    Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses ``np.random.default_rng([seed,
+    i])``, so curves do not depend on the choice of players. After each run, ``progress`` receives the numbers of
+    finished runs, all runs, and known entities.
 
-    Returns:
-        a table with a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known
-        entities, and ``repeated``, whether the pair was tried earlier in the run. Runs stop when all reachable entities
-        are known.
-
-    Raises:
-        ConfigError: for numbers out of range, or a base without any recipe.
+    Returns a table with a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known
+    entities, and ``repeated``, whether the pair was tried earlier in the run. Runs stop when all reachable entities are
+    known. ConfigError for numbers out of range, or a base without any recipe.
     """
     import pandas as pd
 

@@ -100,7 +100,7 @@ class Evaluator:
     """Plays all tasks in a world, or an evenly spaced sample, on fixed starting tables."""
 
     def __init__(self, world: World, *, distractor_seeds: int = 5, limit: int | None = MOST_TASKS):
-        """Create an environment for each task; ``limit`` is the maximum number of tasks, None plays all."""
+        """Create an environment for each of at most ``limit`` tasks; ``distractor_seeds`` are tables per task."""
         num_tasks = len(world.tasks)
         step = distance_of(num_tasks, limit)
         self.tasks = np.arange(0, num_tasks, step)
@@ -115,7 +115,10 @@ class Evaluator:
         needed = distractor_seeds * len(self.tasks) * 11
         check_memory("distractor_seeds", distractor_seeds, f"the episodes of {len(self.tasks):,} tasks", needed)
         self.engine = BatchEngine(world, len(self.tasks))
-        self._parts = _right_parts(world)[self.tasks]
+        # The ingredients in the last recipes of a task's plans, shape (N, P), padded with -1.
+        pair, plans = world.graph.recipes[:, :2].tolist(), world.tasks.plans
+        parts = [sorted({part for plan in plans[task] for part in pair[plan[-1]]}) for task in self.tasks.tolist()]
+        self._parts = padded(parts, -1)
 
     def __call__(self, player: Player) -> Evaluation:
         """Play all tasks with all distractor seeds; return the outcomes.
@@ -179,9 +182,3 @@ def evaluate(
     return Evaluator(world, distractor_seeds=distractor_seeds)(
         PolicyPlayer(player) if isinstance(player, Policy) else player
     )
-
-
-def _right_parts(world: World) -> Ids:
-    """Return the ingredients in the last recipes of all plans by task, shape (N, P), padded with -1."""
-    pair = world.graph.recipes[:, :2].tolist()
-    return padded([sorted({part for plan in plans for part in pair[plan[-1]]}) for plans in world.tasks.plans], -1)

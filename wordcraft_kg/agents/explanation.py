@@ -123,11 +123,9 @@ class ExplainedEpisode(Record):
 
 
 class TableRecipe(Record):
-    """A recipe in a plan that leads from a table to the goal.
+    """A recipe in a plan that leads from a table to the goal, and the part of the split with the recipe.
 
-    Attributes:
-        part: part of the split with the recipe: train, valid or test.
-        is_in_sample: whether the model that scores this table was trained on the recipe.
+    ``is_in_sample`` tells whether the model that scores this table was trained on the recipe.
     """
 
     ingredient_a: str
@@ -234,10 +232,8 @@ class Explainer:
         the model of all train recipes. If goal and starting ingredients agree with task ``like`` (index), the model for
         this task gives the scores.
 
-        Raises:
-            UnknownEntityError: for an entity outside the graph.
-            ConfigError: if the table is empty, too large or has duplicates, ``selection`` is absent from the table, or
-                task ``like`` does not exist.
+        UnknownEntityError for an entity outside the graph; ConfigError if the table is empty, too large or has
+        duplicates, ``selection`` is absent from the table, or task ``like`` does not exist.
         """
         graph, tasks = self.world.graph, self.world.tasks
         ids, target = [graph.id_of(entity) for entity in table], graph.id_of(goal)
@@ -419,12 +415,8 @@ def explain_episodes(
     """Play tasks greedily on the fixed evaluation tables and explain each action; see :class:`Explainer`.
 
     Plays the task with index ``task``, or else tasks with this ``goal``, or else evenly spaced tasks; if necessary,
-    tasks repeat with different distractors until there are ``episodes``.
-
-    Raises:
-        UnknownEntityError: if the goal does not exist.
-        TaskError: if the world has no task with the goal.
-        ConfigError: if the task does not exist.
+    tasks repeat with different distractors until there are ``episodes``. UnknownEntityError if the goal does not exist,
+    TaskError if the world has no task with the goal, ConfigError if the task does not exist.
     """
     explainer = Explainer(policy, world, outside=outside)
     if task is not None:

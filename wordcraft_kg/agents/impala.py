@@ -59,9 +59,7 @@ class _Unroll(NamedTuple):
 class Impala:
     """Trainer for a policy, from experience in a batch of environments.
 
-    Attributes:
-        envs: current state of the environments.
-        update_number: number of finished updates.
+    ``envs`` is the current state of the environments, ``update_number`` the number of finished updates.
     """
 
     def __init__(self, policy: Policy, envs: State, config: ImpalaConfig):

@@ -230,11 +230,8 @@ def scorer_players(
 class PlayerSuccess(Record):
     """A player's success rate on tables with a given number of distractors.
 
-    Attributes:
-        success: share of episodes that made the goal.
-        low, high: 95 % interval over tasks, see :func:`~wordcraft_kg.base.statistics.task_bootstrap`; a task's episodes
-            are not independent.
-        by_plan: share of episodes in which a plan's last pair made the goal.
+    ``success`` is the share of episodes that made the goal, with a 95 % interval over tasks from ``low`` to ``high``,
+    because a task's episodes are not independent; in ``by_plan`` of the episodes a plan's last pair made the goal.
     """
 
     player: str

@@ -40,11 +40,8 @@ class AgentSummary(Record, frozen=True, kw_only=True):
 class AgentProgress(Record, frozen=True, kw_only=True):
     """Training progress at a checkpoint, to continue the run.
 
-    Attributes:
-        seconds: seconds of acting and learning.
-        eval_seconds: seconds of evaluation for learning curves.
-        elapsed: seconds in total.
-        metrics_bytes: length of ``metrics.jsonl`` in bytes.
+    Seconds of acting and learning, of evaluation for learning curves, and in total; length of ``metrics.jsonl`` in
+    bytes.
     """
 
     seconds: float

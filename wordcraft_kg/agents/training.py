@@ -4,40 +4,47 @@ Checkpoints hold the complete trainer state, so that on a CPU an interrupted and
 as an uninterrupted run.
 """
 
+import json
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
+import msgspec
 import torch
 
 from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.curves import MetricsFile, evaluators
-from wordcraft_kg.agents.evaluation import PolicyPlayer
+from wordcraft_kg.agents.evaluation import Evaluation, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala, check_compiler
-from wordcraft_kg.agents.records import AgentProgress, AgentSummary, read_summary
-from wordcraft_kg.agents.results import OUTPUTS, model_card, write_results
+from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
+from wordcraft_kg.agents.records import EPISODES_FILE, AgentProgress, AgentSummary, PlayedTask, read_summary
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.envs.batch import BatchEngine, State
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.policies.folder import make_policy, write_constants
+from wordcraft_kg.models.policies.folder import make_policy, usage, write_constants, write_parameters
 from wordcraft_kg.models.policies.sources.registry import pairs_need_factors
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
+from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.record import read_finished_run
+from wordcraft_kg.runs.record import RunRecord, read_finished_run
 from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 
+OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evaluation.json", "metrics.jsonl")
 _MANY_SELF_PAIRS = 0.25  # minimum share for a warning about self edges
 
 
@@ -253,8 +260,10 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             outcomes={part: result.shares() for part, result in results.items()},
             distractors=config.tasks.distractors,
         )
-        write_results(run.path, self.policy, self.impala.envs.world, summary, results)
-        run.finish(OUTPUTS, model_card(self.opened, config, run.record, summary))
+        write_parameters(run.path, self.policy)
+        write_atomically(run.path / "evaluation.json", dump_json(as_values(summary)))
+        write_atomically(run.path / EPISODES_FILE, _episode_lines(self.impala.envs.world, results))
+        run.finish(OUTPUTS, _model_card(self.opened, config, run.record, summary))
         return TrainedAgent(run.path, self.step, summary)
 
 
@@ -275,3 +284,69 @@ def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
             100 * share,
             graph.name,
         )
+
+
+def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iterator[str]:
+    for part, result in results.items():
+        tasks = world.variant(part=part).tasks
+        for i, number in enumerate(result.tasks.tolist()):
+            task = tasks[number]
+            row = PlayedTask(
+                part=part,
+                goal=task.goal,
+                start=task.start,
+                success=float(result.success[i].mean()),
+                terminations=tuple(TERMINATION_REASONS[code] for code in result.terminations[i].tolist()),
+                actions=tuple(result.actions[i].tolist()),
+            )
+            yield json.dumps(msgspec.to_builtins(row), ensure_ascii=False) + "\n"
+
+
+def _note_on_scores(run: RunRecord) -> str:
+    if run.kg is None:
+        return ""
+    if run.kg == "full":
+        return (
+            "\nThe scorer was trained on all triples, including test triples: success on test tasks measures the use "
+            "of a perfect source, not generalisation.\n"
+        )
+    if run.kg == "none":
+        return (
+            "\nThe scorer was not trained on any recipe in the graph, so it treats train and test tasks alike, unless "
+            "its source (such as a language model) knew recipes in this book.\n"
+        )
+    if run.cross_fitted:
+        return (
+            f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: a model trained without the recipes of a "
+            "train task scores this task. So success on train tasks predicts success on test tasks.\n"
+        )
+    return "\nOn train tasks the scores were in-sample: the scorer was trained on the recipes of these tasks.\n"
+
+
+def _model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary: AgentSummary) -> str:
+    policy, tasks = config.policy, config.tasks
+    kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
+    guide = "without a knowledge graph"
+    if config.scorer:
+        trained_on = f"trained on the {run.kg} knowledge graph" if run.kg != "none" else "not trained on recipes"
+        use = "as the only logits" if policy.kg_only else "mixed into the logits"
+        guide = f"with {' and '.join(policy.sources)} from a scorer {trained_on}, {use}"
+    rows = "\n".join(
+        f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
+        f"{result.tasks:,} tasks with {result.distractor_seeds} distractor seeds each"
+        for part, result in summary.success.items()
+    )
+    return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
+# {kind} for {opened.graph.name}, {guide}
+
+Plays crafting tasks of depth {tasks.depth} with {tasks.distractors} distractors on graph `{opened.graph.hash[:12]}`.
+{_note_on_scores(run)}
+Success of the greedy policy by split (95 % interval over tasks, for this seed):
+
+{rows}
+
+Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
+{summary.parameters:,} parameters. `config.toml` reproduces the run; `run.json` lists software versions.
+
+{usage(opened.graph.entities)}
+"""

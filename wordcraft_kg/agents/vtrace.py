@@ -7,12 +7,7 @@ from torch import Tensor
 
 
 class VTrace(NamedTuple):
-    """V-trace targets for B unrolls of T steps, shape (T, B) each, without gradients.
-
-    Attributes:
-        vs: targets for the state values.
-        pg_advantages: advantages for the policy gradient.
-    """
+    """Targets ``vs`` for state values and policy gradient advantages, shape (T, B) each, without gradients."""
 
     vs: Tensor
     pg_advantages: Tensor

@@ -47,10 +47,8 @@ NO_PLAN = -30.0
 class PlanSearch:
     """Values of pairs by the most probable plan.
 
-    Attributes:
-        knowledge: arrays and networks that score recipes, for M models.
-        curve: from recipe scores to probabilities.
-        width: number of candidates; 0 for :data:`WIDTHS`.
+    ``knowledge`` scores recipes for M models, ``curve`` turns scores into probabilities, and ``width`` is the number of
+    candidates; 0 for :data:`WIDTHS`.
     """
 
     def __init__(self, knowledge: RecipeKnowledge, curve: RecipeCurve, *, width: int = 0):

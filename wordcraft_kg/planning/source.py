@@ -31,10 +31,8 @@ class BestPlan(BestRecipe):
     """The source p, ``p_i = max_j log Q_n(e_i, e_j)``; with selection s, ``p_i = log Q_n(e_i, e_s)``.
 
     Q is the value of a pair with n attempts left, see :mod:`wordcraft_kg.planning.search`. With one attempt left, p
-    ranks pairs by the probability that they make the goal.
-
-    Attributes:
-        curve: buffer with the settings of the search: intercepts, slope, shift and width.
+    ranks pairs by the probability that they make the goal. The buffer ``curve`` holds the settings of the search:
+    intercepts, slope, shift and width.
     """
 
     label: ClassVar[Label] = P
@@ -118,10 +116,8 @@ class BestPlan(BestRecipe):
         table: Tensor,
         task: Tensor | None = None,
         attempts: Attempts | None = None,
-        *,
-        limit: int = 3,
     ) -> tuple[Evidence | None, ...]:
-        evidence = super().evidence(goal, selection, table, task, attempts, limit=limit)
+        evidence = super().evidence(goal, selection, table, task, attempts)
         if attempts is None:
             return evidence
         models, left, entities = self.model_of(task), int(attempts.left), table[0].tolist()
@@ -135,7 +131,7 @@ class BestPlan(BestRecipe):
             plan = self.search.plan(int(goal), at_hand, pair, model=model, attempts_left=left, tried=tried)
             if not plan:
                 return one
-            supporting = self.knowledge.supporting_recipes(entity, one.partner, plan[0][2], model=model, limit=limit)
+            supporting = self.knowledge.supporting_recipes(entity, one.partner, plan[0][2], model=model, limit=3)
             return Evidence(one.partner, tuple(supporting), tuple(plan))
 
         return tuple(one and planned(entity, one) for entity, one in zip(entities, evidence, strict=True))

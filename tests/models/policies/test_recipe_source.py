@@ -114,9 +114,9 @@ def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(cro
 def test_the_partner_of_a_slot_is_the_entity_held(w):
     nothing = w.num_entities
     goal, selection, table = torch.tensor([7]), torch.tensor([3]), torch.tensor([[3, 4, nothing, 5]])
-    evidence = w.evidence(goal, selection, table, limit=2)
+    evidence = w.evidence(goal, selection, table)
     assert [told and told.partner for told in evidence] == [3, 3, None, 3]
-    assert all(len(told.supporting) <= 2 for told in evidence if told)
+    assert all(len(told.supporting) <= 3 for told in evidence if told)
 
 
 def test_sources_of_links_have_no_evidence_and_a_scorer_of_links_has_no_w(scorer):

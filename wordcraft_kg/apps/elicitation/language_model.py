@@ -38,11 +38,9 @@ _LARGEST = 2**31
 
 @dataclass(frozen=True, eq=False)
 class LanguageModel:
-    """A causal language model of ``transformers`` with its tokenizer.
+    """A causal language model of ``transformers`` with its tokenizer, and SHA-256 hashes of the weights by file name.
 
-    Attributes:
-        hashes: SHA-256 hashes of the weights by file name.
-        random_seed: seed of random weights; None for the weights in the files.
+    ``random_seed`` is the seed of random weights; None for the weights in the files.
     """
 
     model: Any
@@ -159,13 +157,11 @@ def elicit_knowledge(
     """Write a knowledge folder with a table for each prompt, and return the tables.
 
     Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the remaining rows.
-    ``report`` is called with the numbers of finished and of all texts.
+    ``report`` is called with the numbers of finished and of all texts. KeyboardInterrupt after Ctrl-C has the number of
+    saved texts.
 
-    Raises:
-        ConfigError: if the tables are too large, or a label has no tokens.
-        ArtefactError: if a probability is not finite.
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-        KeyboardInterrupt: after Ctrl-C; the message has the number of saved texts.
+    ConfigError if the tables are too large, or a label has no tokens; ArtefactError if a probability is not finite;
+    OutputExistsError if ``out`` exists and ``force`` is False.
     """
     out = with_a_name(out)
     check_output(out, force=force)

@@ -85,15 +85,8 @@ class Knowledge:
 
     def coverage(self, entities: Sequence[str]) -> float:
         """Return the share of labels that the source describes: labels with a cell other than 0."""
-        known = {
-            label
-            for label, is_known in zip(
-                self.record.entities,
-                torch.stack([(table != 0).any(0) | (table != 0).any(1) for table in self.tables]).any(0).tolist(),
-                strict=True,
-            )
-            if is_known
-        }
+        has_cell = torch.stack([(table != 0).any(0) | (table != 0).any(1) for table in self.tables]).any(0).tolist()
+        known = {label for label, is_known in zip(self.record.entities, has_cell, strict=True) if is_known}
         return sum(label in known for label in entities) / max(len(entities), 1)
 
 

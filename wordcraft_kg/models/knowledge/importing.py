@@ -73,10 +73,8 @@ def import_knowledge(
     The train recipes in ``opened`` decide between senses. ``path`` is WordNet's folder, ConceptNet's assertions, or a
     file of triples; ``overrides`` is a file for :func:`read_overrides`.
 
-    Raises:
-        KnowledgeFileError: naming the line, for a damaged file; and if no label has a node.
-        ConfigError: if the graph has too many entities.
-        OutputExistsError: if ``out`` exists and ``force`` is False.
+    KnowledgeFileError naming the line, for a damaged file, and if no label has a node; ConfigError if the graph has too
+    many entities; OutputExistsError if ``out`` exists and ``force`` is False.
     """
     entities, recipes = opened.graph.entities, opened.split.recipes("train")
     check_dense("knowledge from outside the book", len(entities))

@@ -93,10 +93,7 @@ class Surroundings:
             yield from ((node, relation, tail) for tail in classes)
 
     def _names(self, node: int) -> Iterable[str]:
-        return self._labels.get(node) or (self._name(node),)
-
-    def _name(self, node: int) -> str:
-        return f"{self._network.prefix}:{self._network.nodes[node]}"
+        return self._labels.get(node) or (f"{self._network.prefix}:{self._network.nodes[node]}",)
 
     def _without_ends(self, edges: Ids) -> Ids:
         while True:

@@ -47,10 +47,7 @@ class Action(NamedTuple):
 class EntityVectors(nn.Module):
     """Entity vectors x: constant, learned or one-hot (not stored); the id E (empty slot) has the zero vector.
 
-    Attributes:
-        num_entities: E, the number of entities.
-        dim: F, the vector length.
-        is_one_hot: True if vector i is the i-th unit vector.
+    ``num_entities`` is E, ``dim`` the vector length F. If ``is_one_hot``, vector i is the i-th unit vector.
     """
 
     vectors: Tensor

@@ -79,9 +79,8 @@ class Base:
 class LinkTables(NamedTuple):
     """Further link features, equal in all folds: knowledge from outside the recipes.
 
-    Attributes:
-        pairs: tables for combinesWith, symmetric, shape (E, E) each.
-        parts: tables for componentOf, row = ingredient, shape (E, E) each.
+    ``pairs`` are symmetric tables for combinesWith, ``parts`` tables for componentOf, row = ingredient; shape (E, E)
+    each.
     """
 
     pairs: Sequence[Tensor] = ()

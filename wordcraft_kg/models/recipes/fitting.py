@@ -6,8 +6,9 @@ without a fold is fitted in the same way on the remaining folds.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 import torch
@@ -80,7 +81,8 @@ def fit_ranker(
         scaled = first / scale[:, None]
         return Ranker(scaled, first_bias - mean @ scaled, second, bias)
 
-    for number in _shuffled(len(batches), epochs, generator):
+    shuffled = (torch.randperm(len(batches), generator=generator).tolist() for _ in range(epochs))
+    for number in chain.from_iterable(shuffled):
         features, competes, is_right = batches[number]
         scores = standardised()(features)
         log_shares = scores.masked_fill(~competes, -torch.inf).log_softmax(-1)
@@ -90,11 +92,6 @@ def fit_ranker(
         optimizer.step()
         schedule.step()
     return Ranker(*(weights.detach() for weights in vars(standardised()).values()))
-
-
-def _shuffled(amount: int, epochs: int, generator: torch.Generator) -> Iterator[int]:
-    for _ in range(epochs):
-        yield from torch.randperm(amount, generator=generator).tolist()
 
 
 def _scale(deviation: Tensor, span: Tensor) -> Tensor:
@@ -165,9 +162,11 @@ def fit_recipe_scorer(
 
 def knowledge_from(base: Base, rankers: LinkRankers, outside: LinkTables = NOTHING) -> RecipeKnowledge:
     """Compute the arrays for recipe features from pair tables and link rankers; the recipe ranker's weights are 0."""
-    features = link_features(base, outside)
-    links = tuple(_scored(ranker, rows) for ranker, rows in zip(rankers, features, strict=True))
-    return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (links[0], links[1]))
+    pairs, parts = (
+        torch.cat([ranker(rows) for rows in features.split(64)])
+        for ranker, features in zip(rankers, link_features(base, outside), strict=True)
+    )
+    return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (pairs, parts))
 
 
 def scorer_tensors(knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Ids) -> dict[str, Tensor]:
@@ -181,10 +180,6 @@ def scorer_tensors(knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Id
         },
         "recipes": torch.from_numpy(recipes.astype("int32")),
     }
-
-
-def _scored(ranker: Ranker, features: Tensor) -> Tensor:
-    return torch.cat([ranker(rows) for rows in features.split(64)])
 
 
 # --- links -----------------------------------------------------------------------------------------------------------

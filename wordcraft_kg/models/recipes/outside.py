@@ -99,9 +99,8 @@ def open_outside(
     The split in ``opened`` decides which shared recipes are counted as test recipes. ``features`` are word vectors by
     which another book's recipes are compared; ``allow_missing`` uses zeros for labels without a vector.
 
-    Raises:
-        ConfigError: if a source describes none of the entities, is the graph itself, or lacks word vectors.
-        ArtefactError: if a folder is incomplete or damaged.
+    ConfigError if a source describes none of the entities, is the graph itself, or lacks word vectors; ArtefactError if
+    a folder is incomplete or damaged.
     """
     folders = _Tables()
     pairs, parts, sources = list[Tensor](), list[Tensor](), list[OutsideSource]()
@@ -123,16 +122,11 @@ def open_outside(
 
 def is_book(spec: str) -> bool:
     """Return whether a source is another book, not a knowledge folder or word vectors."""
-    return not (Path(spec) / KNOWLEDGE).is_file() and not _is_words(spec)
-
-
-def _is_words(spec: str) -> bool:
+    if (Path(spec) / KNOWLEDGE).is_file():
+        return False
     source = FeatureSpec.parse(spec)
-    return (
-        not source.is_path
-        or Path(source.source).suffix in (".npy", ".txt", ".gz")
-        or (Path(source.source) / ENCODED).is_file()
-    )
+    path = Path(source.source)
+    return source.is_path and path.suffix not in (".npy", ".txt", ".gz") and not (path / ENCODED).is_file()
 
 
 def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource:

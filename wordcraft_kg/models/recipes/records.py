@@ -18,16 +18,11 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     """Content of ``metrics.json``: metrics from the training of a recipe scorer.
 
     Attributes:
-        kg: training graph: partial, full or none (other books only).
-        train_fraction: fraction of the train recipes used for training.
-        label_noise: fraction of these recipes with a wrong result.
         recipes: number of training recipes.
         features: entity vectors; minilm or glove if the setting is auto.
         seconds: duration of all fits.
-        folds: number of cross-fitting folds.
         fold_mrr: out-of-sample mean reciprocal rank (MRR) on train triples, by the fold models, if any.
         fold_in_sample_mrr: in-sample MRR on the same triples, by the main model.
-        outside: sources of outside knowledge.
     """
 
     kg: TrainedOn

@@ -65,11 +65,8 @@ def train_recipes(
     """Fit a recipe scorer into a model folder, or resume an interrupted run with the same settings.
 
     ``out`` is by default ``models/<graph name>-recipes``; ``force`` replaces the folder. ``progress`` is called after
-    each fitting step; True shows a bar.
-
-    Raises:
-        WordCraftKGError: as :func:`~wordcraft_kg.runs.training.train` does.
-        KeyboardInterrupt: after Ctrl-C, with the number of saved fits.
+    each fitting step; True shows a bar. Errors are those of :func:`~wordcraft_kg.runs.training.train`, and
+    KeyboardInterrupt after Ctrl-C, with the number of saved fits.
 
     Example:
         >>> trained = train_recipes(RecipesConfig("kitchen", RecipeScorerConfig(folds=3)), "models/kitchen-recipes")

@@ -124,8 +124,6 @@ class BestRecipe(FoldedSource):
         table: Tensor,
         task: Tensor | None = None,
         attempts: Attempts | None = None,
-        *,
-        limit: int = 3,
     ) -> tuple[Evidence | None, ...]:
         models = self.model_of(task)
         model = 0 if models is None else int(models)
@@ -140,7 +138,7 @@ class BestRecipe(FoldedSource):
             None
             if entity == self.num_entities
             else Evidence(
-                partner, tuple(self.knowledge.supporting_recipes(entity, partner, int(goal), model=model, limit=limit))
+                partner, tuple(self.knowledge.supporting_recipes(entity, partner, int(goal), model=model, limit=3))
             )
             for entity, partner in zip(table[0].tolist(), partners, strict=True)
         )

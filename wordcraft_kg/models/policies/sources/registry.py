@@ -56,8 +56,7 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
     if needed <= TABLE_LIMIT:
         if (folded := folds_of(scorer)) is not None:
-            what = "score tables, a table for each"
-            check_memory("folds", folded.count, what, needed * (folded.count + 2))
+            check_memory("folds", folded.count, "score tables, a table for each", needed * (folded.count + 2))
         return False
     cost = (
         f"score tables for {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "

@@ -114,10 +114,8 @@ class Source(nn.Module, ABC):
         table: Tensor,
         task: Tensor | None = None,
         attempts: Attempts | None = None,
-        *,
-        limit: int = 3,
     ) -> "tuple[Evidence | None, ...]":
-        """Return up to ``limit`` recipes that support each slot's score in a single state (B = 1); None without any."""
+        """Return up to three recipes that support each slot's score in a single state (B = 1); None without any."""
         return (None,) * table.shape[1]
 
 

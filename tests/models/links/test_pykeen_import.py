@@ -9,9 +9,9 @@ from pykeen.triples import TriplesFactory
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.graphs import RELATIONS, open_graph
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.links import builders
 from wordcraft_kg.models.links.pykeen_import import from_pykeen
 from wordcraft_kg.models.saving import save_scorer
+from wordcraft_kg.models.scorers import config
 
 
 def train(model="DistMult", **settings):
@@ -57,7 +57,7 @@ def test_a_model_of_another_graph_is_refused_with_what_differs():
 
 def test_a_table_that_is_too_large_is_refused(opened_kitchen, monkeypatch):
     result = on_kitchen()
-    monkeypatch.setattr(builders, "TABLE_LIMIT", 1_000)
+    monkeypatch.setattr(config, "TABLE_LIMIT", 1_000)
     with pytest.raises(ConfigError, match="80 entities"):
         from_pykeen(result.model, result.training, opened_kitchen)
 

@@ -77,7 +77,7 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
 
     To a model trained without this fold, a train task looks like a test task to a model of all train recipes: each plan
     has an unseen recipe, and other recipes of the plan may be known. Plans with recipes from several folds leave a
-    choice, which depends on the plan alone. The value is :data:`SEVERAL` if there is no such fold, and
+    choice, which depends on the plan alone. The value is :data:`SEVERAL` without such a fold, and
     :data:`OUTSIDE` if each plan has a recipe outside train. ``of_recipe`` is each recipe's fold, shape (num_recipes,).
 
     Raises:

@@ -1,6 +1,6 @@
 """Triples from outside the book for joint training, from knowledge folders.
 
-Ids extend the graph's: nodes that are no entities follow the E entities, and their relations follow the game's two. So
+Ids extend the graph's: further nodes follow the E entities, and their relations follow the game's two. So
 the first E embeddings are the entities', and the saved model holds these alone.
 """
 
@@ -40,7 +40,7 @@ def outside_hashes(folders: Sequence[str]) -> dict[str, str]:
 
     Raises:
         ConfigError: if a folder has no triples.
-        ArtefactError: if a path is no complete knowledge folder.
+        ArtefactError: if a path is not a complete knowledge folder.
     """
     return {f"outside graph {number}": _hash(folder) for number, folder in enumerate(folders, 1)}
 

@@ -67,7 +67,7 @@ class Choice(Record, frozen=True, kw_only=True):
 
 
 class OutsideSummary(Record, frozen=True, kw_only=True):
-    """Numbers of outside triples, of their nodes that are no entities, and of their relations.
+    """Numbers of outside triples, of their further nodes, and of their relations.
 
     ``coverage`` is the share of the graph's entities in the triples.
     """

@@ -114,7 +114,7 @@ def fail(*arguments, **settings):
 @pytest.mark.parametrize("config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"])
 def test_training_leaves_all_global_states_as_they_were(parted_kitchen, tmp_path, config, end, monkeypatch):
     if end == "failed":
-        monkeypatch.setattr(link_training, "write_results", fail)
+        monkeypatch.setattr(link_training, "_write_results", fail)
     before = global_states()
     with pytest.raises(RuntimeError, match="no more") if end == "failed" else nullcontext():
         config = replace(config, threads=before["threads"] + 1)

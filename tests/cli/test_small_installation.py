@@ -54,7 +54,7 @@ def test_graphs_tasks_exports_play_and_discovery_need_no_torch(tmp_path):
     assert codes == [0] * len(WORKING), errors
 
 
-@pytest.mark.parametrize(("line", "package"), [("train-complex kitchen", "torch"), ("check-book kitchen", "")])
+@pytest.mark.parametrize(("line", "package"), [("train-complex kitchen", "pykeen"), ("check-book kitchen", "")])
 def test_a_command_that_needs_more_names_the_package(tmp_path, line, package):
     codes, errors = run(tmp_path, line)
     assert codes == [1]
@@ -66,8 +66,9 @@ def test_a_command_that_needs_more_names_the_package(tmp_path, line, package):
 def test_a_public_name_that_needs_more_names_the_package(tmp_path):
     errors, _ = run(tmp_path, program=PUBLIC_NAMES)
     assert errors["open_graph"] is errors["LinksConfig"] is None
-    needs = "train_links needs torch, which is not installed. Install it: pip install 'torch>=2.4'"
-    assert errors["train_links"] == f"MissingExtraError: {needs}"
+    needs = "train_agent needs torch, which is not installed. Install it: pip install 'torch>=2.4'"
+    assert errors["train_agent"] == f"MissingExtraError: {needs}"
+    assert errors["train_links"].startswith("MissingExtraError: train_links needs pykeen, which is not installed.")
     assert all(error is None or error.startswith("MissingExtraError: ") for error in errors.values())
 
 

@@ -187,6 +187,7 @@ def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page, study, s
     page = open_page(color_scheme=scheme, viewport={"width": 360, "height": 700})
 
     def check():
+        page.wait_for_load_state("networkidle")  # contrast needs the stylesheet
         found = axe.run(page).response["violations"]
         assert not [(one["id"], [node["html"][:150] for node in one["nodes"]]) for one in found], page.url
         assert page.evaluate("document.documentElement.scrollWidth") <= 360, page.url

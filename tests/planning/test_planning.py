@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -13,6 +14,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.envs.wrappers import KGScoreObservation
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split
@@ -275,6 +277,18 @@ def test_a_scorer_without_probabilities_of_recipes_is_refused():
     scorer = TableScorer(torch.zeros(2, 5, 5), [f"e{i}" for i in range(5)], "0" * 64)
     with pytest.raises(ConfigError, match="`use` p needs probabilities of recipes"):
         make_sources(["p"], scorer)
+
+
+def test_wrapped_environments_observe_p(opened: OpenedGraph):
+    source = BestPlan.of_recipes(opened.graph.num_entities, opened.graph.recipes)
+    source.graph_hash = opened.graph.hash
+    env = gym.make("WordCraft-v0", graph="kitchen", part="test", depth=2, num_distractors=2)
+    observation, _ = KGScoreObservation(env, [source]).reset(seed=0)
+    state = (torch.tensor(observation[key])[None] for key in ("goal", "selection", "table"))
+    attempts = Attempts(torch.tensor([2]))
+    np.testing.assert_array_equal(observation["p"], source(*state, attempts=attempts)[0].numpy())
+    assert observation["p"].max() > -1e-4  # a plan of known recipes
+    env.close()
 
 
 def test_one_ingredient_recipes_are_planned():

@@ -87,6 +87,7 @@ class BestPlan(BestRecipe):
         """Return log Q for all slot pairs, shape (B, A, A); ValueError without ``attempts``."""
         if attempts is None:
             raise ValueError("the source p needs `attempts`: the number of attempts left in each state.")
+        attempts = Attempts(*attempts)  # environment wrappers, which know no models, pass a plain pair
         return self.search.values(goal, table, model, attempts.left, self._tried(table, attempts))
 
     def _tried(self, table: Tensor, attempts: Attempts) -> Tensor | None:

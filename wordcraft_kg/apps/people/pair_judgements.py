@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from msgspec.structs import replace
+from scipy.stats import mannwhitneyu
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
@@ -159,5 +160,5 @@ def view_pairs(
 def area_under_curve(is_right: Sequence[bool], scores: Sequence[float]) -> float:
     """Return the probability that a right case has a higher score than a wrong one; ties count half."""
     values, chosen = np.asarray(scores, dtype=float), np.asarray(is_right, dtype=bool)
-    above = values[chosen][:, None] - values[~chosen]
-    return float((above > 0).mean() + (above == 0).mean() / 2)
+    wins = mannwhitneyu(values[chosen], values[~chosen], method="asymptotic").statistic
+    return float(wins / (chosen.sum() * (~chosen).sum()))

@@ -55,7 +55,7 @@ def made(opened, scorer):
         "no scorer": (None, {}),
         "mlp": (None, {"policy": "mlp", "hidden_size": 7}),
         "links": (links, {"use": "u,v"}),
-        "cross-fitted links": (scorer, {"use": "u,v", "fold_attention": True}),
+        "cross-fitted links": (scorer, {"use": "u,v"}),
         "recipes": (scorer, {"use": "u,v,w"}),
         "scorer alone": (scorer, {"use": "v,w", "kg_only": True, "mixing": "softmax"}),
         "in sample": (scorer, {"use": "w", "in_sample": True}),
@@ -149,22 +149,14 @@ def head(module, state):
     return product(second.weight, hidden, second.bias)
 
 
-def by_loops(policy, goal, selection, table, values, fold=None):
-    """Logits, value and λ of a state from the paper's formulas, given the values of the sources.
-
-    α comes from the attention network of the fold, or is the mean over all networks.
-    """
+def by_loops(policy, goal, selection, table, values):
+    """Logits, value and λ of a state from the paper's formulas, given the values of the sources."""
     vectors = policy.vectors.vectors.double().tolist()
     nothing = [0.0] * policy.vectors.dim
     pair = vectors[goal] + (nothing if selection is None else vectors[selection])
-    query, alphas = product(policy.attention.query.weight, pair, policy.attention.query.bias), []
+    query = product(policy.attention.query.weight, pair, policy.attention.query.bias)
     keys = [product(policy.attention.key.weight, vectors[entity]) for entity in table]
-    size = len(query) // policy.attention.networks
-    for network in range(policy.attention.networks) if fold is None else [fold]:
-        mine = slice(network * size, (network + 1) * size)
-        products = ([q * k for q, k in zip(query[mine], key[mine], strict=True)] for key in keys)
-        alphas.append([sum(terms) / math.sqrt(size) for terms in products])
-    alpha = [sum(slot) / len(alphas) for slot in zip(*alphas, strict=True)]
+    alpha = [sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(len(query)) for key in keys]
     columns = zip(*(vectors[entity] for entity in table), strict=True)
     state = [sum(w * x for w, x in zip(softmax(alpha), column, strict=True)) for column in columns]
     (value,) = head(policy.value, state)
@@ -193,7 +185,7 @@ def test_a_table_of_ones_own_is_explained_as_the_formula_says(opened, made, kind
         assert [slot.entity for slot in step.slots] == [graph.entities[entity] for entity in table]
         names = [name for name in step.slots[0].sources if name in policy.sources]
         values = {name: [slot.sources[name] for slot in step.slots] for name in names}
-        logits, value, lambdas = by_loops(policy, goal, selection, table, values, found.fold)
+        logits, value, lambdas = by_loops(policy, goal, selection, table, values)
         assert [slot.logit for slot in step.slots] == pytest.approx(logits, abs=1e-9)
         assert [slot.probability for slot in step.slots] == pytest.approx(softmax(logits), abs=1e-9)
         assert step.value == pytest.approx(value, abs=1e-9)

@@ -86,7 +86,7 @@ class SlowImpala:
         """Return log-probabilities by slot of the entities that are there, the value, and λ."""
         goal, selection, table, task = state
         ids = (torch.tensor([part]) for part in (goal, selection, table))
-        output = policy(*ids, task=torch.tensor([task]), is_learning=True)
+        output = policy(*ids, task=torch.tensor([task]))
         there = [slot for slot, entity in enumerate(table) if entity != self.nothing]
         log_probs = torch.log_softmax(output.logits[0, there], dim=0)
         divergence = torch.zeros(())
@@ -168,7 +168,7 @@ class SlowImpala:
         (2, 3, {"policy": {"policy": "mlp"}}),
         (2, 3, {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5}),
         (2, 3, {"scorer": "frequency", "policy_lag": 1}),
-        (1, 3, {"scorer": "cross-fitted", "policy": {"use": "u,v,w", "fold_attention": True}, "policy_lag": 1}),
+        (1, 3, {"scorer": "cross-fitted", "policy": {"use": "u,v,w"}, "policy_lag": 1}),
     ],
 )
 def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, cross_fitted, depth, unroll, settings):
@@ -237,7 +237,7 @@ def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
     goal, selection, table = (torch.from_numpy(np.repeat(array, count, axis=0)) for array in state)
     noise = (torch.arange(count) + 0.5) / count
     with torch.no_grad():
-        actions, log_probs = impala._choose(weights, goal, selection, table, None, None, noise)
+        actions, log_probs = impala._choose(weights, goal, selection, table, None, noise)
         shares = torch.softmax(impala.policy(goal[:1], selection[:1], table[:1]).logits[0], dim=0)
     frequencies = torch.bincount(actions, minlength=len(shares)) / count
     torch.testing.assert_close(frequencies, shares, atol=2 / count, rtol=0)
@@ -251,7 +251,7 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
     logits = torch.tensor([-200.0, 0.0, -200.0, 0.0, -200.0, -torch.inf])
     noise = torch.tensor([0.0, 0.25, 0.5, 0.75, 1 - 2.0**-24])
     monkeypatch.setattr(impala.policy, "forward", lambda *_, **__: PolicyOutput(logits.repeat(len(noise), 1), noise))
-    actions, log_probs = impala._choose({}, noise, noise, noise, None, None, noise)
+    actions, log_probs = impala._choose({}, noise, noise, noise, None, noise)
     assert actions.tolist() == [1, 1, 3, 3, 3]
     torch.testing.assert_close(log_probs, torch.full((5,), math.log(0.5)))
 

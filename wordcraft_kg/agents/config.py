@@ -139,7 +139,7 @@ class ImpalaConfig:
         return -(-self.steps // self.steps_per_update)
 
 
-KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample", "fold_attention")
+KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample")
 """Names of the policy settings that only have an effect with a scorer."""
 
 

@@ -159,10 +159,9 @@ class ExplainedTable(Record):
 
 
 class _Query(NamedTuple):
-    """A table, the policy, its copy in double precision, and the task index (None for tasks without train recipes)."""
+    """A table, the policy, and the task index (None for tasks without train recipes)."""
 
     policy: Policy
-    exact: Policy
     task: int | None
     start: tuple[str, ...]
     plans: tuple[Rows, ...]
@@ -206,7 +205,8 @@ class Explainer:
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
-        self._exact = _exact(self._policy)
+        self._exact = copy.deepcopy(self._policy, {id(self._policy.sources): nn.ModuleDict()}).double()
+        self._exact.sources = self._policy.sources
         self._names = [label.name for label in self._exact.labels]
         with torch.no_grad():
             self._weights, self._exact_weights = self._policy.weights(), self._exact.weights()
@@ -261,11 +261,11 @@ class Explainer:
         tasks = self.world.tasks
         start = tasks.graph.labels(entity for entity in tasks.starts[task].tolist() if entity != self.world.nothing)
         number = task if has_train_recipes(self.world) else None
-        return _Query(self._policy, self._exact, number, start, tasks.plans[task], int(tasks.goals[task]), table)
+        return _Query(self._policy, number, start, tasks.plans[task], int(tasks.goals[task]), table)
 
     def _of_table(self, goal: int, table: list[int]) -> _Query:
         plans, folds = self._ways(goal, table), self._folds()
-        query = _Query(self._policy, self._exact, None, self.world.graph.labels(table), plans, goal, table)
+        query = _Query(self._policy, None, self.world.graph.labels(table), plans, goal, table)
         if folds is None or not plans:
             return query
         start = np.array([sorted(table)])
@@ -275,7 +275,7 @@ class Explainer:
             return query
         policy = _own(self._policy)
         policy.bind(posed)
-        return query._replace(policy=policy, exact=_exact(policy), task=0)
+        return query._replace(policy=policy, task=0)
 
     def _ways(self, goal: int, table: Iterable[int]) -> tuple[Rows, ...]:
         world, have = self.world, frozenset(table) - {goal}
@@ -344,7 +344,7 @@ class Explainer:
                 task,
                 Attempts(torch.tensor([attempts]), torch.tensor([tried or [(nothing, nothing)]])),
             )
-            action, output = self._decide(query, state)
+            action, output = self._decide(query.policy, state)
             slots = _slots(self._names, output, graph.labels(table), parts, self._evidence(query.policy, state))
             entity, made = table[action], []
             if selection is not None:
@@ -385,22 +385,16 @@ class Explainer:
         return texts, {label for plan in labels for label in plan[-1][:2]}
 
     @torch.no_grad()
-    def _decide(self, query: _Query, state: States) -> tuple[int, PolicyOutput]:
+    def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
         goal, selection, table, task, _ = state
-        external_scores = query.policy.external_scores(*state)
-        action = int(query.policy(goal, selection, table, self._weights, task, external_scores).logits.argmax(1))
+        external_scores = policy.external_scores(*state)
+        action = int(self._policy(goal, selection, table, self._weights, task, external_scores).logits.argmax(1))
         exact = None if external_scores is None else external_scores.double()
-        return action, query.exact(goal, selection, table, self._exact_weights, task, exact)
+        return action, self._exact(goal, selection, table, self._exact_weights, task, exact)
 
 
 def _own(policy: Policy) -> Policy:
     return copy.deepcopy(policy, {id(tensor): tensor for tensor in policy.buffers()}).eval()
-
-
-def _exact(policy: Policy) -> Policy:
-    exact = copy.deepcopy(policy, {id(policy.sources): nn.ModuleDict()}).double()
-    exact.sources = policy.sources
-    return exact
 
 
 def explain_episodes(

@@ -36,7 +36,6 @@ class _Unroll(NamedTuple):
         goal, selection: shape (T + 1, B), int64.
         table: shape (T + 1, B, A), int64.
         external_scores: shape (T + 1, B, S, A): source scores, cached for the learner; None without sources.
-        task: shape (T + 1, B), int64: task numbers; None unless the policy reads them.
         actions: shape (T, B), int64.
         log_probs: shape (T, B): log-probabilities under the acting policy.
         rewards, discounts: shape (T, B).
@@ -47,7 +46,6 @@ class _Unroll(NamedTuple):
     selection: Tensor
     table: Tensor
     external_scores: Tensor | None
-    task: Tensor | None
     actions: Tensor
     log_probs: Tensor
     rewards: Tensor
@@ -94,7 +92,6 @@ class Impala:
             external_scores=self._empty(time + 1, batch, len(policy.sources), slots).zero_()
             if policy.sources
             else None,
-            task=self._empty(time + 1, batch, dtype=torch.int64) if policy.attention_folds is not None else None,
             actions=self._empty(time, batch, dtype=torch.int64),
             log_probs=self._empty(time, batch),
             rewards=self._empty(time, batch),
@@ -220,10 +217,8 @@ class Impala:
         noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
         for t in range(self.config.unroll):
             self._observe(t)
-            task, external_scores = (
-                None if part is None else part[t] for part in (unroll.task, unroll.external_scores)
-            )
-            state = unroll.goal[t], unroll.selection[t], unroll.table[t], task, external_scores
+            external_scores = None if unroll.external_scores is None else unroll.external_scores[t]
+            state = unroll.goal[t], unroll.selection[t], unroll.table[t], external_scores
             actions, log_probs = self._act(weights, *state, noise[t])
             unroll.actions[t], unroll.log_probs[t] = actions, log_probs
             slots: Any = actions if engine.arrays.on_device else actions.numpy()
@@ -238,9 +233,6 @@ class Impala:
         unroll, states = self._unroll, states_of(self.envs)
         unroll.goal[t], unroll.selection[t], unroll.table[t] = states.goal, states.selection, states.table
         external_scores = self.policy.external_scores(*states) if t < self.config.unroll else None
-        if unroll.task is not None:
-            assert states.task is not None
-            unroll.task[t] = states.task
         if external_scores is not None:
             assert unroll.external_scores is not None
             unroll.external_scores[t] = external_scores
@@ -251,12 +243,10 @@ class Impala:
         goal: Tensor,
         selection: Tensor,
         table: Tensor,
-        task: Tensor | None,
         external_scores: Tensor | None,
         noise: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        output = self.policy(goal, selection, table, weights, task, external_scores, is_learning=True)
-        log_probs = log_policy(output.logits)
+        log_probs = log_policy(self.policy(goal, selection, table, weights, external_scores=external_scores).logits)
         shares = log_probs.exp().cumsum(0)
         # The first slot where the cumulative probability exceeds the noise, never a slot with probability 0.
         actions = (shares <= noise * shares[-1]).sum(0)
@@ -271,11 +261,11 @@ class Impala:
         """
         config, time = self.config, self.config.unroll
         num_states = time + 1 if is_cut else time
-        goal, selection, table, task, external_scores = (
+        goal, selection, table, external_scores = (
             None if part is None else part[:num_states].flatten(0, 1)
-            for part in (unroll.goal, unroll.selection, unroll.table, unroll.task, unroll.external_scores)
+            for part in (unroll.goal, unroll.selection, unroll.table, unroll.external_scores)
         )
-        output = self.policy(goal, selection, table, weights, task, external_scores, is_learning=True)
+        output = self.policy(goal, selection, table, weights, external_scores=external_scores)
         acted = unroll.actions.numel()
         log_policies = log_policy(output.logits[:acted])
         log_probs = log_policies.gather(0, unroll.actions.view(1, -1)).view_as(unroll.log_probs)

@@ -18,7 +18,6 @@ from torch import Tensor
 
 from wordcraft_kg.base.errors import ActionError, ConfigError, LeakError
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.models.policies.attention_folds import AttentionFolds
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources.source import Attempts, FoldedSource
 
@@ -69,7 +68,7 @@ class _NetworkPolicy(BasePolicy):
         self, obs: Observations, deterministic: bool = False, action_masks: Any = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Return actions (B,), values (B, 1) and log-probabilities (B,)."""
-        distribution, values = self._decide(obs, action_masks, is_learning=True)
+        distribution, values = self._decide(obs, action_masks)
         actions = distribution.get_actions(deterministic=deterministic)
         return actions, values, distribution.log_prob(actions)
 
@@ -77,7 +76,7 @@ class _NetworkPolicy(BasePolicy):
         self, obs: Observations, actions: Tensor, action_masks: Any = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Return values (B, 1), log-probabilities (B,) of actions (B,), and entropies (B,) in nats."""
-        distribution, values = self._decide(obs, action_masks, is_learning=True)
+        distribution, values = self._decide(obs, action_masks)
         return values, distribution.log_prob(actions), distribution.entropy()
 
     def get_distribution(self, obs: Observations, action_masks: Any = None) -> Any:
@@ -90,7 +89,7 @@ class _NetworkPolicy(BasePolicy):
 
     def predict_values(self, obs: Observations) -> Tensor:
         """Return state values, shape (B, 1)."""
-        return self._ask(obs, is_learning=True).value[:, None]
+        return self._ask(obs).value[:, None]
 
     def _build(self, lr_schedule: Schedule) -> None:
         """Skip the default network construction."""
@@ -99,8 +98,8 @@ class _NetworkPolicy(BasePolicy):
         names = ("observation_space", "action_space", "network", "optimizer_class", "optimizer_kwargs")
         return {name: getattr(self, name) for name in names} | {"lr_schedule": self._dummy_schedule}
 
-    def _decide(self, obs: Observations, action_masks: Any, *, is_learning: bool = False) -> tuple[Any, Tensor]:
-        logits, value, *_ = self._ask(obs, is_learning=is_learning)
+    def _decide(self, obs: Observations, action_masks: Any) -> tuple[Any, Tensor]:
+        logits, value, *_ = self._ask(obs)
         if action_masks is not None:
             mask = torch.as_tensor(action_masks, dtype=torch.bool, device=logits.device).reshape(logits.shape)
             logits = logits.masked_fill(~mask, -torch.inf)
@@ -108,7 +107,7 @@ class _NetworkPolicy(BasePolicy):
                 raise ActionError("`action_masks` leaves a state without a slot to choose: only empty slots are True.")
         return self.action_dist.proba_distribution(action_logits=logits), value[:, None]
 
-    def _ask(self, obs: Observations, *, is_learning: bool) -> PolicyOutput:
+    def _ask(self, obs: Observations) -> PolicyOutput:
         # Rollout buffers may store ids as floats, and single numbers with shape (1,).
         goal, selection = obs["goal"].long().reshape(-1), obs["selection"].long().reshape(-1)
         if self._bound_to() != self._tasks:
@@ -118,16 +117,14 @@ class _NetworkPolicy(BasePolicy):
             )
         task = obs["task"].long().reshape(-1) if self.network.reads_task else None
         attempts = Attempts(obs["attempts_left"].long().reshape(-1)) if "attempts_left" in obs else None
-        table = obs["table"].long()
-        return self.network(goal, selection, table, task=task, attempts=attempts, is_learning=is_learning)
+        return self.network(goal, selection, obs["table"].long(), task=task, attempts=attempts)
 
     def _bound_to(self) -> list[str]:
         return [source.bound_to for source in _folded(self.network)]
 
 
-def _folded(network: Policy) -> list[FoldedSource | AttentionFolds]:
-    parts = (*network.sources.values(), network.attention_folds)
-    return [part for part in parts if isinstance(part, (FoldedSource, AttentionFolds)) and part.reads_task]
+def _folded(network: Policy) -> list[FoldedSource]:
+    return [source for source in network.sources.values() if isinstance(source, FoldedSource) and source.reads_task]
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):

@@ -54,7 +54,6 @@ class AgentEntry(Record):
         settings: training settings that differ from the defaults.
         kg: training graph for the agent's scorer (full or partial); None for an agent without a scorer.
         cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample scores.
-        attention_folds: number of attention networks by fold; 0 if attention on train tasks has learned from them.
         success, outcomes: by distractor count; ``confusions`` and ``slices`` are for the report's ``headline`` count.
         curves: success during training, by task part (train or test).
     """
@@ -66,7 +65,6 @@ class AgentEntry(Record):
     settings: dict[str, str]
     kg: TrainedOn | None
     cross_fitted: Count
-    attention_folds: Count
     trained_with: Count
     steps: tuple[int, ...]
     seconds: tuple[float | None, ...]
@@ -319,7 +317,6 @@ def _entry(
         settings={key: str(value) for key, value in config.differing().items() if key not in ("seed", "graph")},
         kg=members[0].run.kg,
         cross_fitted=members[0].run.cross_fitted,
-        attention_folds=folds.count if (folds := members[0].policy.attention_folds) else 0,
         trained_with=config.tasks.distractors,
         steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
         seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),

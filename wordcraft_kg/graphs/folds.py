@@ -99,15 +99,6 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
     return of_task
 
 
-def folds_of_tasks(of_recipe: Ids, tasks: TaskSet) -> NDArray[np.bool_]:
-    """Return which folds have a train recipe of each task's plans; bool, shape (N, K)."""
-    is_in = np.zeros((len(tasks), int(of_recipe.max()) + 1), dtype=bool)
-    for task, plans in enumerate(tasks.plans):
-        folds = of_recipe[[row for plan in plans for row in plan]]
-        is_in[task, folds[folds != OUTSIDE]] = True
-    return is_in
-
-
 def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     """Partition the train recipes at random into ``count`` folds with about equally many ingredient pairs.
 

@@ -236,9 +236,7 @@ def test_scripted_players_do_not_remember_the_recipes_of_train_tasks(opened, sco
 
 def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(folder, opened, tmp_path, caplog):
     trainer = ImpalaConfig(steps=1_024, batch_size=32, eval_every=0, checkpoint_every=512)
-    config = AgentConfig(
-        "kitchen", str(folder), TaskConfig(distractors=3), PolicyConfig(**SMALL, fold_attention=True), trainer
-    )
+    config = AgentConfig("kitchen", str(folder), TaskConfig(distractors=3), PolicyConfig(**SMALL), trainer)
     done = train_agent(config, tmp_path / "whole").folder
     assert not caplog.records
     run = json.loads((done / "run.json").read_text())
@@ -355,7 +353,7 @@ def test_stable_baselines_learns_on_scores_of_models_that_have_not_seen_the_task
     ours = importlib.import_module("wordcraft_kg.agents.sb3")
     library = importlib.import_module("stable_baselines3")
     world = world_of(opened)
-    network = guided(opened, scorer, world, fold_attention=True)
+    network = guided(opened, scorer, world)
     options = {"policy_kwargs": {"network": network}, "device": "cpu"}
     plain = gym.make("WordCraft-v0", graph=world)
     with pytest.raises(ConfigError, match=r"TaskObservation\(env\)"):

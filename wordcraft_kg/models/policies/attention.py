@@ -12,7 +12,6 @@ import torch
 from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.models.policies.attention_folds import AttentionFolds
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
 from wordcraft_kg.models.policies.sources.source import Attempts, Source
@@ -33,25 +32,14 @@ class AttentionPolicy(Policy):
     with separate weights. Logits are β, or α without sources. An MLP is a linear map W with bias, a rectifier and a
     linear map; W is applied after the sum over slots.
 
-    With ``fold_of_recipe``, each recipe's fold, there is an attention network for each fold, and attention and λ learn
-    from different states, see :mod:`~wordcraft_kg.models.policies.attention_folds`.
-
     Source: Jiang et al. 2020, sections "Self-attention Actor-Critic Network" and "Learning Mixing Coefficients".
     """
 
-    def __init__(
-        self,
-        config: PolicyConfig,
-        vectors: EntityVectors,
-        sources: Iterable[Source] = (),
-        fold_of_recipe: Tensor | None = None,
-    ):
+    def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
         super().__init__(config, vectors, sources)
-        self.attention_folds = None if fold_of_recipe is None else AttentionFolds(fold_of_recipe)
         if config.kg_only and not self.sources:
             raise ConfigError("`kg_only` mixes only scorer scores; give a `scorer` too.")
-        networks = 1 if self.attention_folds is None else self.attention_folds.count
-        self.attention = TableAttention(vectors.dim, config.key_size, networks)
+        self.attention = TableAttention(vectors.dim, config.key_size)
         self.value = _head(vectors.dim, config.value_size, 1)
         if self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
@@ -78,18 +66,11 @@ class AttentionPolicy(Policy):
         task: Tensor | None = None,
         external_scores: Tensor | None = None,
         attempts: Attempts | None = None,
-        *,
-        is_learning: bool = False,
     ) -> PolicyOutput:
         weights = weights or self.weights()
         mask = table != self.num_entities
         slots = Slots(weights.get("vectors"), table)
-        shares = for_lambdas = None
-        if self.attention_folds is not None and task is not None:
-            shares, for_lambdas = self.attention_folds(task, table, is_learning=is_learning)
-        alpha = slots.dot(self.attention.rows(weights, goal, selection, shares))
-        if for_lambdas is not None:
-            alpha = torch.where(for_lambdas[:, None], alpha.detach(), alpha)
+        alpha = slots.dot(self.attention.rows(weights, goal, selection))
         is_softmax = self.config.value_readout == "softmax"
         state = slots.sum(masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0), self.num_entities)
         value = _mlp(state, weights, "value")[:, 0]
@@ -101,13 +82,7 @@ class AttentionPolicy(Policy):
         lambdas = _mlp(state, weights, "mixture")
         if self.config.mixing == "softmax":
             lambdas = torch.softmax(lambdas, dim=1)
-        mixing = lambdas
-        if for_lambdas is not None:
-            constant = lambdas.detach().clone()
-            if not self.config.kg_only:  # attention learns with weight 1, so that it keeps learning if λα is near 0
-                constant[:, 0] = 1
-            mixing = torch.where(for_lambdas[:, None], lambdas, constant)
-        return PolicyOutput(mix_logits(sources, mixing, mask), value, sources, lambdas)
+        return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
 
 
 def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
@@ -137,36 +112,28 @@ class TableAttention(nn.Module):
     """Scaled dot-product attention from goal g and selection s to each slot: ``α_i = Q([x_g; x_s]) · K(x_i) / √d``.
 
     As ``q · K x = (Kᵀ q) · x``, and vectors do not depend on the sample, keys are folded into the query. K has no bias,
-    which would shift all slots equally. There may be several networks, of the same size.
+    which would shift all slots equally.
 
     Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The paper's query also has the second
     selection, which is always empty when an action is chosen.
     """
 
-    def __init__(self, dim: int, key_size: int, networks: int = 1):
+    def __init__(self, dim: int, key_size: int):
         super().__init__()
-        self.networks = networks
-        self.query = nn.Linear(2 * dim, networks * key_size)
-        self.key = nn.Linear(dim, networks * key_size, bias=False)
+        self.query = nn.Linear(2 * dim, key_size)
+        self.key = nn.Linear(dim, key_size, bias=False)
 
     def weights(self) -> dict[str, Tensor]:
         """Return the tensors for :meth:`rows`: ``query``, ``query.bias`` and, unless folded into the query, ``key``."""
-        key, count = self.key.weight / math.sqrt(self.key.out_features // self.networks), self.networks
+        key = self.key.weight / math.sqrt(self.key.out_features)
         query, bias = self.query.weight.T, cast("Tensor", self.query.bias)
         if self.key.in_features <= FOLD_LIMIT:
-            keys = key.chunk(count)
-            query = torch.cat([one @ mine for one, mine in zip(query.chunk(count, 1), keys, strict=True)], 1)
-            bias = torch.cat([one @ mine for one, mine in zip(bias.chunk(count), keys, strict=True)])
-            return {"query": query, "query.bias": bias}
+            return {"query": query @ key, "query.bias": bias @ key}
         return {"query": query, "query.bias": bias, "key": key}
 
-    def rows(
-        self, weights: Mapping[str, Tensor], goal: Tensor, selection: Tensor, shares: Tensor | None = None
-    ) -> Tensor:
-        """Return ``Kᵀ q / √d``, shape (B, F); the dot product with a slot's entity vector is the slot's α.
-
-        ``shares``, shape (B, number of networks), are each network's shares in α; None gives all networks equal shares.
-        """
+    @staticmethod
+    def rows(weights: Mapping[str, Tensor], goal: Tensor, selection: Tensor) -> Tensor:
+        """Return ``Kᵀ q / √d``, shape (B, F); the dot product with a slot's entity vector is the slot's α."""
         query, bias, vectors = weights["query"], weights["query.bias"], weights.get("vectors")
         if vectors is not None:
             both = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
@@ -174,14 +141,7 @@ class TableAttention(nn.Module):
         else:
             by_goal, by_selection = nn.functional.pad(query.view(2, -1, query.shape[1]), (0, 0, 0, 1))
             projected = bias + by_goal.index_select(0, goal) + by_selection.index_select(0, selection)
-        each = projected.chunk(self.networks, 1)
-        if "key" in weights:
-            keys = weights["key"].chunk(self.networks)
-            each = tuple(one @ key for one, key in zip(each, keys, strict=True))
-        if self.networks == 1:
-            return each[0]
-        rows = torch.stack(each, dim=1)
-        return rows.mean(1) if shares is None else torch.bmm(shares[:, None], rows)[:, 0]
+        return projected @ weights["key"] if "key" in weights else projected
 
 
 class Slots:

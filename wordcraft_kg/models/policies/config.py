@@ -41,8 +41,6 @@ class PolicyConfig:
             training triples, or drop; a dropped score becomes the mean over all pairs.
         in_sample: score train tasks with the model trained on their recipes, as in the paper, even if the scorer has
             out-of-sample models.
-        fold_attention: use the scorer's folds for attention, too, with a network for each fold; then λ never learns
-            from attention that remembers the task.
         value_readout: slot weights in the encodings for value and λ: softmax of α, or the raw logits α, as in the
             paper's released code.
 
@@ -66,7 +64,6 @@ class PolicyConfig:
     scale: Scale = "ranks"
     self_edges: SelfEdges = "observed"
     in_sample: bool = False
-    fold_attention: bool = False
     value_readout: _ValueReadout = "softmax"
 
     def __post_init__(self) -> None:
@@ -75,7 +72,7 @@ class PolicyConfig:
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
         whole("plan_width", self.plan_width, 0, MAX_DIM)
-        for name in ("allow_missing", "kg_only", "in_sample", "fold_attention"):
+        for name in ("allow_missing", "kg_only", "in_sample"):
             require(self, name, isinstance(getattr(self, name), bool), "true or false")
         _ = self.sources
 

@@ -21,7 +21,7 @@ from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
-from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.runs.cards import front_matter
@@ -66,7 +66,6 @@ def make_policy(
             config.features, graph.entities, pooling=config.pooling, allow_missing=config.allow_missing, seed=seed
         )
     sources: list[Source] = []
-    fold_of_recipe = None
     if scorer is not None:
         if config.policy == "mlp":
             raise ConfigError("`policy` mlp cannot mix in scorer scores; leave out `scorer`.")
@@ -74,31 +73,20 @@ def make_policy(
         view = ScoreView(config.scale, config.self_edges, observed, width=config.plan_width)
         scorer = whole_of(scorer) if config.in_sample else scorer
         sources = make_sources(config.sources, scorer, view, tasks=tasks)
-        folded = folds_of(scorer)
-        if folded is not None and tasks is not None and config.fold_attention:
-            fold_of_recipe = torch.from_numpy(folded.of_recipe.copy())
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too
         vectors = None if features is None or features.is_one_hot else torch.tensor(features.vectors)
         learned_dim = config.embedding_size if config.features == LEARNED else 0
         entities = EntityVectors(graph.num_entities, vectors, learned_dim=learned_dim)
-        policy = _policy(config, entities, num_slots, sources, fold_of_recipe)
-    if tasks is not None:
-        policy.bind(tasks)
+        policy = _policy(config, entities, num_slots, sources)
     policy.entities, policy.graph_hash = graph.entities, graph.hash
     return policy, features
 
 
-def _policy(
-    config: PolicyConfig,
-    vectors: EntityVectors,
-    num_slots: int,
-    sources: Iterable[Source],
-    fold_of_recipe: Tensor | None,
-) -> Policy:
+def _policy(config: PolicyConfig, vectors: EntityVectors, num_slots: int, sources: Iterable[Source]) -> Policy:
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)
-    return AttentionPolicy(config, vectors, sources, fold_of_recipe)
+    return AttentionPolicy(config, vectors, sources)
 
 
 def write_constants(folder: Path, policy: Policy) -> None:
@@ -145,8 +133,7 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
                 source_class(name).restored(size, with_prefix(tensors, f"sources.{name}."))
                 for name in description["sources"]
             ]
-            of_recipe = tensors.get("attention_folds.fold_of_recipe")
-            policy = _policy(config, vectors, description["num_slots"], sources, of_recipe)
+            policy = _policy(config, vectors, description["num_slots"], sources)
         weights = {**tensors, **parameters}
         for name, tensor in policy.state_dict().items():
             if name in weights and weights[name].dtype != tensor.dtype:  # load_state_dict would convert the type

@@ -35,8 +35,6 @@ class MLPPolicy(Policy):
         task: Tensor | None = None,
         external_scores: Tensor | None = None,
         attempts: Attempts | None = None,
-        *,
-        is_learning: bool = False,
     ) -> PolicyOutput:
         if table.shape[1] != self.num_slots:
             raise ConfigError(

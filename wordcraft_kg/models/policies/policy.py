@@ -10,7 +10,6 @@ from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.base.settings import nearest, refuse
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import TaskSet
-from wordcraft_kg.models.policies.attention_folds import AttentionFolds
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
 from wordcraft_kg.models.policies.sources.source import Attempts, Source, ask
@@ -87,7 +86,6 @@ class Policy(nn.Module):
         labels: names of the mixed scores, in order: ``alpha`` (attention) if in use, then the sources.
         entities: entity labels in id order; like ``graph_hash``, set by ``make_policy`` and ``load_policy``.
         graph_hash: content hash of the recipe graph.
-        attention_folds: folds of several attention networks; None for a single network.
     """
 
     def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
@@ -97,7 +95,6 @@ class Policy(nn.Module):
         self.config = config
         self.vectors = vectors
         self.num_entities = vectors.num_entities
-        self.attention_folds: AttentionFolds | None = None
         modules = nn.ModuleDict({source.name: source for source in sources})
         self.sources = cast("Mapping[str, Source]", modules)
         own = (ALPHA,) if self.sources and not config.kg_only else ()
@@ -105,15 +102,13 @@ class Policy(nn.Module):
 
     @property
     def reads_task(self) -> bool:
-        """Whether scores or attention depend on the task, so that :meth:`forward` needs task numbers."""
-        return self.attention_folds is not None or any(source.reads_task for source in self.sources.values())
+        """Whether a source's scores depend on the task, so that :meth:`forward` needs task numbers."""
+        return any(source.reads_task for source in self.sources.values())
 
     def bind(self, tasks: TaskSet) -> None:
         """Set the task set that task numbers in later calls index; no effect unless :attr:`reads_task`."""
         for source in self.sources.values():
             source.bind(tasks)
-        if self.attention_folds is not None:
-            self.attention_folds.bind(tasks)
 
     def weights(self) -> Weights:
         """Return tensors computed from parameters only, which several :meth:`forward` calls can share."""
@@ -128,8 +123,6 @@ class Policy(nn.Module):
         task: Tensor | None = None,
         external_scores: Tensor | None = None,
         attempts: Attempts | None = None,
-        *,
-        is_learning: bool = False,
     ) -> PolicyOutput:
         """Return logits and values for a batch of states.
 
@@ -142,8 +135,6 @@ class Policy(nn.Module):
                 tasks; None for tasks without train recipes, or if :attr:`reads_task` is False.
             external_scores: result of :meth:`external_scores`; computed by default.
             attempts: attempts left, for sources that look ahead; unused with ``external_scores``.
-            is_learning: whether acting or learning in training, where attention and mixing weights learn from different
-                states, see :class:`~wordcraft_kg.models.policies.attention_folds.AttentionFolds`.
         """
         raise NotImplementedError
 

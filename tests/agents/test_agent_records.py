@@ -9,15 +9,11 @@ import torch
 from msgspec.json import encode
 from safetensors.torch import load, save
 
-from wordcraft_kg.agents.agent_folder import open_agent, read_agent_run
+from wordcraft_kg import PolicyConfig, SplitConfig, WordCraftConfig, World, load_scorer, open_agent, open_graph
+from wordcraft_kg.agents.agent_folder import read_agent_run
 from wordcraft_kg.agents.records import read_episodes
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import SplitConfig, open_graph
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy, read_policy, write_constants
-from wordcraft_kg.models.scorers.folder import load_scorer
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import pytest
 import torch
 from refusals import refuses
 
+from wordcraft_kg import ImpalaConfig, PolicyConfig, WordCraftConfig, World
 from wordcraft_kg.agents import evaluation
-from wordcraft_kg.agents.config import ImpalaConfig
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
@@ -17,11 +17,8 @@ from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 

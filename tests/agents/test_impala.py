@@ -10,14 +10,10 @@ import torch
 from refusals import refuses
 from test_vtrace import slow_v_trace
 
-from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg import ImpalaConfig, PolicyConfig, RecipeGraph, WordCraftConfig, World, open_graph
 from wordcraft_kg.agents.impala import FIGURES, LOSSES, Impala, check_compiler
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph, open_graph
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import PolicyOutput
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer

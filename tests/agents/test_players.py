@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from wordcraft_kg import SplitConfig, WordCraftConfig, World, load_scorer, make_sources, make_split, open_graph
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import (
     fact_sources,
@@ -19,15 +20,11 @@ from wordcraft_kg.agents.players import (
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.base.statistics import task_bootstrap, wilson_interval
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import OpenedGraph, SplitConfig, make_split, open_graph
-from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import glove_features
-from wordcraft_kg.models.scorers.folder import load_scorer
 
 
 def play(opened, players, distractors=(1,), distractor_seeds=5, **settings):

@@ -10,13 +10,10 @@ import pytest
 import torch
 
 import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg import PolicyConfig, WordCraftConfig, World, open_graph
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.base.errors import ActionError, ConfigError, MissingExtraError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import FeatureObservation
-from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 

@@ -13,15 +13,11 @@ from graph_folders import write_graph
 from refusals import refuses
 from resumption import resume
 
-from wordcraft_kg.agents.agent_folder import open_agent
-from wordcraft_kg.agents.config import AgentConfig, TaskConfig
+from wordcraft_kg import AgentConfig, PolicyConfig, TaskConfig, load_policy, open_agent, open_graph, train_agent
 from wordcraft_kg.agents.impala import Impala
-from wordcraft_kg.agents.training import _warn_of_self_pairs, train_agent
+from wordcraft_kg.agents.training import _warn_of_self_pairs
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import load_policy
 
 
 @pytest.fixture

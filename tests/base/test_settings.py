@@ -5,11 +5,9 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from wordcraft_kg.agents.config import ImpalaConfig
+from wordcraft_kg import ComplExConfig, ImpalaConfig, LinkModelConfig, PolicyConfig
 from wordcraft_kg.base.errors import ConfigError, reason
 from wordcraft_kg.base.settings import MAX_DIM, MAX_SIZE, MOST, check_memory, memory, number_in, whole
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
-from wordcraft_kg.models.policies.config import PolicyConfig
 
 
 @pytest.mark.parametrize("value", [1.5, 1.0, "1", True, None, [1], np.float64(2), Decimal(1), 2**63, -1])

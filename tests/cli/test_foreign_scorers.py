@@ -4,10 +4,7 @@ import pytest
 from pykeen.pipeline import pipeline
 from quick import SMALL
 
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.links.pykeen_import import from_pykeen
-from wordcraft_kg.models.saving import save_scorer
+from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 
 

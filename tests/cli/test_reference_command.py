@@ -6,19 +6,16 @@ import msgspec
 import pytest
 from graph_folders import write_graph
 
-from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg import TaskConfig, WordCraftConfig, World, open_graph
 from wordcraft_kg.agents.outcomes import Success
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers
 from wordcraft_kg.apps.text_agents import result_reader
 from wordcraft_kg.apps.text_agents.records import RESULT_FILE, PlayedSettings, TextResult
 from wordcraft_kg.base.records import read_record
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import reference
 from wordcraft_kg.evaluation.reference import Figure, OpenPlay, PlayedGraph, ReferencePack, ReferenceRow, TaskPlay
-from wordcraft_kg.graphs import open_graph
 
 DEPTH_1 = TaskPlay("test", 1, 1)
 TWO = ("reference", "kitchen", "--distractors", "1,4")

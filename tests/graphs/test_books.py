@@ -10,16 +10,9 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
+from wordcraft_kg import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
-from wordcraft_kg.graphs import (
-    RecipeGraph,
-    SplitConfig,
-    fetch_book,
-    known_books,
-    library,
-    make_split,
-    open_book,
-)
+from wordcraft_kg.graphs import fetch_book, known_books, library
 from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, cache_folder, locate_book
 from wordcraft_kg.models.scorers.features import glove_features
 

@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 import torch
 
+from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_sources, make_split, open_graph
 from wordcraft_kg.agents.players import knowledge_player
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.envs.wrappers import KGScoreObservation
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.graphs.splits import Draw, Split
-from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import Attempts
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RANKER, knowledge_of

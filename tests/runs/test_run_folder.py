@@ -14,13 +14,11 @@ import numpy as np
 import plain_run
 import pytest
 
+from wordcraft_kg import AgentConfig, ComplExConfig, ImpalaConfig, LinksConfig, TaskConfig, train_agent, train_links
 from wordcraft_kg.agents.agent_folder import AGENTS
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import LinksTraining, train_links
+from wordcraft_kg.models.links.training import LinksTraining
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.folder import RunKind, check_run_output, new_run, resumed_run
 from wordcraft_kg.runs.record import read_run

@@ -8,11 +8,8 @@ import pytest
 from refusals import refuses
 from resumption import resume
 
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig
-from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg import AgentConfig, ComplExConfig, ImpalaConfig, LinksConfig, train_agent, train_links
 from wordcraft_kg.base.errors import MissingExtraError
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.runs.trackers import TRACKERS, checked_trackers
 

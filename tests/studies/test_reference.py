@@ -7,13 +7,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg import RecipesConfig, RecipeScorerConfig, TaskConfig, WordCraftConfig, World, open_graph, open_model
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.agents.players import play_all, random_distinct
 from wordcraft_kg.base import registry
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.discovery import view_discovery
 from wordcraft_kg.evaluation.reference import (
     PACK,
@@ -26,9 +24,6 @@ from wordcraft_kg.evaluation.reference import (
     read_pack,
     read_packs,
 )
-from wordcraft_kg.graphs import open_graph
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.studies import result_readers
 from wordcraft_kg.studies.references import scorer_rows
 from wordcraft_kg.studies.result_readers import ResultReader, external_rows

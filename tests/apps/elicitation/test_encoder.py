@@ -8,13 +8,11 @@ import torch
 from refusals import refuses
 from transformers import AutoModel
 
+from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.inductive import with_words
-from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.runs.record import read_run
 
 

@@ -6,12 +6,7 @@ import pytest
 
 from wordcraft_kg.apps.explorer.pages import predictions
 from wordcraft_kg.apps.explorer.pages.compare import view_compared_ranks
-from wordcraft_kg.apps.explorer.pages.predictions import (
-    RankFilter,
-    rank_graph,
-    ranked_queries,
-    view_link_ranks,
-)
+from wordcraft_kg.apps.explorer.pages.predictions import RankFilter, rank_graph, ranked_queries, view_link_ranks
 from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.evaluation.ranked_links import rank_links

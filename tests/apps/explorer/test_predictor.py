@@ -5,11 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 
+from wordcraft_kg import ComplExConfig, LinksConfig, open_model, train_links
 from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving, status_of
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
 from wordcraft_kg.models.scorers.ranking import rank_triples
 
 SLOTS = list(product(range(0, 80, 9), range(len(RELATIONS)), ("head", "tail")))

@@ -4,10 +4,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from wordcraft_kg import WordCraftConfig, World, open_graph
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs.folder import open_graph
 
 
 class _Chat(BaseHTTPRequestHandler):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.apps.text_agents.scripted import PLAYERS, assert_same, picks_of
+from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, TaskGames
@@ -23,10 +24,7 @@ from wordcraft_kg.apps.text_agents.results import (
 )
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError, LeakError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import TaskPlay
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_graph
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.studies.result_readers import external_rows
 

@@ -19,6 +19,7 @@ from inspect_ai.model import ModelOutput, ModelUsage, get_model
 
 import wordcraft_kg
 from tests.apps.text_agents.scripted import PLAYERS, picks_of
+from wordcraft_kg import WordCraftConfig, World, save_scorer
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames
@@ -27,11 +28,8 @@ from wordcraft_kg.apps.text_agents.inspect_tasks import InspectTaskError, crafti
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.words import prompt_hash
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
-from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.studies.result_readers import external_rows
 

@@ -17,14 +17,12 @@ from link_helpers import contents, global_states, interrupt_after, train
 from refusals import refuses
 from resumption import resume
 
+from wordcraft_kg import ComplExConfig, LinkModelConfig, LinksConfig, load_scorer, open_graph, open_model
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.links import training as link_training
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
+from wordcraft_kg.models.links.config import LinkSettings
 from wordcraft_kg.models.links.fitting import Epochs
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
 from wordcraft_kg.runs.record import read_run
 

@@ -6,11 +6,9 @@ import torch
 from pykeen.pipeline import pipeline
 from pykeen.triples import TriplesFactory
 
+from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.graphs import RELATIONS, open_graph
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.links.pykeen_import import from_pykeen
-from wordcraft_kg.models.saving import save_scorer
+from wordcraft_kg.graphs import RELATIONS
 from wordcraft_kg.models.scorers import config
 
 

@@ -8,12 +8,10 @@ from link_helpers import contents, random_graph
 from refusals import refuses
 from small_scorers import embeddings
 
+from wordcraft_kg import load_scorer, open_model, save_scorer
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, TableScorer
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.low_rank_kernel import LowRankKernelScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.scorer import Scorer

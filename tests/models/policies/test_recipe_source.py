@@ -5,14 +5,12 @@ import pytest
 import torch
 from small_scorers import states as states_of
 
+from wordcraft_kg import WordCraftConfig, World, make_sources
 from wordcraft_kg.agents import states as engine_states
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folds import OUTSIDE
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
-from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.statistics import standardised
 from wordcraft_kg.models.recipes import fitting
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.inductive import extended, with_words
-from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import cosines, kernel_regression
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 

@@ -10,15 +10,13 @@ import pytest
 import torch
 
 from tests.apps.explorer.shown import look
+from wordcraft_kg import RecipesConfig, RecipeScorerConfig, open_graph, train_recipes
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages.link import Link
 from wordcraft_kg.apps.explorer.pages.pair import Pair
-from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.models.knowledge.folder import FACTS, Knowledge, KnowledgeRecord, TableInfo, write_knowledge
-from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.outside import open_outside
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
-from wordcraft_kg.models.recipes.training import train_recipes
 
 NEEDS = TableInfo(name="need", role="part", phrase="{result} needs {ingredient}")
 AND = TableInfo(name="and", role="pair", phrase="{a} goes with {b}")

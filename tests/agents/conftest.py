@@ -2,8 +2,7 @@
 
 import pytest
 
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg import AgentConfig, ImpalaConfig, TaskConfig, train_agent
 
 
 @pytest.fixture(scope="session")

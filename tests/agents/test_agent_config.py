@@ -6,9 +6,8 @@ from dataclasses import fields
 import pytest
 from refusals import refuses
 
-from wordcraft_kg.agents.config import ImpalaConfig, TaskConfig
+from wordcraft_kg import ImpalaConfig, TaskConfig, WordCraftConfig
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.envs.config import WordCraftConfig
 
 NAN, INF = float("nan"), float("inf")
 COUNTS = ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_every")

@@ -356,13 +356,6 @@ def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once,
     assert told >= {("train", False), *([("train", True)] if in_sample else [])}
 
 
-@pytest.mark.parametrize("kind", ["no scorer", "mlp"])
-def test_without_a_scorer_no_model_answers(explaining, kind):
-    found = explaining(kind, "train").task(3)
-    assert (found.model, bool(found.in_sample)) == ("no_scorer", False)
-    assert found.episode.steps[0].lambdas == {}
-
-
 @pytest.mark.parametrize("kind", ["by-goal", "none", "by-slot"])
 def test_tables_are_explained_whatever_the_split(opened, kind):
     graph = opened.graph

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-from wordcraft_kg.agents.training import train_agent
+from wordcraft_kg import AgentConfig, ImpalaConfig, TaskConfig, train_agent
 
 FILE = Path(__file__).parents[2] / "examples" / "impala_single_file.py"
 

@@ -142,11 +142,6 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpo
     assert all(torch.isfinite(parameter).all() for parameter in agent.policy.parameters())
 
 
-def test_a_run_on_another_graph_is_refused(interrupted):
-    with pytest.raises(ConfigError, match="another graph"):
-        resume(interrupted(), graph="paper-examples")
-
-
 def test_training_leaves_global_generators_and_thread_counts_as_they_were(config, done, tmp_path):
     def states():
         return torch.get_rng_state().tolist(), np.random.get_state()[1].tolist(), torch.get_num_threads()  # noqa: NPY002

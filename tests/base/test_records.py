@@ -67,6 +67,9 @@ def test_good_values_pass_the_check_and_the_schema():
     schema = schema_of(Table, "urn:table", "table")
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(as_values(table), schema)
+    for other in ({"rows": as_values(table)["rows"]}, as_values(table) | {"surprise": 1}):
+        with pytest.raises(jsonschema.ValidationError, match=r"by_name|surprise"):
+            jsonschema.validate(other, schema)
     assert (schema["$id"], schema["title"]) == ("urn:table", "table")
 
 

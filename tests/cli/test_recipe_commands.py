@@ -3,8 +3,7 @@
 import pytest
 import torch
 
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg import load_scorer, open_graph
 from wordcraft_kg.models.scorers.queries import RecipeQuery, parse_query
 
 LABELS = {"flour", "water", "dough", "cocoa bean", "c++", "_x", "a->b"}

@@ -6,13 +6,12 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
+from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_book
 from wordcraft_kg.envs.arrays import arrays_of
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.guards import BITS, Guards
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, open_book
+from wordcraft_kg.graphs import OpenedGraph
 
 
 @pytest.fixture(scope="module", params=["train", "no_shortcut", "no_train_shortcut"])

@@ -9,13 +9,12 @@ import pytest
 from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split
 from wordcraft_kg.agents.players import play_all, random_entity
 from wordcraft_kg.base.errors import ConfigError, TaskError
-from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
+from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.graphs.task_search import make_tasks
 
 POLICIES = ("no_shortcut", "no_train_shortcut")

@@ -9,11 +9,10 @@ from gymnasium.vector import AutoresetMode
 from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
+from wordcraft_kg import RecipeGraph, make_sources, open_book, open_graph
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.envs.words import numbered
 from wordcraft_kg.envs.wrappers import FeatureObservation, KGScoreObservation, TextObservation, VectorKGScoreObservation
-from wordcraft_kg.graphs import RecipeGraph, open_book, open_graph
-from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer
 
 SETTINGS = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}

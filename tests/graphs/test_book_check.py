@@ -6,7 +6,6 @@ from graph_strategies import books
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import RecipeGraph, open_book, read_book, write_book
 from wordcraft_kg.graphs.book_check import check_book
@@ -205,12 +204,6 @@ BYTES = {
 @pytest.mark.parametrize(("data", "name", "expected"), BYTES.values(), ids=BYTES)
 def test_a_file_is_looked_at_byte_by_byte(check, data, name, expected):
     assert problems(check(data, name)) == expected
-
-
-def test_a_file_that_is_not_there_or_not_text_is_an_error(tmp_path):
-    for name in ("none.csv", "none.json"):
-        with pytest.raises(RecipeFileError, match="does not exist"):
-            check_book(tmp_path / name)
 
 
 LINES = [

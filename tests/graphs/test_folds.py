@@ -7,10 +7,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from test_splits import HELD_OUT_KINDS, drawn
 
+from wordcraft_kg import SplitConfig, WordCraftConfig, World, make_split, open_graph
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.envs.config import WordCraftConfig
-from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import SplitConfig, make_split, open_graph, recipe_triples
+from wordcraft_kg.graphs import recipe_triples
 from wordcraft_kg.graphs.folds import OUTSIDE, SEVERAL, Folds, fold_of_tasks, make_folds
 from wordcraft_kg.graphs.splits import groups_of
 

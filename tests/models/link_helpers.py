@@ -5,18 +5,13 @@ import json
 import random
 import shutil
 import signal
-from typing import TYPE_CHECKING
 
 import numpy as np
 import safetensors.torch
 import torch
 
+from wordcraft_kg import LinksConfig, RecipeGraph
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.graphs import RecipeGraph
-from wordcraft_kg.models.links.config import LinksConfig
-
-if TYPE_CHECKING:
-    pass
 
 
 def train(opened, settings, out, **options):

@@ -21,7 +21,7 @@ from wordcraft_kg.studies.engine import FullDiskError, run_plan
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
-from wordcraft_kg.studies.results import Figures, RunFigures, read_figures, write_figures
+from wordcraft_kg.studies.results import RunFigures, read_figures, write_figures
 from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
 from wordcraft_kg.studies.tasks import Outcome
@@ -330,11 +330,3 @@ def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
     (gap,) = results.missing
     assert (gap.variant, gap.seed, gap.why) == ("none", 0, "the split has no test tasks of this kind")
     assert len(results.runs) == 7
-
-
-def test_figures_are_read_with_their_type(tmp_path):
-    write_figures(tmp_path, figures := Figures(seconds=1.0, versions={}))
-    assert read_figures(tmp_path, Figures) == figures
-    (tmp_path / "figures.json").write_text('{"sha256": "", "figures": [')
-    with pytest.raises(ArtefactError, match="damaged"):
-        read_figures(tmp_path, Figures)

@@ -2,22 +2,19 @@
 
 from collections import Counter
 
-import numpy as np
 import pytest
 from refusals import refuses
 
 from tests.apps.explorer.shown import Shown, explored_by, explored_graph, look, view_by, view_of
+from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, train_links
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
 from wordcraft_kg.apps.explorer.pages import entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
-from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes, near_by_words
+from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes
 from wordcraft_kg.apps.explorer.pages.home import Home
-from wordcraft_kg.graphs import Planner, RecipeGraph, layers
+from wordcraft_kg.graphs import Planner, layers
 from wordcraft_kg.graphs.splits import PARTS
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
-from wordcraft_kg.models.links.training import train_links
-from wordcraft_kg.models.scorers.features import glove_features
 
 PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 
@@ -168,21 +165,10 @@ def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):
     assert cosines[0] > 0.3
 
 
-def test_near_by_words_are_only_entities_whose_words_have_a_vector():
-    labels = ("bread", "cake", "qqxzzq", "xqqzzqx", "water")
-    words = glove_features(labels)
-    assert words.known.tolist() == [True, True, False, False, True]
-    unit = words.vectors / np.maximum(np.linalg.norm(words.vectors, axis=1, keepdims=True), 1e-9)
-    found = near_by_words(words, 0)
-    assert [labels[other] for other, _ in found] == ["cake", "water"]
-    assert [cosine for _, cosine in found] == pytest.approx([unit[0] @ unit[1], unit[0] @ unit[4]], abs=1e-6)
-    assert near_by_words(words, 2) == []
-
-
 def test_an_entity_whose_words_have_no_vector_is_like_none_by_words():
     explored = explored_graph([("bread", "water", "qqxzzq"), ("qqxzzq", "water", "cake")])
     assert view_of(explored, Entity("qqxzzq")).by_words is None
-    assert {row.entity for row in view_of(explored, Entity("bread")).by_words} == {"water", "cake"}
+    assert [row.entity for row in view_of(explored, Entity("bread")).by_words] == ["cake", "water"]
 
 
 def test_many_recipes_come_page_by_page(of_recipes):

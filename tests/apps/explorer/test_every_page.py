@@ -104,10 +104,6 @@ def test_sending_a_form_as_it_stands_leads_to_the_same_view(explored, address):
         assert view == view_of(explored, state)
 
 
-def test_a_static_page_has_no_form(explored):
-    assert not [one for one in OF_MODELS if filters_of(look(explored, state_at(one), is_static=True))]
-
-
 LINK = {"tail": HOSTILE[0]}
 
 

@@ -54,15 +54,6 @@ def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(term
         assert ("Traceback" in err, err.count("Invalid HTTP request")) == (False, 1)
 
 
-def test_a_port_in_use_is_said_before_any_work(run):
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        outcome = run("explore", "kitchen", "--no-browser", "--port", port)
-    assert f"port {port} is in use" in refused(outcome).replace("--", "").replace("`", "")
-
-
 @pytest.mark.parametrize(
     ("arguments", "message", "kind"),
     [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wordcraft_kg import ComplExConfig, LinksConfig, open_model, train_links
-from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving, status_of
+from wordcraft_kg.apps.explorer.predictor import NEW, LinkPredictor, recipes_giving
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in
 from wordcraft_kg.models.scorers.ranking import rank_triples
 
@@ -67,21 +67,6 @@ def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
         assert neighbours.best(slot, truth=2).truth == found.truth[:2]
         compared += len(true)
     assert compared > 20
-
-
-@pytest.mark.parametrize(
-    ("known", "learned", "is_itself", "status"),
-    [
-        *((known, True, False, "learned") for known in ("train", "test", "new")),
-        *((known, False, False, "held out") for known in ("valid", "test")),
-        ("train", False, False, "not learned"),
-        ("new", False, False, "not in the book"),
-        ("new", False, True, "itself"),
-        ("test", False, True, "held out"),
-    ],
-)
-def test_status_says_what_is_known_of_a_link(known, learned, is_itself, status):
-    assert status_of(known, learned, is_itself=is_itself) == status
 
 
 def test_an_entity_in_its_own_slot_is_marked(neighbours):

@@ -7,15 +7,13 @@ from urllib.parse import quote
 
 import pytest
 from graph_folders import write_graph
-from starlette.responses import PlainTextResponse
-from starlette.routing import Route, Router
 from starlette.testclient import TestClient
 
 from tests.apps.explorer.shown import HOSTILE, Shown, client_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES, entities
 from wordcraft_kg.apps.explorer.server import make_app
-from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS, LONGEST_BODY, Guard
+from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS
 from wordcraft_kg.apps.web.serving import listen
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError
 from wordcraft_kg.base.records import as_values
@@ -90,10 +88,6 @@ def test_nothing_but_reading_is_possible(client, method):
     assert client.request(method, "/home").status_code == 405
 
 
-def test_a_long_query_is_answered(client):
-    assert client.get("/entities?q=" + "a" * (LONGEST_ADDRESS - 100)).status_code == 200
-
-
 @pytest.mark.parametrize(
     "path", ["/../../etc/passwd", "/files/../server.py", "/files/%2e%2e%2fserver.py", "/files/server.py"]
 )
@@ -121,6 +115,7 @@ def test_entities_are_offered_where_an_entity_is_not_there(client, path, is_mean
         ("/entities?sort=size", 400, "size"),
         ("/entities?page=99", 400, "page"),
         ("/entities?q=%ff", 400, "UTF-8"),
+        ("/entities?q=" + "a" * (LONGEST_ADDRESS - 100), 200, ""),
         ("/entities?q=" + "a" * LONGEST_ADDRESS, 414, "too long"),
         ("/entities?" + "&".join(f"q{i}=1" for i in range(500)), 400, "UTF-8"),
         ("/entity/brea", 404, "No entity &#39;brea&#39;"),
@@ -159,28 +154,6 @@ def test_hostile_labels_are_text_in_pages_lists_and_searches(hostile_client):
     found = client.get("/search", params={"q": "<scr"}).json()
     assert [label for label, _ in found] == ["<script>alert(1)</script>"]
     assert client.get(found[0][1]).status_code == 200
-
-
-@pytest.fixture
-def form():
-    async def receive(request):
-        return PlainTextResponse(str(len(await request.body())))
-
-    app = Router([Route("/", receive, methods=["POST", "GET"])])
-    wrapped = Guard(app, "127.0.0.1", (), lambda status, message: f"{status} {message}", methods=("GET", "POST"))
-    return TestClient(wrapped, base_url="http://localhost:8766")
-
-
-def test_a_form_of_another_site_is_refused(form):
-    assert form.post("/", content=b"a=1", headers={"Origin": "http://localhost:8766"}).text == "3"
-    for origin in ("http://evil.example", "null", "http://localhost:9999", "http://localhost", "http://["):
-        assert form.post("/", content=b"a=1", headers={"Origin": origin}).status_code == 403
-
-
-def test_a_long_body_is_refused_whether_or_not_its_length_is_said(form):
-    assert form.post("/", content=b"a" * LONGEST_BODY).text == str(LONGEST_BODY)
-    for content in (b"a" * (LONGEST_BODY + 1), (b"a" * 1000 for _ in range(100))):
-        assert form.post("/", content=content).status_code == 413
 
 
 def test_a_page_is_sent_at_once():

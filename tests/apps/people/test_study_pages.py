@@ -15,7 +15,7 @@ from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers
 from wordcraft_kg.apps.people.web_app import code_hash, make_study_app, steady_clock
 from wordcraft_kg.apps.web import guard
-from wordcraft_kg.apps.web.guard import HEADERS
+from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_BODY
 from wordcraft_kg.graphs import RecipeGraph
 
 CODE = "k7qm-2xwd-9hrt"
@@ -335,7 +335,7 @@ def test_forms_of_other_sites_and_other_hosts_are_refused(browser, code):
     form = {"task": "0", "first": "1", "second": "2"}
     consent = {"consent": "yes", "code": CODE}
     for path, values in ((f"/s/{code}/answer", form), ("/begin", consent), (f"/s/{code}/withdraw", {})):
-        for origin in ("http://evil.example", "http://localhost:1", "null"):
+        for origin in ("http://evil.example", "http://localhost:1", "http://localhost", "http://[", "null"):
             assert browser.client.post(path, data=values, headers={"Origin": origin}).status_code == 403
         assert browser.client.post(path, data=values, headers={"Host": "evil.example"}).status_code == 421
     assert browser.lines() == []
@@ -344,7 +344,8 @@ def test_forms_of_other_sites_and_other_hosts_are_refused(browser, code):
 
 
 def test_what_is_too_long_or_of_another_method_is_refused(browser, code):
-    assert browser.client.post(f"/s/{code}/answer", content=b"x" * 70_000).status_code == 413
+    for content in (b"x" * (LONGEST_BODY + 1), (b"x" * 1_000 for _ in range(100))):  # its length is said or not
+        assert browser.client.post(f"/s/{code}/answer", content=content).status_code == 413
     assert browser.client.put("/begin").status_code == 405
     for path in ("/begin", "/return", f"/s/{code}/answer", f"/s/{code}/withdraw"):
         assert browser.client.get(path).status_code in (404, 405)

@@ -50,19 +50,6 @@ def spoilt_folds(folded, tmp_path):
 # --- what is trained -------------------------------------------------------------------------------------------------
 
 
-def test_each_fold_has_the_model_that_its_triples_alone_give(folded, opened_kitchen):
-    scorer, folds, graph = load_scorer(folded), make_folds(opened_kitchen.split, 3), opened_kitchen.graph
-    assert (scorer.count, scorer.record.hash) == (3, folds.hash)
-    np.testing.assert_array_equal(scorer.of_recipe, folds.of_recipe)
-    for fold in range(3):
-        triples = folds.triples([fold])
-        model = fit(replace(SHORT, folds=0), triples_factory(graph, triples), lambda epoch: None)
-        expected = make_scorer(*scorer_tensors(SHORT, model, triples), graph.entities, graph.hash)
-        for relation in (0, 1):
-            torch.testing.assert_close(scorer.left_out(fold).table(relation), expected.table(relation), rtol=0, atol=0)
-        np.testing.assert_array_equal(scorer.trained_on(fold, graph), triples)
-
-
 def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kitchen, tmp_path):
     plain = load_scorer(train(opened_kitchen, replace(SHORT, folds=0), tmp_path / "plain").folder)
     scorer = load_scorer(folded)

@@ -11,18 +11,17 @@ from link_oracles import equation_2, n3
 from refusals import refuses
 from resumption import resume
 
+from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, load_scorer
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
-from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs import recipe_triples
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, write_knowledge
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
-from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.outside import read_outside
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
 from wordcraft_kg.models.links.regularisation import choose
-from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
+from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.runs.record import read_run
 
 Rows = list[tuple[str, ...]]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.models.links.config import CONFIGS, N3_PARTIAL, ComplExConfig, LinkModelConfig, LinksConfig
+from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkModelConfig, LinksConfig
 
 NAN, INF = float("nan"), float("inf")
 BOTH = (ComplExConfig, LinkModelConfig)
@@ -63,16 +63,6 @@ def test_naming_one_part_of_the_regularisation_fixes_the_other(given, n3, popula
     config = ComplExConfig(**given)
     assert (config.n3, config.popularity, config.is_open) == (n3, popularity, False)
     assert config.fixed() == config
-
-
-@pytest.mark.parametrize("kg", ["full", "partial"])
-def test_a_given_n3_is_kept(kg):
-    assert ComplExConfig(kg=kg, n3=0.0).n3 == 0
-    assert ComplExConfig(kg=kg, n3=0.7).n3 == 0.7
-
-
-def test_configurations_are_found_by_their_command():
-    assert {name: config().command for name, config in CONFIGS.items()} == {name: name for name in CONFIGS}
 
 
 def test_a_config_file_fills_the_defaults_of_settings_that_it_lacks(tmp_path):

@@ -131,20 +131,6 @@ def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder)
     assert [path for path in complex_folder.iterdir() if path.is_dir()] == []
 
 
-def test_the_run_record_holds_the_hashes_of_the_outputs_and_inputs(complex_folder, opened_kitchen):
-    run = json.loads((complex_folder / "run.json").read_text())
-    assert run["status"] == "done"
-    assert run["kind"] == "train-complex"
-    assert run["inputs"] == {
-        "graph": opened_kitchen.graph.hash,
-        "split": opened_kitchen.split.hash,
-        "config.toml": contents(complex_folder)["config.toml"],
-    }
-    assert run["outputs"] == {name: contents(complex_folder)[name] for name in run["outputs"]}
-    assert {"model.safetensors", "vocabulary.json", "config.toml"} <= set(run["outputs"])
-    assert (run["versions"]["torch"], run["threads"]) == (torch.__version__, 1)
-
-
 def test_no_environment_variable_and_no_home_folder_goes_into_the_records(opened_kitchen, tmp_path, monkeypatch):
     monkeypatch.setenv("SOME_TOKEN", "s3cr3t-value")
     monkeypatch.setenv("HOME", str(tmp_path))

@@ -9,10 +9,9 @@ from graph_folders import write_graph
 from link_helpers import flip_bit, train
 from refusals import refuses
 
+from wordcraft_kg import ComplExConfig, RecipeGraph, SplitConfig, make_split, open_book, open_graph, open_model
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book, open_graph, write_graph_folder
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.links.config import ComplExConfig
+from wordcraft_kg.graphs import write_graph_folder
 
 SHORT = ComplExConfig(dim=4, epochs=2, n3=0.1, folds=2)
 

@@ -68,11 +68,6 @@ def test_the_pipeline_trains_our_model_by_name(parted_kitchen, parted_folder):
     assert result.training.num_triples == len(parted_kitchen.split.partial)
 
 
-def test_the_pipeline_takes_a_built_in_book_by_name():
-    result = pipeline(**settings("kitchen"), loss="crossentropy", random_seed=0)
-    assert result.model.num_entities == 80
-
-
 def test_the_pipeline_without_a_loss_is_an_error_that_says_which_loss_to_give():
     # PyKEEN's pipeline passes its own default, a margin loss, to every model, whatever the model's default is.
     with pytest.raises(ConfigError, match=r"(?i)cross.?entropy.*loss=.crossentropy."):

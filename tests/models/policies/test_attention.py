@@ -8,8 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from small_scorers import normal
 
-from wordcraft_kg.models.policies.attention import FOLD_LIMIT, Slots, TableAttention, masked_softmax, mix_logits
-from wordcraft_kg.models.policies.policy import EntityVectors, log_policy, look_up
+from wordcraft_kg.models.policies.attention import Slots, TableAttention, masked_softmax, mix_logits
+from wordcraft_kg.models.policies.policy import EntityVectors, log_policy
 
 KEY_SIZE = 3
 NUM_ENTITIES = 7
@@ -25,23 +25,6 @@ def attention_of(dim):
 def alpha_of(attention, vectors, goal, selection, table):
     rows = attention.rows({**vectors.weights(), **attention.weights()}, goal, selection)
     return Slots(vectors.weights().get("vectors"), table).dot(rows)
-
-
-@pytest.mark.parametrize(("dim", "is_folded"), [(5, True), (FOLD_LIMIT, True), (FOLD_LIMIT + 1, False)])
-def test_keys_are_folded_into_the_query_up_to_the_limit(dim, is_folded):
-    weights = attention_of(dim).weights()
-    assert (len(weights) == 2) is is_folded
-    assert weights["query"].shape == (2 * dim, dim if is_folded else KEY_SIZE)
-
-
-@pytest.mark.parametrize("shape", [(), (4,), (2, 3), (2, 3, 2), (0, 3)])
-def test_vectors_are_looked_up_for_ids_of_any_shape(shape):
-    vectors = EntityVectors(NUM_ENTITIES, normal(NUM_ENTITIES, 5)).weights()["vectors"]
-    ids = torch.randint(NUM_ENTITIES + 1, shape, generator=torch.Generator().manual_seed(0))
-    found = look_up(vectors, ids)
-    assert found.shape == (*shape, 5)
-    for row, entity in zip(found.reshape(-1, 5), ids.flatten().tolist(), strict=True):
-        assert torch.equal(row, vectors[entity])
 
 
 @st.composite

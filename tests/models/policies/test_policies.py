@@ -11,12 +11,11 @@ from refusals import refuses
 from small_scorers import BareScorer, normal
 from small_scorers import states as states_of
 
+from wordcraft_kg import PolicyConfig, make_sources
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.attention import FOLD_LIMIT, AttentionPolicy
-from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors
-from wordcraft_kg.models.policies.sources.registry import make_sources
 
 SIZE = 7
 NOTHING = SIZE

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -328,12 +327,3 @@ def test_parameters_that_do_not_fit_are_an_artefact_error_of_one_line(folder, ki
         read_policy(folder, constants, spoil(whole))
     assert "\n" not in str(refusal.value)
     assert_equal_bits(read_policy(folder, constants, whole), read(folder))
-
-
-@pytest.mark.parametrize("features", ["one-hot", "learned", "random"])
-@pytest.mark.parametrize("policy", ["attention", "mlp"])
-def test_policies_of_another_kind_of_features_do_not_pass_for_each_other(tmp_path, features, policy):
-    folder = written(tmp_path, plain(features, policy=policy))
-    settings = asdict(PolicyConfig(policy, "learned" if features == "one-hot" else "one-hot", **SIZES))
-    with pytest.raises(ArtefactError):
-        read(edited(folder, settings=settings, dim=3 if features == "one-hot" else 0))

@@ -9,7 +9,7 @@ import torch
 from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
 from resumption import resume
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, open_graph
@@ -204,11 +204,6 @@ def test_the_scorer_of_another_fold_is_a_leak(spoilt, book):
 def test_a_missing_or_damaged_fold_is_named(spoilt, change):
     with pytest.raises(ArtefactError, match=r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"):
         spoilt(change)
-
-
-def test_a_scorer_of_another_graph_is_refused(small, opened_kitchen):
-    with pytest.raises(GraphMismatchError):
-        load_scorer(small, graph=opened_kitchen.graph)
 
 
 def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):

@@ -30,9 +30,7 @@ from wordcraft_kg.models.scorers.low_rank_kernel import (
     Term,
     factored_sum,
     kernel_scorer,
-    smoothed,
     spread,
-    two_step,
 )
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
@@ -154,21 +152,6 @@ def smoother(rows, size=SIZE):
     """K (K + λ)⁻¹, written out."""
     kernel = rows.times(np.eye(size, dtype=np.float32)).astype(float)
     return kernel @ np.linalg.inv(kernel + SMOOTHING * np.eye(size))
-
-
-def test_smoothing_solves_the_ridge_regression():
-    rows = SparseSimilarity.of(drawn_recipes(0), SIZE, drawn_vectors(0))
-    block = np.random.default_rng(0).standard_normal((SIZE, 6)).astype(np.float32)
-    block[:, 2] = 0
-    np.testing.assert_allclose(smoothed(rows, block), smoother(rows) @ block, atol=5e-3)
-
-
-def test_two_steps_smooth_heads_and_tails():
-    rows = SparseSimilarity.of(drawn_recipes(0), SIZE)
-    smooth = smoother(rows)
-    links = link_matrices(drawn_recipes(0), SIZE)[1].numpy()
-    found = two_step(rows, links)(np.eye(SIZE, dtype=np.float32))
-    np.testing.assert_allclose(found, smooth @ links @ smooth, atol=1e-2)
 
 
 def _term(weight, matrix):

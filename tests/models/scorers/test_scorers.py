@@ -333,15 +333,6 @@ def test_a_missing_file_is_an_artefact_error_that_names_it(spoilt, name):
         load_scorer(folder)
 
 
-@pytest.mark.parametrize("kind", ["empty", "a list", "of an unknown scorer"])
-def test_a_vocabulary_of_another_kind_is_an_artefact_error(spoilt, kind):
-    folder, path = spoilt("vocabulary.json")
-    unknown = json.loads(path.read_text()) | {"scorer": "magic"}
-    path.write_text(json.dumps({"empty": {}, "a list": [], "of an unknown scorer": unknown}[kind]))
-    with pytest.raises(ArtefactError):
-        load_scorer(mended(folder, "vocabulary.json"))
-
-
 def test_a_table_of_any_strides_scores_like_a_plain_one():
     scores = torch.randn(len(RELATIONS), SIZE, SIZE).transpose(1, 2)
     assert not scores.is_contiguous()

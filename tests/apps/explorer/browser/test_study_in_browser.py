@@ -164,23 +164,6 @@ def test_the_back_button_and_reloads_change_no_answer(page, study):
     assert study.lines()[1].loads >= 2
 
 
-def test_a_click_while_the_server_is_away_is_sent_again_by_a_reload(open_page, study, chromium):
-    context = chromium.new_context()
-    page = context.new_page()
-    begin(page, study)
-    thing(page, 0).click()
-    page.wait_for_url("**first=1")
-    context.set_offline(True)
-    thing(page, 1).click()
-    page.wait_for_url("chrome-error://**")
-    context.set_offline(False)
-    page.reload()
-    page.wait_for_load_state()
-    assert len(study.lines()) <= 1
-    page.goto(f"{study.address}/")
-    context.close()
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page, study, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()

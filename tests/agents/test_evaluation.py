@@ -16,9 +16,11 @@ from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
 from wordcraft_kg.agents.players import random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.statistics import task_bootstrap
+from wordcraft_kg.envs import evaluation_tables
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
+from wordcraft_kg.evaluation.players import view_baselines
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
@@ -349,3 +351,14 @@ def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeyp
     assert f"{amount:,} train tasks are too many: evaluating a sample of {len(evaluator.tasks)} tasks" in caplog.text
     assert evaluator(random_entity).figures().tasks == len(evaluator.tasks)
     assert len(Evaluator(world, limit=None).tasks) == amount
+
+
+def test_very_many_tasks_are_played_on_the_first_of_their_tables(opened, monkeypatch):
+    world = World(opened, WordCraftConfig(part="test", num_distractors=3))
+    few = Evaluator(world)(scripted)
+    monkeypatch.setattr(evaluation_tables, "MANY_TASKS", len(world.tasks) - 1)
+    many = Evaluator(world)(scripted)
+    assert (few.success.shape, many.success.shape) == ((63, 5), (63, 1))
+    np.testing.assert_array_equal(many.decisions, few.decisions[:, :1])
+    view = view_baselines(opened, "kitchen", world.config, [3])
+    assert (view.distractor_seeds, {row.episodes for row in view.rows}) == (1, {63})

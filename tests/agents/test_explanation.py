@@ -21,6 +21,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split, recipe_triples
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.policies.sources import recipe as recipe_source
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
@@ -387,25 +388,21 @@ def test_parallel_threads_get_the_same_explanations_as_one_thread(made):
         assert list(pool.map(ask, questions * 2)) == alone * 2
 
 
-def test_a_source_keeps_the_scores_of_one_question_apart_from_those_of_another(opened, scorer, made):
-    """Between the question whether the kept scores fit and their use, another thread may replace them."""
-    (w,) = make_sources(["w"], scorer, ScoreView(), tasks=made("no scorer", "train")[0].tasks)
-    goal, nothing = torch.tensor([3]), torch.tensor([opened.graph.num_entities])
-    tables, task = [torch.tensor([[1, 2, 5, 9]]), torch.tensor([[4, 6, 7, 8]])], torch.tensor([0])
-    expected = [w(goal, nothing, table, task) for table in tables]
-
-    class Meddler(tuple):  # stands for the scores that are kept, and for the thread
-        def __getitem__(self, index):
-            if index == 0:
-                w._last = other
-            return super().__getitem__(index)
-
-    w(goal, nothing, tables[1], task)
-    other = w._last
-    w(goal, nothing, tables[0], task)
-    w._last = Meddler(w._last)
-    assert torch.equal(w(goal, nothing, tables[0], task), expected[0])
-    assert not torch.equal(*expected)
+def test_a_source_keeps_the_scores_of_some_questions_apart_from_each_other(opened, scorer, made, monkeypatch):
+    tasks = made("no scorer", "train")[0].tasks
+    kept, fresh = (make_sources(["w"], scorer, ScoreView(), tasks=tasks)[0] for _ in range(2))
+    nothing, task = torch.tensor([opened.graph.num_entities]), torch.tensor([0])
+    asked = []
+    monkeypatch.setattr(kept, "pair_scores", lambda *inputs: asked.append(inputs) or fresh.pair_scores(*inputs))
+    questions = [(goal, table) for goal in (3, 5) for table in ([1, 2, 6, 9], [4, 6, 7, 8], [4, 6, 7, 8, 2])]
+    for goal, table in questions * 2 + questions[::-1]:
+        question = torch.tensor([goal]), nothing, torch.tensor([table]), task
+        fresh._kept = {}
+        assert torch.equal(kept(*question), fresh(*question))
+    assert len(asked) == len(questions)
+    for number in range(100):
+        kept(torch.tensor([number % 20]), nothing, torch.tensor([[number // 20, 30, 31]]), task)
+    assert len(kept._kept) == recipe_source.MOST_KEPT
 
 
 def test_explaining_leaves_the_policy_as_it_is(made):

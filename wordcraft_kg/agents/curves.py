@@ -17,7 +17,6 @@ from wordcraft_kg.runs.trackers import Log
 
 EVALUATED: tuple[TaskPart, ...] = ("train", "test")
 """Parts of the split on which a trained agent is evaluated."""
-DISTRACTOR_SEEDS = 5
 CURVE_TASKS = 4_000
 """Maximum number of tasks per part of the split for a point on a learning curve; the final evaluation uses far more."""
 
@@ -71,7 +70,7 @@ def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator
     result = {}
     for part in EVALUATED:
         with suppress(TaskError):  # without held-out recipes, a graph has no test tasks
-            distractor_seeds = 1 if curve and part == "train" else DISTRACTOR_SEEDS
+            distractor_seeds = 1 if curve and part == "train" else None
             limit = CURVE_TASKS if curve else MOST_TASKS
             result[part] = Evaluator(world.variant(part=part), distractor_seeds=distractor_seeds, limit=limit)
     return result

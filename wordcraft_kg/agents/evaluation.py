@@ -10,21 +10,19 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, Success, TerminationReason
 from wordcraft_kg.agents.players import Player, knowledge_player, random_entity, recipe_oracle
-from wordcraft_kg.agents.states import bind_tasks, states_of
+from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Share
 from wordcraft_kg.base.settings import MAX_SIZE, check_memory, whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
-from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, MOST_TASKS, distance_of
+from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, MOST_TASKS, default_seeds, distance_of
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
 
 _HASH_FACTOR = 6_364_136_223_846_793_005
-ROWS = 2_048
-"""Batch size for a policy; larger arrays would leave the processor cache."""
 
 
 class PolicyPlayer:
@@ -99,9 +97,15 @@ class Evaluation:
 class Evaluator:
     """Plays all tasks in a world, or an evenly spaced sample, on fixed starting tables."""
 
-    def __init__(self, world: World, *, distractor_seeds: int = 5, limit: int | None = MOST_TASKS):
-        """Create an environment for each of at most ``limit`` tasks; ``distractor_seeds`` are tables per task."""
+    def __init__(self, world: World, *, distractor_seeds: int | None = None, limit: int | None = MOST_TASKS):
+        """Create an environment for each of at most ``limit`` tasks.
+
+        ``distractor_seeds`` are tables per task, by default
+        :func:`~wordcraft_kg.envs.evaluation_tables.default_seeds`.
+        """
         num_tasks = len(world.tasks)
+        if distractor_seeds is None:
+            distractor_seeds = default_seeds(num_tasks)
         step = distance_of(num_tasks, limit)
         self.tasks = np.arange(0, num_tasks, step)
         if step > 1 and limit == MOST_TASKS:
@@ -159,14 +163,14 @@ class Evaluator:
 
 
 def evaluate(
-    player: Policy | Player, graph: GraphLike | World, *, distractor_seeds: int = 5, **settings: Any
+    player: Policy | Player, graph: GraphLike | World, *, distractor_seeds: int | None = None, **settings: Any
 ) -> Evaluation:
     """Evaluate a policy or player on all tasks in a part of the split (a sample if there are very many).
 
     Args:
         player: policy for the graph, or function from a batched state and a random generator to slots.
         graph: graph folder, book file or name, recipe graph, opened graph, or world (then without ``settings``).
-        distractor_seeds: tables per task, equal for all players.
+        distractor_seeds: tables per task, equal for all players; by default 5, or 1 if there are very many tasks.
         settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
 
     Raises:

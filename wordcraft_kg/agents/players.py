@@ -11,13 +11,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wordcraft_kg.agents.states import bind_tasks, states_of
+from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
+from wordcraft_kg.envs.evaluation_tables import default_seeds
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -83,8 +84,9 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
         bind_tasks(sources, state.world)
         inputs = states_of(state)
         scores = np.zeros(state.table.shape)
-        for source in sources:
-            scores += ask(source, *inputs).numpy()
+        for start in range(0, state.num_envs, ROWS):
+            for source in sources:
+                scores[start : start + ROWS] += ask(source, *inputs.rows(start, start + ROWS)).numpy()
         return _best(np.where(state.action_masks(), scores, -np.inf), rng)
 
     return choose
@@ -248,18 +250,20 @@ def play_all(
     players: dict[str, Player],
     distractors: Iterable[int] = (1, 2, 8),
     *,
-    distractor_seeds: int = 5,
+    distractor_seeds: int | None = None,
     seed: int = 0,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
     """Evaluate players on all tasks of a world with each number of distractors; a record each per number and player.
 
-    Success does not depend on reward settings. ``distractor_seeds`` are tables per task, equal for all players;
-    ``seed`` draws distractors and players' choices. ``progress`` receives finished records, total records, and the last
-    success rate.
+    Success does not depend on reward settings. ``distractor_seeds`` are tables per task, equal for all players,
+    as for :class:`~wordcraft_kg.agents.evaluation.Evaluator`; ``seed`` draws distractors and players' choices.
+    ``progress`` receives finished records, total records, and the last success rate.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
+    if distractor_seeds is None:
+        distractor_seeds = default_seeds(len(world.tasks))
     amounts = list(dict.fromkeys(distractors))
     for amount in amounts:
         tasks = np.arange(len(world.tasks))

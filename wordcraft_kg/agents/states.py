@@ -11,6 +11,9 @@ from wordcraft_kg.envs.batch import State
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.models.policies.sources.source import Attempts
 
+ROWS = 2_048
+"""Largest batch for a policy or source; larger arrays would leave the processor cache."""
+
 
 class States(NamedTuple):
     """The states of B environments as tensors, each with A slots.

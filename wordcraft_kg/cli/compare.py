@@ -33,13 +33,13 @@ class AgentOptions:
 
     Attributes:
         distractors: comma-separated numbers of distractors. Default: 1, 8 and the training value.
-        distractor_seeds: distractor seeds for each task.
+        distractor_seeds: distractor seeds for each task. Default: 5, or 1 above 6,000 tasks.
         episodes: episodes to explain for each agent.
     """
 
     part: Part = "test"
     distractors: Words = None
-    distractor_seeds: int = 5
+    distractor_seeds: int | None = None
     episodes: int = 2
 
 
@@ -102,7 +102,8 @@ def _compare_agents(
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
-    whole("distractor_seeds", options.distractor_seeds, 1, MAX_SIZE)
+    if options.distractor_seeds is not None:
+        whole("distractor_seeds", options.distractor_seeds, 1, MAX_SIZE)
     whole("episodes", options.episodes, 0, MAX_SIZE)
     amounts = whole_numbers("distractors", options.distractors) if options.distractors else None
     groups = group_agents([open_agent(folder, graph) for folder in runs])

@@ -55,7 +55,7 @@ def evaluate_agent(
     *,
     part: Part = "test",
     distractors: Words = None,
-    distractor_seeds: int = 5,
+    distractor_seeds: int | None = None,
     distractor_policy: DistractorPolicy | None = None,
     trained: Annotated[RunOptions, Parameter(name="*", group="Trained agent")] = RunOptions(),
     scripted: Annotated[ScriptedOptions, Parameter(name="*", group="Scripted players")] = ScriptedOptions(),
@@ -69,12 +69,14 @@ def evaluate_agent(
         run: run folder (the last checkpoint is evaluated if training is unfinished); or graph, book file or known
             book's name for scripted players.
         distractors: comma-separated numbers of distractors. Default: as in training; 1,2,8 for scripted players.
-        distractor_seeds: distractor seeds for each task; all players get the same tables.
+        distractor_seeds: distractor seeds for each task; all players get the same tables. Default: 5, or 1 above 6,000
+            tasks.
         distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the goal; or
             no_train_shortcut, so that none opens an additional way by train recipes alone. Default: as in training; any
             for scripted players.
     """
-    whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
+    if distractor_seeds is not None:
+        whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
     if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
         refuse_given(scripted, f"scripted players on a graph, and '{run}' is not a graph")
         from wordcraft_kg.agents.agent_folder import open_agent
@@ -97,9 +99,8 @@ def evaluate_agent(
             from wordcraft_kg.models.folder import open_model
 
             model = scripted.scorer.name, open_model(scripted.scorer, run)
-        settings = {"distractor_seeds": distractor_seeds, "seed": scripted.seed}
-        progress = output.progress("baselines", unit="row")
-        baselines = view_baselines(graph, run, config, amounts, model, **settings, progress=progress)
+        seeds, progress = (distractor_seeds, scripted.seed), output.progress("baselines", unit="row")
+        baselines = view_baselines(graph, run, config, amounts, model, *seeds, progress=progress)
         output.result(baselines, _table(baselines, amounts))
 
 

@@ -11,6 +11,13 @@ MOST_TASKS = 50_000
 """Most tasks to play by default; if a part of the split has more, evenly spaced tasks are played."""
 EVALUATION_SEED = 0
 """Seed for distractors in evaluation, independent of an agent's seed."""
+MANY_TASKS = 6_000
+"""Most tasks that are played on several tables by default; for more tasks, further tables hardly change an interval."""
+
+
+def default_seeds(num_tasks: int) -> int:
+    """Return the default number of distractor seeds (tables per task): 5, or 1 above :data:`MANY_TASKS` tasks."""
+    return 5 if num_tasks <= MANY_TASKS else 1
 
 
 def distance_of(amount: int, limit: int | None) -> int:

@@ -154,7 +154,7 @@ def view_agents(
     *,
     part: TaskPart = "test",
     distractors: Sequence[int] | None = None,
-    distractor_seeds: int = 5,
+    distractor_seeds: int | None = None,
     episodes: int = 2,
 ) -> AgentsView:
     """Evaluate agents greedily on all tasks of a split part (such as test), with the same tables for all agents.
@@ -187,7 +187,7 @@ def view_agents(
         depth=first.config.tasks.depth,
         distractors=tuple(played),
         headline=headline,
-        distractor_seeds=distractor_seeds,
+        distractor_seeds=evaluators[headline].distractor_seeds,
         tasks=tasks,
         sampled_from=len(world.tasks) if tasks < len(world.tasks) else None,
         agents=tuple(

@@ -53,7 +53,7 @@ def view_evaluation(
     agent: str,
     part: TaskPart,
     distractors: Sequence[int],
-    distractor_seeds: int,
+    distractor_seeds: int | None,
     distractor_policy: DistractorPolicy | None = None,
 ) -> AgentEvaluation:
     """Evaluate a player on the tasks in an agent's training run, for each distractor count.
@@ -126,9 +126,9 @@ def view_baselines(
     config: WordCraftConfig,
     distractors: Sequence[int],
     model: "tuple[str, Model] | None" = None,
-    *,
-    distractor_seeds: int = 5,
+    distractor_seeds: int | None = None,
     seed: int = 0,
+    *,
     progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> Baselines:
     """Evaluate scripted players and, if a model is given with its name, players that follow the model's scores."""
@@ -147,7 +147,7 @@ def view_baselines(
         depth=config.depth,
         distractor_policy=config.distractor_policy,
         tasks=len(world.tasks),
-        distractor_seeds=distractor_seeds,
+        distractor_seeds=rows[0].episodes // len(world.tasks),
         seed=seed,
         intervals="95 %, bootstrap over tasks",
         rows=rows,

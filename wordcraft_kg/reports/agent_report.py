@@ -25,7 +25,7 @@ def make_agent_report(
     *,
     part: TaskPart = "test",
     distractors: Sequence[int] | None = None,
-    distractor_seeds: int = 5,
+    distractor_seeds: int | None = None,
     episodes: int = 2,
 ) -> Report[AgentsView]:
     """Evaluate agents by :func:`~wordcraft_kg.evaluation.agents.view_agents`; return the report, ready to write."""

@@ -29,7 +29,7 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.folder import MODEL
 from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.studies.result_readers import DRAWS, READERS, SEEN, ResultReader, external_rows, is_model
+from wordcraft_kg.studies.result_readers import READERS, SEEN, ResultReader, external_rows, is_model
 
 DISTRACTORS = (1, 2, 8)
 """Distractor counts in the published results, as in the paper."""
@@ -128,7 +128,7 @@ def _task_rows(
     config = WordCraftConfig(
         part=play.part, depth=play.depth, max_attempts=play.attempts, num_distractors=max(columns, default=0)
     )
-    view = view_baselines(opened, opened.graph.name, config, columns, model, distractor_seeds=DRAWS, seed=_SEED)
+    view = view_baselines(opened, opened.graph.name, config, columns, model, seed=_SEED)
     options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
     if model:
         options += f" --scorer {model[0]}"

@@ -32,8 +32,6 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.scorers.folder import WEIGHTS
 from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
-DRAWS = 5
-"""Distractor seeds for each task."""
 SEEN = "knows the recipes of the test tasks"
 OVER_SEEDS = "95 %, bootstrap over seeds and tasks"
 OVER_TASKS = "95 %, bootstrap over tasks"
@@ -135,7 +133,7 @@ def agent_rows(
     estimates: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
     own: dict[str, dict[int, float]] = {name: {} for name in groups}
     for column in columns:
-        evaluator = Evaluator(world.variant(num_distractors=column), distractor_seeds=DRAWS)
+        evaluator = Evaluator(world.variant(num_distractors=column))
         for name, members in steps("evaluating agents", groups.items()):
             if can_play(members[0], column):
                 played = [evaluator(PolicyPlayer(agent.policy)) for agent in members]
@@ -150,9 +148,7 @@ def agent_rows(
                 f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} distractors only; "
                 f"add this number to --distractors {','.join(map(str, columns))}."
             )
-        rows.append(
-            _agent_row(name, members, figures_of(estimates[name], own[name]), play, origin, len(evaluator.tasks))
-        )
+        rows.append(_agent_row(name, members, figures_of(estimates[name], own[name]), play, origin, evaluator))
     return tuple(rows)
 
 
@@ -162,7 +158,7 @@ def _agent_row(
     figures: dict[str, Figure],
     play: TaskPlay,
     origin: Origin,
-    tasks: int,
+    evaluator: Evaluator,
 ) -> ReferenceRow:
     config = members[0].config
     settings = {key: str(value) for key, value in config.differing().items() if key not in _NO_RESULT + _SHOWN}
@@ -180,8 +176,8 @@ def _agent_row(
         source=" ".join(("wordcraft-kg", *members[0].run.argv[1:])),
         play=play,
         interval=OVER_SEEDS if len(members) > 1 else OVER_TASKS,
-        tasks=tasks,
-        distractor_seeds=DRAWS,
+        tasks=len(evaluator.tasks),
+        distractor_seeds=evaluator.distractor_seeds,
         seeds=len(members),
         settings=settings | trained,
         notes=f"its scorer {SEEN}" if members[0].run.kg == "full" else "",

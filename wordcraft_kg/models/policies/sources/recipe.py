@@ -1,6 +1,7 @@
 """The source w: the score for the best recipe that makes the goal with a slot's entity."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from itertools import islice
 
 import torch
 from torch import Tensor, nn
@@ -36,6 +37,9 @@ _LAYOUTS = {
     "bias": "models float32",
 }
 
+KEPT, MOST_KEPT = 2**24, 64
+"""Largest amounts of scores, and of batches with scores, that a source keeps."""
+
 
 class BestRecipe(FoldedSource):
     """The source w, ``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)``.
@@ -53,7 +57,7 @@ class BestRecipe(FoldedSource):
     def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
         super().__init__(num_entities, fold_of_recipe)
         self.knowledge = knowledge
-        self._last: tuple[tuple[Tensor, ...], Tensor] | None = None
+        self._kept: dict[tuple[object, ...], Tensor] = {}
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
@@ -156,29 +160,24 @@ class BestRecipe(FoldedSource):
     def _scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
         """Return :meth:`pair_scores`; trailing slots that are empty in all tables are skipped.
 
-        The last scores are cached, because most tables recur once, before and after the first action. Threads may call
-        concurrently: the cache is read once and replaced as a whole.
+        The last scores are kept, because tables recur: before and after the first action, and for another player on
+        the same tables. Threads may call concurrently: the dictionary is replaced, never changed.
         """
         slots, is_used = table.shape[1], (table != self.num_entities).any(0)
         used = int(is_used.nonzero().max()) + 1 if is_used.any() else 0
         inputs = goal, table[:, :used], model, *(part for part in attempts or () if part is not None)
-        last = self._last
-        if last is not None and last[1].shape[-1] == slots and _are_same(last[0], inputs):
-            return last[1]
+        key = (table.device, slots, used, *(part.cpu().numpy().tobytes() for part in inputs))
+        kept = self._kept
+        if key in kept:
+            return kept[key]
         rest = slots - used
         scores = self.pair_scores(goal, table[:, :used], model, attempts)
         scores = nn.functional.pad(scores, (0, rest, 0, rest), value=-torch.inf)
-        self._last = tuple(part.clone() for part in inputs), scores
+        most = max(1, KEPT // max(1, scores.numel()))
+        self._kept = {key: scores, **dict(islice(kept.items(), min(most, MOST_KEPT) - 1))}
         return scores
 
 
 def _forget(source: nn.Module, _: object) -> None:
     assert isinstance(source, BestRecipe)
-    source._last = None
-
-
-def _are_same(ones: Sequence[Tensor], others: Sequence[Tensor]) -> bool:
-    return len(ones) == len(others) and all(
-        one.shape == other.shape and one.device == other.device and torch.equal(one, other)
-        for one, other in zip(ones, others, strict=True)
-    )
+    source._kept = {}

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import torch
 from refusals import refuses
+from scipy.spatial import distance
 
 from wordcraft_kg.agents import discovery
 from wordcraft_kg.agents.discovery import (
@@ -24,6 +25,7 @@ from wordcraft_kg.envs.open_ended import Discovery, OpenEndedEnv
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
+from wordcraft_kg.models.scorers.features import glove_features
 
 ATTEMPTS = 30
 PLAYERS = [name for name in DISCOVERERS if name != "recipe-learner"]  # has tests of its own
@@ -47,6 +49,20 @@ def known_after(curves, player, attempt):
 @pytest.fixture(scope="module")
 def curves(kitchen):
     return discovery_curves(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
+
+
+def test_nearest_words_tries_the_most_similar_untried_pair(kitchen):
+    vectors, player = glove_features(kitchen.entities).vectors, everybody(kitchen)["nearest-words"]
+    game, tried = Discovery(kitchen), set()
+    player.begin(game.base, np.random.default_rng(0))
+    for _ in range(ATTEMPTS):
+        pairs = set(itertools.combinations_with_replacement(sorted(game.known), 2)) - tried
+        cosine = {(a, b): 1 - distance.cosine(vectors[a], vectors[b]) for a, b in pairs}
+        pair = player.choose()
+        chosen = (min(pair), max(pair))
+        assert cosine[chosen] >= max(cosine.values()) - 1e-5
+        tried.add(chosen)
+        player.observe(pair, game.combine(*pair)[0])
 
 
 @pytest.mark.parametrize("name", PLAYERS)
@@ -80,7 +96,8 @@ def test_curves_begin_with_the_base_and_never_fall_and_only_the_plain_random_pla
 def test_when_everything_is_known_the_curve_stays_there_and_progress_counts_all_runs():
     graph, calls = RecipeGraph.from_recipes([("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"]), []
     curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2, progress=lambda *call: calls.append(call))
-    assert calls == [(number, 10, {"known": 3}) for number in range(1, 11)]
+    number_of_runs = 2 * len(PLAYERS)
+    assert calls == [(number, number_of_runs, {"known": 3}) for number in range(1, number_of_runs + 1)]
     at_end = curves[curves["attempt"] == 40]
     assert (at_end["known"] == 3).all()
     assert not at_end["repeated"].any()

@@ -106,6 +106,36 @@ class NoRepeatDiscoverer(RandomDiscoverer):
         self._tried.add((min(pair), max(pair)))
 
 
+class WordsDiscoverer(Discoverer):
+    """A player that tries the untried pair with the most similar labels, by GloVe cosine, 1 for an entity with itself.
+
+    It knows no recipe, and learns nothing from its attempts.
+    """
+
+    def __init__(self, graph: RecipeGraph):
+        """Read the words in the labels; labels without a word vector have cosine 0 with others."""
+        from wordcraft_kg.models.scorers.features import glove_features
+
+        self._unit = glove_features(graph.entities).unit_vectors
+
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+        self._untried: dict[Pair, float] = {}
+        super().begin(base, rng)
+
+    def learn(self, entity: int) -> None:  # noqa: D102 - inherited
+        super().learn(entity)
+        cosines = (self._unit[self.known] @ self._unit[entity]).tolist()
+        self._untried |= {(entity, other): value for other, value in zip(self.known, cosines, strict=True)}
+        self._untried[entity, entity] = 1.0
+
+    def choose(self) -> Pair:  # noqa: D102 - inherited
+        return list(self._untried)[self.draw_best(np.array(list(self._untried.values())))]
+
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited
+        del self._untried[pair]
+        super().observe(pair, new)
+
+
 class OracleDiscoverer(Discoverer):
     """Base class of players that know all recipes and choose the pair with the highest summed worth of new results."""
 
@@ -248,6 +278,7 @@ class ScorerDiscoverer(Discoverer):
 DISCOVERERS = {
     "random": "any pair",
     "random-no-repeat": "any untried pair",
+    "nearest-words": "untried pair with the most similar labels",
     "greedy": "knows the graph: results with the most uses",
     "empowerment": "knows the graph: results that make the most new entities",
     "empowerment-scorer": "guided by a link predictor: results expected to make the most new entities",
@@ -272,6 +303,7 @@ def make_discoverers(
     makers: dict[str, Callable[[], Discoverer]] = {
         "random": RandomDiscoverer,
         "random-no-repeat": NoRepeatDiscoverer,
+        "nearest-words": lambda: WordsDiscoverer(graph),
         "greedy": lambda: GreedyDiscoverer(graph),
         "empowerment": lambda: EmpowermentDiscoverer(graph),
     }

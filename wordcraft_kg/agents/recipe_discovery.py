@@ -34,6 +34,8 @@ Means come from pairs of ``everyday`` with a scorer of Little Alchemy 2, varianc
 """
 FREE = 5
 """Number of random attempts at the start of a run."""
+COVER = 5
+"""Every how many attempts the player uses an entity that it has tried least: everything may depend on one entity."""
 _LIKELY = 64  # results by componentOf scores, of which the CANDIDATES best by recipe scores are kept
 _NONE = -12.0  # score of a candidate that is known already
 _STEPS = 3  # of Newton's method after each attempt; the weights change little
@@ -50,7 +52,8 @@ class RecipeDiscoverer(Discoverer):
     ``p(a, b) (1 + Σ_c P(c | a, b) log(1 + uses(c)))``.
 
     c runs over likely results that are not known, P is the softmax of their scores, and uses(c) counts recipes in the
-    scorer's book that use c. The first :data:`FREE` attempts are random.
+    scorer's book that use c. The first :data:`FREE` attempts are random. Every :data:`COVER` attempts, only pairs with
+    an entity in the fewest attempts count.
 
     The player knows the labels of known entities only. Candidate results come from the scorer's book alone.
     """
@@ -73,6 +76,7 @@ class RecipeDiscoverer(Discoverer):
         self._scores = np.empty((0, self._width))
         self._fixed = np.empty((0, len(PRIOR) - 1))
         self._is_known = np.zeros(self._own, dtype=bool)
+        self._attempts = np.zeros(len(self._rows), dtype=np.int64)
         self._seen, self._made = np.empty((0, len(PRIOR))), np.empty(0)
         self._weights = self._mean.copy()
         super().begin(base, rng)
@@ -105,9 +109,14 @@ class RecipeDiscoverer(Discoverer):
             self._chosen = int(self.rng.integers(len(features)))
         else:
             worth = 1 + (np.exp(log_softmax(scores, axis=1)) * self._uses[self._results]).sum(axis=1)
-            self._chosen = self.draw_best(expit(features @ self._weights) * worth)
+            values = expit(features @ self._weights) * worth
+            if (len(self._made) + 1) % COVER == 0:
+                attempts = self._attempts[self._pairs].min(axis=1)
+                values[attempts > attempts.min()] = -1
+            self._chosen = self.draw_best(values)
         self._seen = np.concatenate([self._seen, features[self._chosen, None]])
         one, other = self._pairs[self._chosen].tolist()
+        self._attempts[[one, other]] += 1
         return one, other
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited

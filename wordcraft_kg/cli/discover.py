@@ -38,8 +38,9 @@ def discover(
     Args:
         attempts: combinations for each run.
         runs: runs for each player.
-        players: comma-separated: random, random-no-repeat, greedy, empowerment (greedy and empowerment know the graph),
-            empowerment-scorer and recipe-learner (guided by --scorer). Default: all that --scorer allows.
+        players: comma-separated: random, random-no-repeat, nearest-words (similar labels), greedy, empowerment (both
+            know the graph), empowerment-scorer and recipe-learner (guided by --scorer). Default: all that --scorer
+            allows, without nearest-words.
         scorer: model folder, written by train-complex, train-links or train-recipes on this graph. For recipe-learner a
             model from train-recipes on any book.
         base: comma-separated entities known at the start. Default: the graph's base. People begin with air, earth,
@@ -54,7 +55,9 @@ def discover(
 
     played = open_graph(graph).graph
     guides = None if scorer is None else open_guides(scorer, played)
-    possible = [name for name in DISCOVERERS if name not in GUIDED] + list(guides.players if guides else ())
+    possible = [name for name in DISCOVERERS if name not in (*GUIDED, "nearest-words")] + list(
+        guides.players if guides else ()
+    )
     chosen = list(dict.fromkeys(split_labels(players))) if players else possible
     if not chosen:
         raise ConfigError(f"`players`: expected at least one of {', '.join(DISCOVERERS)}.")

@@ -15,12 +15,14 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.wrappers import KGScoreObservation
 from wordcraft_kg.graphs import OpenedGraph
+from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.splits import Draw, Split
+from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.models.policies.sources.source import Attempts
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RANKER, knowledge_of
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
-from wordcraft_kg.planning.search import INTERMEDIATE, NO_PLAN, PlanSearch
+from wordcraft_kg.planning.search import FURTHER, INTERMEDIATE, NO_PLAN, PlanSearch
 from wordcraft_kg.planning.source import BestPlan
 
 SIZE = 7
@@ -69,7 +71,8 @@ def slow_pair(search, goal, table, attempts, pair, cache):
         value = slow_log_probability(search, *pair, goal)
         for result in set(range(SIZE)) - table - {goal} if attempts > 1 else ():
             chance = slow_log_probability(search, *pair, result, INTERMEDIATE)
-            value = max(value, chance + slow_value(search, goal, table | {result}, attempts - 1, cache))
+            further = slow_value(search, goal, table | {result}, attempts - 1, cache) - FURTHER
+            value = max(value, chance + further)
         cache[key] = value
     return cache[key]
 
@@ -153,7 +156,7 @@ def test_all_tensors_are_on_the_device_of_the_table():
 def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
     search = random_search(0, width=10**6)
     search.knowledge.num_entities = 10**6
-    with pytest.raises(ConfigError, match=r"`width` 1,000,000: candidate plans would take [\d,.]+ GiB"):
+    with pytest.raises(ConfigError, match=r"`plan_width` 1,000,000: candidate plans would take [\d,.]+ GiB"):
         next(search._chunks(torch.arange(3), 4, 5))
 
 
@@ -164,12 +167,15 @@ def test_the_curve_fits_known_probabilities():
     scores, kinds = -20 + 0.05 * bins, rng.integers(4, size=len(bins))
     truth = 1 / (1 + np.exp(-(np.array(CURVE.intercepts)[kinds] + CURVE.slope * scores)))
     np.add.at(counts, (kinds, (rng.random(len(bins)) < truth).astype(int), bins), 1)
-    split = open_graph("kitchen").split
-    from wordcraft_kg.graphs.folds import make_folds
-
-    curve = fit_recipe_curve([counts], make_folds(split, 5))
+    folds = make_folds(open_graph("kitchen").split, 5)
+    curve = fit_recipe_curve([counts], folds)
     assert curve.intercepts == pytest.approx(CURVE.intercepts, abs=0.05)
     assert curve.slope == pytest.approx(CURVE.slope, abs=0.02)
+    half = folds.with_train_sample(draw_train_sample(folds.split, 0.5, 0.0, 1, of_recipe=folds.of_recipe))
+    for one in (folds, half):
+        seen, everything = int(one.seen().sum()), folds.split.graph.num_recipes
+        assert fit_recipe_curve([counts], one).shift == pytest.approx(math.log((everything - seen) * 5 / seen))
+    assert half.seen().sum() < folds.seen().sum()
 
 
 @pytest.fixture(scope="module")
@@ -261,7 +267,9 @@ def test_evidence_is_a_plan_whose_probability_is_p(scorer, opened):
             for slot, evidence in enumerate(p.evidence(*state)):
                 assert (evidence is None) == (int(table[0, slot]) == empty)
                 if evidence and evidence.plan:
-                    assert math.log(math.prod(step[3] for step in evidence.plan)) == pytest.approx(float(scores[slot]))
+                    assert math.log(math.prod(step[3] for step in evidence.plan)) == pytest.approx(
+                        float(scores[slot]), abs=2 * FURTHER
+                    )
                     first, result = {*evidence.plan[0][:2]}, evidence.plan[0][2]
                     assert first == {int(table[0, slot]), evidence.partner}
                     expected = p.knowledge.supporting_recipes(int(table[0, slot]), evidence.partner, result, limit=3)
@@ -284,8 +292,17 @@ def test_wrapped_environments_observe_p(opened: OpenedGraph):
     state = (torch.tensor(observation[key])[None] for key in ("goal", "selection", "table"))
     attempts = Attempts(torch.tensor([2]))
     np.testing.assert_array_equal(observation["p"], source(*state, attempts=attempts)[0].numpy())
-    assert observation["p"].max() > -1e-4  # a plan of known recipes
+    assert observation["p"].max() > -2 * FURTHER  # a plan of known recipes
     env.close()
+
+
+@pytest.mark.parametrize("attempts", [2, 3, 4])
+def test_of_equally_probable_plans_the_shortest_is_best(attempts):
+    source = BestPlan.of_recipes(6, np.array([[0, 1, 4], [2, 3, 5]]))
+    values = source.search.values(*state_of(5, [0, 1, 2, 3]), torch.tensor([attempts]))[0]
+    assert divmod(int(values.argmax()), 4) == (2, 3)
+    assert (values[2, 3], values[0, 1]) == pytest.approx((0, -FURTHER))
+    assert len(source.search.plan(5, [0, 1, 2, 3], (0, 1), model=0, attempts_left=attempts)) == 2
 
 
 def test_one_ingredient_recipes_are_planned():

@@ -8,9 +8,10 @@ probable plan that begins with it::
     V_n(T) = max_{a, b in T} Q_n(T, a, b)
 
 A plan is a sequence of attempts with an expected result each; its probability is the product. This is the best case:
-all results of a pair land on the table, but the plan relies on one, and an attempt without result ends the plan. After
-each attempt the search begins again from the new table, with one attempt less, and without the tried pairs. So
-intermediates may be used several times, and the number of attempts left is exact.
+all results of a pair land on the table, but the plan relies on one, and an attempt without result ends the plan. Of
+equally probable plans the shortest is best: each attempt after the first costs :data:`FURTHER` nats. After each
+attempt the search begins again from the new table, with one attempt less, and without the tried pairs. So intermediates
+may be used several times, and the number of attempts left is exact.
 
 The search is exhaustive over a limited number of intermediates x, the candidates: entities that known recipes make from
 the table, then those with the highest componentOf scores from the table and to the goal.
@@ -32,6 +33,8 @@ WIDTHS = (0, 0, 32, 64, 64)
 INTERMEDIATE = 3.0
 """Log-odds added to P(x | a, b) for an intermediate x: given that the goal can be made, a result that leads on is more
 likely than any result. 2 to 4 give about the same success, see docs/planning.md."""
+FURTHER = 1e-4
+"""Nats that each attempt of a plan after the first costs: just above rounding errors."""
 KNOWN_LINK = 8.0
 """Score of a known link: above nearly all unknown links."""
 HOP = 12.0
@@ -122,7 +125,7 @@ class PlanSearch:
         width = self._width(number)
         wide = slots + width * (number > 2)
         one = (width + 1) * wide * (wide + 1) // 2
-        check_memory("width", width, "candidate plans", 200 * one + 4 * width ** max(number - 1, 0))
+        check_memory("plan_width", width, "candidate plans", 200 * one + 4 * width ** max(number - 1, 0))
         yield from rows.split(max(1, SCORES // one))
 
     def _width(self, number: int) -> int:
@@ -166,7 +169,7 @@ class PlanSearch:
             pairs = of_new[..., new].permute(0, 3, 1, 2)  # (B, a, x, y): a and x make y
             of_pairs = of_table.flatten(2).amax(2)
             after = _after(of_pairs, finish, direct, begin, last[:, :, new], pairs, number - 1)
-        values = torch.cat([to_goal[:, None, :slots, :slots], of_table + after[:, :, None, None]], dim=1)
+        values = torch.cat([to_goal[:, None, :slots, :slots], of_table + after[:, :, None, None] - FURTHER], dim=1)
         return values, torch.cat([goal[:, None], candidates], dim=1)
 
     def _log_probabilities(
@@ -244,7 +247,7 @@ def _after(
     if number > 2:
         steps = torch.maximum(steps.unsqueeze(-3), pairs)
     after = _after(begin, further, direct, steps, last.unsqueeze(1), pairs.unsqueeze(1), number - 1)
-    return torch.maximum(direct, (begin + after).amax(-1))
+    return torch.maximum(direct, (begin + after).amax(-1) - FURTHER)
 
 
 def _best_two(scores: Tensor) -> Tensor:

@@ -183,6 +183,8 @@ def test_prompts_with_a_fault_are_refused(change, reason, tmp_path):
     with pytest.raises(ArtefactError) as error:
         read_prompts(tmp_path / "prompts.json")
     assert reason in str(error.value)
+    with pytest.raises(ArtefactError, match=r"`prompts` '.*absent' does not exist; expected a file such as prompts"):
+        read_prompts(tmp_path / "absent")
 
 
 def test_the_command_writes_tables_and_names_a_missing_extra(run, model_folder, home, monkeypatch):

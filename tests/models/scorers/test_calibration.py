@@ -64,13 +64,13 @@ def counts(chances, share, folds=2, amount=4_000.0):
     return true, np.tile(weights, (folds, 1)) - true
 
 
-@pytest.mark.parametrize("share", [0.3, 0.8])
-def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share):
+@pytest.mark.parametrize(("share", "slopes"), [(0.3, (1.2, 0.6, 0.3)), (0.8, (1.2, 0.6, 0.3)), (0.3, (0.7,))])
+def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share, slopes):
     low, high = SEGMENTS
     part = [np.minimum(CENTRES, low), np.clip(CENTRES - low, 0, high - low), np.maximum(CENTRES - high, 0)]
-    slopes = (1.2, 0.6, 0.3)
+    part = part if len(slopes) > 1 else [CENTRES]
     true, others = counts(expit(-5 + sum(b * x for b, x in zip(slopes, part, strict=True))), share)
-    curve = fit_curve(true, others, share)
+    curve = fit_curve(true, others, share, slopes=len(slopes))
     assert curve.slopes == pytest.approx(slopes, abs=0.02)
     # Of the triples that are true, the known ones are not among those that the whole model is asked for.
     assert curve.intercept == pytest.approx(-5 + np.log(1 - share), abs=0.02)

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Literal
 
-from wordcraft_kg.base.artefacts import dump_json, read_small_file
+from wordcraft_kg.base.artefacts import dump_json, read_small_file, what_is
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_values, parse_record
 from wordcraft_kg.models.knowledge.folder import Role
 
@@ -60,6 +61,10 @@ def read_prompts(path: Path) -> tuple[Prompt, ...]:
 
     ArtefactError if the file is missing, not JSON, or a prompt is invalid.
     """
+    if not path.is_file():
+        raise ArtefactError(
+            f"`prompts` '{path}' {what_is(path)}; expected a file such as prompts.json of an elicit folder."
+        )
     return parse_record(read_small_file(path), _Prompts, path).prompts
 
 

@@ -20,7 +20,7 @@ from scipy.special import expit
 from torch import Tensor, nn
 
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.graphs.folds import OUTSIDE, Folds
+from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, pairs_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -132,8 +132,8 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     *intercepts, slope = minimize(
         loss, start, jac=True, method="L-BFGS-B", bounds=[(None, None)] * KINDS + [(0, None)]
     ).x
-    outside = max(int((folds.of_recipe == OUTSIDE).sum()), 1)
-    shift = math.log(outside * folds.count / max(int((folds.of_recipe != OUTSIDE).sum()), 1))
+    seen = folds.seen()
+    shift = math.log(max(int((~seen).sum()), 1) * folds.count / max(int(seen.sum()), 1))
     a, b, c, d = map(float, intercepts)
     return RecipeCurve(intercepts=(a, b, c, d), slope=float(slope), shift=shift)
 

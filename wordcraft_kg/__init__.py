@@ -19,31 +19,39 @@ from typing import TYPE_CHECKING
 from wrapt import register_post_import_hook as _after_import
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
-    from wordcraft_kg.agents.evaluation import evaluate
-    from wordcraft_kg.agents.training import train_agent
-    from wordcraft_kg.envs.config import WordCraftConfig
-    from wordcraft_kg.envs.world import World
-    from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.graphs.library import open_book
-    from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-    from wordcraft_kg.graphs.splits import SplitConfig, make_split
-    from wordcraft_kg.models.folder import open_model
-    from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
-    from wordcraft_kg.models.links.pykeen_import import from_pykeen
-    from wordcraft_kg.models.links.training import train_links
-    from wordcraft_kg.models.policies.config import PolicyConfig
-    from wordcraft_kg.models.policies.folder import load_policy, save_policy
-    from wordcraft_kg.models.policies.sources.registry import make_sources
-    from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-    from wordcraft_kg.models.recipes.training import train_recipes
-    from wordcraft_kg.models.saving import save_scorer
-    from wordcraft_kg.models.scorers.cross_fitting import cross_fit
-    from wordcraft_kg.models.scorers.folder import load_scorer
-    from wordcraft_kg.runs.trackers import Tracker
-    from wordcraft_kg.studies.engine import run_study
-    from wordcraft_kg.studies.study import Study, read_study
+    from wordcraft_kg.agents.agent_folder import open_agent as open_agent
+    from wordcraft_kg.agents.config import AgentConfig as AgentConfig
+    from wordcraft_kg.agents.config import ImpalaConfig as ImpalaConfig
+    from wordcraft_kg.agents.config import TaskConfig as TaskConfig
+    from wordcraft_kg.agents.evaluation import evaluate as evaluate
+    from wordcraft_kg.agents.training import train_agent as train_agent
+    from wordcraft_kg.envs.config import WordCraftConfig as WordCraftConfig
+    from wordcraft_kg.envs.world import World as World
+    from wordcraft_kg.graphs.folder import open_graph as open_graph
+    from wordcraft_kg.graphs.library import open_book as open_book
+    from wordcraft_kg.graphs.recipe_graph import RecipeGraph as RecipeGraph
+    from wordcraft_kg.graphs.splits import SplitConfig as SplitConfig
+    from wordcraft_kg.graphs.splits import make_split as make_split
+    from wordcraft_kg.models.folder import open_model as open_model
+    from wordcraft_kg.models.links.config import ComplExConfig as ComplExConfig
+    from wordcraft_kg.models.links.config import LinkModelConfig as LinkModelConfig
+    from wordcraft_kg.models.links.config import LinksConfig as LinksConfig
+    from wordcraft_kg.models.links.pykeen_import import from_pykeen as from_pykeen
+    from wordcraft_kg.models.links.training import train_links as train_links
+    from wordcraft_kg.models.policies.config import PolicyConfig as PolicyConfig
+    from wordcraft_kg.models.policies.folder import load_policy as load_policy
+    from wordcraft_kg.models.policies.folder import save_policy as save_policy
+    from wordcraft_kg.models.policies.sources.registry import make_sources as make_sources
+    from wordcraft_kg.models.recipes.config import RecipesConfig as RecipesConfig
+    from wordcraft_kg.models.recipes.config import RecipeScorerConfig as RecipeScorerConfig
+    from wordcraft_kg.models.recipes.training import train_recipes as train_recipes
+    from wordcraft_kg.models.saving import save_scorer as save_scorer
+    from wordcraft_kg.models.scorers.cross_fitting import cross_fit as cross_fit
+    from wordcraft_kg.models.scorers.folder import load_scorer as load_scorer
+    from wordcraft_kg.runs.trackers import Tracker as Tracker
+    from wordcraft_kg.studies.engine import run_study as run_study
+    from wordcraft_kg.studies.study import Study as Study
+    from wordcraft_kg.studies.study import read_study as read_study
 
 __version__ = _version("wordcraft-kg")
 
@@ -83,41 +91,7 @@ _MODULES = {
     "train_recipes": "models.recipes.training",
 }
 
-__all__ = [
-    "AgentConfig",
-    "ComplExConfig",
-    "ImpalaConfig",
-    "LinkModelConfig",
-    "LinksConfig",
-    "PolicyConfig",
-    "RecipeGraph",
-    "RecipeScorerConfig",
-    "RecipesConfig",
-    "SplitConfig",
-    "Study",
-    "TaskConfig",
-    "Tracker",
-    "WordCraftConfig",
-    "World",
-    "cross_fit",
-    "evaluate",
-    "from_pykeen",
-    "load_policy",
-    "load_scorer",
-    "make_sources",
-    "make_split",
-    "open_agent",
-    "open_book",
-    "open_graph",
-    "open_model",
-    "read_study",
-    "run_study",
-    "save_policy",
-    "save_scorer",
-    "train_agent",
-    "train_links",
-    "train_recipes",
-]
+__all__ = [*_MODULES]
 
 
 def __getattr__(name: str) -> object:
@@ -134,7 +108,7 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     """List the public names, for completion."""
-    return [*__all__, "__version__"]
+    return [*_MODULES, "__version__"]
 
 
 def _register_environments(_: object) -> None:

@@ -128,9 +128,8 @@ def drop_temporary(folder: Path) -> None:
 def check_output(out: Path, *, force: bool) -> None:
     """Check, before any work, that an output may be written to ``out``.
 
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False. A file, or a non-empty folder that this package did
-            not write, is never replaced.
+    OutputExistsError if ``out`` exists and ``force`` is False. A file, or a non-empty folder that this package did not
+    write, is never replaced.
     """
     if out.is_file():
         raise OutputExistsError(f"'{out}' is a file, but the output is a folder. Choose another `out`.")

@@ -106,10 +106,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
 
     Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank between two numbers
     is enough. A leading verb and a trailing result (``= mud``, ``-> mud``) are ignored. A label may contain a separator
-    if the result is unambiguous.
-
-    Raises:
-        ActionError: if the text does not name two labels, or could name several pairs.
+    if the result is unambiguous. ActionError if the text does not name two labels, or could name several pairs.
 
     Example:
         >>> read_pair("Combine the water with earth", ["earth", "fire", "water"])

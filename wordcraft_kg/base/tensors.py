@@ -17,8 +17,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError
 def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
     """Parse bytes in safetensors format and return the tensors by name; ``path`` names the file in error messages.
 
-    Raises:
-        ArtefactError: for damaged bytes, or NaN or infinity in a tensor.
+    ArtefactError for damaged bytes, or NaN or infinity in a tensor.
     """
     try:
         tensors = safetensors.torch.load(data)

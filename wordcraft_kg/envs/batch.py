@@ -257,10 +257,8 @@ class BatchEngine:
     def step(self, state: State, actions: Array) -> tuple[State, Step]:
         """Choose a slot in each environment; the next episode begins in the step that ends an episode.
 
-        ``actions`` are slots, integers of shape (N,), checked on the CPU only. ``state`` stays unchanged.
-
-        Raises:
-            ActionError: for a number that is not a slot, or for an empty slot if ``illegal_action`` is ``raise``.
+        ``actions`` are slots, integers of shape (N,), checked on the CPU only. ``state`` stays unchanged. ActionError
+        for a number that is not a slot, or for an empty slot if ``illegal_action`` is ``raise``.
         """
         now, done = self._step(state, actions, is_replaced=True)
         return self._begin_where(done.over, state, now), done

@@ -126,10 +126,8 @@ class KGScoreObservation(_Ids):
         """Wrap an environment with sources for the same graph, such as ``make_sources(["u", "v"], scorer)``.
 
         A cross-fitted scorer needs the tasks, too: ``make_sources(..., tasks=env.unwrapped.world.tasks)``.
-
-        Raises:
-            GraphMismatchError: if a source belongs to another graph or split.
-            LeakError: if a source would score train tasks by a model trained on the same recipes.
+        GraphMismatchError if a source belongs to another graph or split, LeakError if a source would score train tasks
+        by a model trained on the same recipes.
         """
         super().__init__(env)
         world = _world(env)

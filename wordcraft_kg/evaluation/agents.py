@@ -160,10 +160,8 @@ def view_agents(
     """Evaluate agents greedily on all tasks of a split part (such as test), with the same tables for all agents.
 
     The first group is the reference; the default of ``distractors`` is 1, 8 and the number in training.
-
-    Raises:
-        GraphMismatchError: for agents trained on different graphs or splits.
-        ConfigError: for agents with different task settings, or if no agent can play with these distractors.
+    GraphMismatchError for agents trained on different graphs or splits, ConfigError for agents with different task
+    settings, or if no agent can play with these distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]

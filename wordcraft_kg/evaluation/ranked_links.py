@@ -102,11 +102,8 @@ def rank_links(
     For a scorer trained on the partial graph, evaluation triples are the test triples outside training. For a scorer
     trained on the full graph, evaluation triples are all triples, which measures memory. Neither depends on a
     ``train_sample`` of the recipes of ``kg``. At most ``max_queries`` are ranked, two per triple in a uniform sample; 0
-    ranks all.
-
-    Raises:
-        ConfigError: if ``max_queries`` is too small for a meaningful figure.
-        SplitError: if fewer than 30 triples remain.
+    ranks all. ConfigError if ``max_queries`` is too small for a meaningful figure, SplitError if fewer than 30 triples
+    remain.
     """
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")

@@ -114,10 +114,8 @@ class ScoringModel:
     def open(cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False) -> "ScoringModel":
         """Open a model folder with the recorded graph, or with the graph folder ``graph``.
 
-        A missing graph is an error only if ``graph`` is given or ``needs_graph`` is True.
-
-        Raises:
-            ArtefactError: for a missing scorer or graph.
+        A missing graph is an error only if ``graph`` is given or ``needs_graph`` is True. ArtefactError for a missing
+        scorer or graph.
         """
         try:
             model = open_model(folder, graph)
@@ -272,8 +270,7 @@ def with_new_words(
 ) -> ScoringModel:
     """Extend a model by new entities in queries, described by their words.
 
-    Raises:
-        UnknownEntityError: if the model cannot score a new entity; a QueryFileError with the line for a query ``file``.
+    UnknownEntityError if the model cannot score a new entity; a QueryFileError with the line for a query ``file``.
     """
     lines: dict[str, int | None] = {}
     known = frozenset(model.scorer.entities)

@@ -6,39 +6,27 @@ graphs have equal ids. A split records its graph's hash, and derived files recor
 folder depend only on the recipe book and the split's settings.
 """
 
-from wordcraft_kg.graphs.audit import audit
-from wordcraft_kg.graphs.book_files import read_book, write_book
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph, write_graph_folder
-from wordcraft_kg.graphs.library import fetch_book, known_books, open_book
-from wordcraft_kg.graphs.planner import Derivation, Planner, layers, rounds
-from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
-from wordcraft_kg.graphs.splits import SPLITS, Split, SplitConfig, make_split
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, recipe_triples
-
-__all__ = [
-    "COMBINES_WITH",
-    "COMPONENT_OF",
-    "RELATIONS",
-    "SPLITS",
-    "Derivation",
-    "OpenedGraph",
-    "Planner",
-    "Recipe",
-    "RecipeBook",
-    "RecipeGraph",
-    "Split",
-    "SplitConfig",
-    "audit",
-    "fetch_book",
-    "known_books",
-    "layers",
-    "make_split",
-    "open_book",
-    "open_graph",
-    "read_book",
-    "recipe_triples",
-    "rounds",
-    "write_book",
-    "write_graph_folder",
-]
+from wordcraft_kg.graphs.audit import audit as audit
+from wordcraft_kg.graphs.book_files import read_book as read_book
+from wordcraft_kg.graphs.book_files import write_book as write_book
+from wordcraft_kg.graphs.folder import OpenedGraph as OpenedGraph
+from wordcraft_kg.graphs.folder import open_graph as open_graph
+from wordcraft_kg.graphs.folder import write_graph_folder as write_graph_folder
+from wordcraft_kg.graphs.library import fetch_book as fetch_book
+from wordcraft_kg.graphs.library import known_books as known_books
+from wordcraft_kg.graphs.library import open_book as open_book
+from wordcraft_kg.graphs.planner import Derivation as Derivation
+from wordcraft_kg.graphs.planner import Planner as Planner
+from wordcraft_kg.graphs.planner import layers as layers
+from wordcraft_kg.graphs.planner import rounds as rounds
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph as RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe as Recipe
+from wordcraft_kg.graphs.recipes import RecipeBook as RecipeBook
+from wordcraft_kg.graphs.splits import SPLITS as SPLITS
+from wordcraft_kg.graphs.splits import Split as Split
+from wordcraft_kg.graphs.splits import SplitConfig as SplitConfig
+from wordcraft_kg.graphs.splits import make_split as make_split
+from wordcraft_kg.graphs.triples import COMBINES_WITH as COMBINES_WITH
+from wordcraft_kg.graphs.triples import COMPONENT_OF as COMPONENT_OF
+from wordcraft_kg.graphs.triples import RELATIONS as RELATIONS
+from wordcraft_kg.graphs.triples import recipe_triples as recipe_triples

@@ -98,11 +98,9 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
     """Open a recipe graph and a train/validation/test split.
 
     ``source`` is a graph folder, a recipe book file, or a known book's name; ``config`` has the split settings for a
-    book, by default :func:`default_split`, and is ignored for a graph folder.
-
-    Raises:
-        ArtefactError: if a graph folder is incomplete, damaged or inconsistent.
-        RecipeFileError: if a book is unreadable, or ``source`` is neither a file nor a known book.
+    book, by default :func:`default_split`, and is ignored for a graph folder. ArtefactError if a graph folder is
+    incomplete, damaged or inconsistent, RecipeFileError if a book is unreadable, or ``source`` is neither a file nor a
+    known book.
 
     Example:
         >>> opened = open_graph("kitchen")

@@ -77,11 +77,9 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
 
     To a model trained without this fold, a train task looks like a test task to a model of all train recipes: each plan
     has an unseen recipe, and other recipes of the plan may be known. Plans with recipes from several folds leave a
-    choice, which depends on the plan alone. The value is :data:`SEVERAL` without such a fold, and
-    :data:`OUTSIDE` if each plan has a recipe outside train. ``of_recipe`` is each recipe's fold, shape (num_recipes,).
-
-    Raises:
-        GraphMismatchError: if a train task uses a recipe without a fold: the folds belong to another split.
+    choice, which depends on the plan alone. The value is :data:`SEVERAL` without such a fold, and :data:`OUTSIDE` if
+    each plan has a recipe outside train. ``of_recipe`` is each recipe's fold, shape (num_recipes,). GraphMismatchError
+    if a train task uses a recipe without a fold: the folds belong to another split.
     """
     of_task = np.full(len(tasks), SEVERAL, dtype=np.int64)
     fold_of = of_recipe.tolist()

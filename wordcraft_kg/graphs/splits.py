@@ -191,8 +191,7 @@ class Split:
 def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     """Split a graph's recipes; equal graphs and settings give equal splits on any machine.
 
-    Raises:
-        SplitError: if the graph is too small, so that a part is empty.
+    SplitError if the graph is too small, so that a part is empty.
 
     Example:
         >>> split = make_split(open_graph("kitchen").graph, SplitConfig("by-goal"))

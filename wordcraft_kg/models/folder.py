@@ -32,12 +32,9 @@ MODELS: Registry[Callable[[RunFiles], History]] = Registry(
 def open_model(folder: str | Path, graph: str | None = None) -> Model:
     """Open a model folder: scorer, training graph and history.
 
-    A training command or ``save_scorer`` writes the folder; ``graph`` is the training graph's new path, if
-    moved.
-
-    Raises:
-        ArtefactError: if the folder is unfinished or damaged, or the graph is missing.
-        GraphMismatchError: if the model was trained on another graph or split.
+    A training command or ``save_scorer`` writes the folder; ``graph`` is the training graph's new path, if moved.
+    ArtefactError if the folder is unfinished or damaged, or the graph is missing, GraphMismatchError if the model was
+    trained on another graph or split.
 
     Example:
         >>> model = open_model("models/kitchen")
@@ -57,10 +54,8 @@ def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> 
     """Return a model's training recipes, see :attr:`Model.train_sample`; None if ``weights`` is not the weights' hash.
 
     The weights are read only if the model has a training fraction or label noise, or was saved by ``save_scorer``.
-
-    Raises:
-        ArtefactError: as :func:`open_model` does.
-        GraphMismatchError: as :func:`open_model` and :attr:`Model.train_sample` do.
+    ArtefactError as :func:`open_model` does, GraphMismatchError as :func:`open_model` and :attr:`Model.train_sample`
+    do.
     """
     files = RunFiles(Path(folder), read_finished_run(Path(folder), MODEL, WEIGHTS))
     if files.run.outputs[WEIGHTS] != weights:

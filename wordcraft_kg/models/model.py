@@ -94,8 +94,7 @@ class Model:
     def train_sample(self) -> TrainSample:
         """The recipes that the model was trained on, with label noise if any.
 
-        Raises:
-            GraphMismatchError: if sampling again gives recipes with a different hash than recorded.
+        GraphMismatchError if sampling again gives recipes with a different hash than recorded.
         """
         split = self.opened.split
         train_fraction, label_noise = self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0)

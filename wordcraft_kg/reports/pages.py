@@ -119,9 +119,8 @@ def render(report: Report[Any]) -> str:
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
     """Write a report's page (``index.html``), numbers (``report.json``), tables and further files into a folder.
 
-    Raises:
-        ValueError: before anything is written, if a number in the view is not finite or out of bounds.
-        OutputExistsError: if ``out`` exists and ``force`` is False.
+    ValueError before anything is written, if a number in the view is not finite or out of bounds, OutputExistsError if
+    ``out`` exists and ``force`` is False.
     """
     in_run = (out.parent / RUN_FILE).is_file()
     with locked(out.parent, "used") if in_run else nullcontext():

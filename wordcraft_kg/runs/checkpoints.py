@@ -78,8 +78,7 @@ class Checkpoints(Generic[P]):
     def load(self) -> Checkpoint[P]:
         """Return the last intact checkpoint, and log a warning for each damaged later checkpoint.
 
-        Raises:
-            ArtefactError: if all checkpoints are missing or damaged.
+        ArtefactError if all checkpoints are missing or damaged.
         """
         damaged: list[ArtefactError] = []
         for number, path in self.records().items():

@@ -58,8 +58,7 @@ class RunConfig:
     def read(cls, folder: Path) -> Self:
         """Read the settings from ``config.toml`` in a folder.
 
-        Raises:
-            ArtefactError: if the file is missing or damaged, or a setting is unknown, missing, mistyped or invalid.
+        ArtefactError if the file is missing or damaged, or a setting is unknown, missing, mistyped or invalid.
         """
         command, settings = read_config(folder)
         path = folder / CONFIG_FILE

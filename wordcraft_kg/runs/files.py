@@ -54,9 +54,7 @@ class RunFiles:
     def graph(self, source: str | OpenedGraph) -> OpenedGraph:
         """Return the graph and split that the run was trained on.
 
-        Raises:
-            ArtefactError: if the graph is missing.
-            GraphMismatchError: if the graph hash or split hash differs.
+        ArtefactError if the graph is missing, GraphMismatchError if the graph hash or split hash differs.
         """
         try:
             opened = open_graph(source) if isinstance(source, str) else source

@@ -168,10 +168,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
     """Make, lock and yield a new run folder.
 
     An old folder at ``out`` is moved aside first, and restored if the new run ends without checkpoint and result.
-
-    Raises:
-        OutputExistsError: if ``out`` exists and ``force`` is False.
-        ArtefactError: if another process is training in ``out``.
+    OutputExistsError if ``out`` exists and ``force`` is False, ArtefactError if another process is training in ``out``.
     """
     out = with_a_name(out)
     check_new_run(out, force=force)
@@ -199,8 +196,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
 def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
     """Lock and yield the folder of an unfinished run.
 
-    Raises:
-        ArtefactError: if the run is done, damaged or has another kind, or another process is training in the folder.
+    ArtefactError if the run is done, damaged or has another kind, or another process is training in the folder.
     """
     folder = with_a_name(folder)
     kind.read_record(folder)
@@ -248,8 +244,7 @@ def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
 def locked(folder: Path, use: str = "trained") -> Iterator[None]:
     """Lock an existing folder against other processes in this block, until this process ends at the latest.
 
-    Raises:
-        ArtefactError: if another process holds the lock; the message says that the folder is being ``use``.
+    ArtefactError if another process holds the lock; the message says that the folder is being ``use``.
     """
     try:
         import fcntl

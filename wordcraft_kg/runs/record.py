@@ -129,9 +129,8 @@ def end_run(folder: Path, run: RunRecord, status: Status, outputs: Sequence[str]
 def read_run(folder: Path, expected: str = "a run of a training command") -> RunRecord:
     """Read the run record (``run.json``) in a folder.
 
-    Raises:
-        ArtefactError: if the file is missing or damaged, or the folder holds a run per seed; the message contains
-            ``expected``, such as "a run of train-agent".
+    ArtefactError if the file is missing or damaged, or the folder holds a run per seed; the message contains
+    ``expected``, such as "a run of train-agent".
     """
     if not os.path.lexists(folder / RUN_FILE):
         seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
@@ -146,8 +145,7 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
 def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
     """Read the run record of a finished run, with the errors of :func:`read_run`.
 
-    Raises:
-        ArtefactError: if the run is unfinished, or has no output file ``result``.
+    ArtefactError if the run is unfinished, or has no output file ``result``.
     """
     run = read_run(folder, expected)
     if run.status != "done":

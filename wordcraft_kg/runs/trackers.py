@@ -95,9 +95,8 @@ TRACKERS: dict[str, type[TensorBoard] | type[WeightsAndBiases]] = {
 def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
     """Check trackers given by name, and return all trackers without duplicates.
 
-    Raises:
-        ConfigError: for an unknown name, with the nearest known names.
-        MissingExtraError: if a tracker's library is not installed.
+    ConfigError for an unknown name, with the nearest known names, MissingExtraError if a tracker's library is not
+    installed.
     """
     unique: list[Tracker | str] = []
     for tracker in trackers:

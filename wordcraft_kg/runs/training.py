@@ -183,8 +183,7 @@ def train_seeds(
     Yields:
         Each seed with the outcome.
 
-    Raises:
-        OutputExistsError: if ``parent`` is a run.
+    OutputExistsError if ``parent`` is a run.
     """
     if (parent / RUN_FILE).exists():
         raise OutputExistsError(

@@ -76,9 +76,7 @@ class PairView(Record, omit_defaults=True):
 def judgements_file(*, fetch: bool = False) -> Path:
     """Return the published file from the data folder, the cache, or with ``fetch`` from its publisher.
 
-    Raises:
-        ArtefactError: if the file is not on this machine, or has changed.
-        FetchError: if the download fails.
+    ArtefactError if the file is not on this machine, or has changed, FetchError if the download fails.
     """
     data, cached = data_folder(), cache_folder() / "alchemy_pairs" / FILE
     own = [data / "alchemy_pairs" / FILE] if data else []
@@ -119,8 +117,7 @@ def view_pairs(
 ) -> PairView:
     """Compare ratings and answers with the graph; ``model`` is a name and a scorer of the graph.
 
-    Raises:
-        LeakError: if the scorer was trained on a recipe of a judged pair.
+    LeakError if the scorer was trained on a recipe of a judged pair.
     """
     pairs = sorted({judgement.pair for judgement in judgements})
     results = {pair: set(graph.labels(graph.outcomes.get(pair, ()))) for pair in pairs}

@@ -124,10 +124,8 @@ class Play:
         """Prepare the games on a graph (folder, recipe book or built-in book).
 
         ``rules`` are further fields of :class:`~wordcraft_kg.apps.text_agents.records.PlayedSettings` to record.
-
-        Raises:
-            ConfigError: for settings that do not fit the graph.
-            LeakError: if a scorer would reveal its train recipes on train tasks.
+        ConfigError for settings that do not fit the graph, LeakError if a scorer would reveal its train recipes on
+        train tasks.
         """
         opened = open_graph(graph)
         knowledge = open_knowledge(settings, opened)

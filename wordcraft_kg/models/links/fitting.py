@@ -152,8 +152,7 @@ class Epochs(TrainingCallback):
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
         """Load a checkpoint into a new loop with the same model and settings.
 
-        Raises:
-            ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and epochs.
+        ValueError, KeyError, RuntimeError if tensors or trace do not fit the model and epochs.
         """
         if [row.epoch for row in checkpoint.progress.trace] != list(range(1, checkpoint.number + 1)):
             raise ValueError("trace and epochs differ")

@@ -38,9 +38,7 @@ class OutsideTriples:
 def outside_hashes(folders: Sequence[str]) -> dict[str, str]:
     """Return the SHA-256 hash of each folder's triples, by input name.
 
-    Raises:
-        ConfigError: if a folder has no triples.
-        ArtefactError: if a path is not a complete knowledge folder.
+    ConfigError if a folder has no triples, ArtefactError if a path is not a complete knowledge folder.
     """
     return {f"outside graph {number}": _hash(folder) for number, folder in enumerate(folders, 1)}
 
@@ -58,11 +56,8 @@ def _hash(folder: str) -> str:
 def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTriples | None:
     """Read the triples of knowledge folders, with ids for a graph's ``entities``; None without folders.
 
-    Equal nodes and relations of several folders are one.
-
-    Raises:
-        ConfigError: if a folder has no triples or none with an entity, or names a relation of the game.
-        ArtefactError: if a folder is incomplete or damaged.
+    Equal nodes and relations of several folders are one. ConfigError if a folder has no triples or none with an entity,
+    or names a relation of the game, ArtefactError if a folder is incomplete or damaged.
     """
     if not folders:
         return None

@@ -16,11 +16,8 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
     """Return a table scorer (a scorer with a table of all triple scores) for a trained PyKEEN model.
 
     The model may have inverse triples. ``factory`` holds the model's training triples; labels must match the graph in
-    ``opened``, ids may differ.
-
-    Raises:
-        GraphMismatchError: if model and graph have different entities or relations.
-        ConfigError: if the graph is too large for a score table.
+    ``opened``, ids may differ. GraphMismatchError if model and graph have different entities or relations, ConfigError
+    if the graph is too large for a score table.
 
     Example:
         >>> from pykeen.pipeline import pipeline

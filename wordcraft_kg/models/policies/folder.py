@@ -151,9 +151,8 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
 def save_policy(folder: str | Path, policy: Policy, *, force: bool = False) -> Path:
     """Write a policy into a folder for :func:`load_policy`.
 
-    Raises:
-        OutputExistsError: if ``folder`` exists and ``force`` is False.
-        ConfigError: if the policy has no entities, or a parameter is not finite.
+    OutputExistsError if ``folder`` exists and ``force`` is False, ConfigError if the policy has no entities, or a
+    parameter is not finite.
 
     Example:
         >>> policy = load_policy("runs/kitchen")
@@ -199,8 +198,7 @@ policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # the first action
 def load_policy(folder: str | Path) -> Policy:
     """Load a policy from a finished run or a saved policy; neither graph nor scorer is needed.
 
-    Raises:
-        ArtefactError: if the run is unfinished, or a file is missing or damaged.
+    ArtefactError if the run is unfinished, or a file is missing or damaged.
 
     Example:
         >>> policy = load_policy("runs/kitchen")

@@ -167,11 +167,7 @@ class Policy(nn.Module):
 
         Empty slots in ``table``, and ``selection`` without a selected entity, are None. ``generator``, on the CPU,
         samples the slot; by default the first most probable slot is chosen. Sources that look ahead use
-        ``attempts_left``.
-
-        Raises:
-            UnknownEntityError: with the nearest labels.
-            ConfigError: if the table is empty.
+        ``attempts_left``. UnknownEntityError with the nearest labels, ConfigError if the table is empty.
         """
         if all(entity is None for entity in table):
             raise refuse("table", list(table), "at least an entity")

@@ -208,9 +208,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
     """Train a scorer on a split's train recipes, and one scorer for each left-out fold.
 
     ``make`` returns a scorer for the split's graph from training recipes, ids (n, 3), without further information.
-
-    Raises:
-        ConfigError: for fewer than two or too many folds, or a split without test part.
+    ConfigError for fewer than two or too many folds, or a split without test part.
 
     Example:
         >>> from wordcraft_kg.models.scorers.kernel import KernelScorer
@@ -263,11 +261,8 @@ def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
     A plan lists the recipes that make the task's goal; at depth 1 it has one recipe, which the model has not seen.
     Numbers are rows of :func:`seen_by_models`: 0 if each plan has a recipe outside train, otherwise 1 + the fold from
     :func:`~wordcraft_kg.graphs.folds.fold_of_tasks`, or K + 1 (the empty model) without such a fold. ``of_recipe``
-    contains each recipe's fold.
-
-    Raises:
-        LeakError: if a model has seen all recipes of a plan.
-        GraphMismatchError: if the folds belong to another split.
+    contains each recipe's fold. LeakError if a model has seen all recipes of a plan, GraphMismatchError if the folds
+    belong to another split.
     """
     seen = seen_by_models(of_recipe)
     fold = fold_of_tasks(of_recipe, tasks)

@@ -105,11 +105,8 @@ def make_features(
 
     ``pooling`` is the mean, or element-wise maximum, over a label's word vectors. ``allow_missing`` uses zeros even if
     more than a tenth of the entities lack a vector. ``seed`` is for ``random`` and ``shuffled:``, 0 or more.
-
-    Raises:
-        ConfigError: for an invalid argument, a damaged file (with the line), too large one-hot
-            vectors, or too few entities with a vector.
-        ArtefactError: for a folder that is damaged, or was not written by ``encode``.
+    ConfigError for an invalid argument, a damaged file (with the line), too large one-hot vectors, or too few entities
+    with a vector. ArtefactError for a folder that is damaged, or was not written by ``encode``.
 
     Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released code.
     """

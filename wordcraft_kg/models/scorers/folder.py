@@ -56,12 +56,10 @@ class Vocabulary(Record, frozen=True, kw_only=True):
 def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu") -> Scorer:
     """Load a scorer from a model folder.
 
-    A training command or ``save_scorer`` writes the folder. If given, ``graph`` must be the scorer's graph.
-    The result is a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer if the folder has folds.
-
-    Raises:
-        ArtefactError: if the folder is unfinished, incomplete or damaged.
-        GraphMismatchError: if the scorer belongs to another graph, or the folds to another split.
+    A training command or ``save_scorer`` writes the folder. If given, ``graph`` must be the scorer's graph. The result
+    is a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer if the folder has folds. ArtefactError
+    if the folder is unfinished, incomplete or damaged, GraphMismatchError if the scorer belongs to another graph, or
+    the folds to another split.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")

@@ -17,11 +17,7 @@ from wordcraft_kg.graphs.library import clear_cache as clear_book_cache
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import BookList
 
-EXAMPLES = (
-    "wordcraft-kg books",
-    "wordcraft-kg books --fetch little-alchemy-2",
-    "wordcraft-kg books --cache",
-)
+EXAMPLES = ("wordcraft-kg books", "wordcraft-kg books --fetch little-alchemy-2", "wordcraft-kg books --cache")
 
 PYKEEN = "PyKEEN's own folder"
 

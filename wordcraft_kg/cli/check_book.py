@@ -12,10 +12,7 @@ from wordcraft_kg.cli.options import Base, Book, SingleIngredient
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import CheckedBook
 
-EXAMPLES = (
-    "wordcraft-kg check-book recipes.csv",
-    "wordcraft-kg check-book everyday --against kitchen",
-)
+EXAMPLES = ("wordcraft-kg check-book recipes.csv", "wordcraft-kg check-book everyday --against kitchen")
 
 
 def check_book(

@@ -12,10 +12,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
-EXAMPLES = (
-    "wordcraft-kg evaluate-links models/everyday",
-    "wordcraft-kg evaluate-links models/everyday --json --force",
-)
+EXAMPLES = ("wordcraft-kg evaluate-links models/everyday", "wordcraft-kg evaluate-links models/everyday --json --force")
 
 
 def evaluate_links(

@@ -303,10 +303,5 @@ LINKS = TrainingOutput(
 )
 RECIPES = TrainingOutput("models.recipes.training:RecipesTraining", _recipe_rows, lambda values: [], _metrics)
 AGENTS = TrainingOutput(
-    "agents.training:AgentTraining",
-    _agent_rows,
-    _agent_seed_rows,
-    _agent_values,
-    _write_agent_report,
-    product="report",
+    "agents.training:AgentTraining", _agent_rows, _agent_seed_rows, _agent_values, _write_agent_report, product="report"
 )

@@ -182,8 +182,7 @@ class BatchEngine:
         self.pairs = _PairNumbers(world.graph, self.arrays)
         self._draws = Draws(world, self.arrays)
         self._goals, self._made, self._finals, self._results = map(
-            self.arrays.array,
-            (world.tasks.goals, world.tasks.intermediates, world.tasks.final_pairs, _results(world)),
+            self.arrays.array, (world.tasks.goals, world.tasks.intermediates, world.tasks.final_pairs, _results(world))
         )
         self._rows = self.arrays.array(np.arange(self.num_envs))
         self._numbers = self.arrays.array(np.arange(self.config.attempts))

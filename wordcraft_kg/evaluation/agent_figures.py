@@ -13,11 +13,7 @@ from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.statistics import (
-    paired_difference,
-    student_interval,
-    task_bootstrap,
-)
+from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.bins import OPEN_END, binned
 from wordcraft_kg.graphs.arrays import Ids
@@ -107,9 +103,7 @@ def compare_with_scorer(results: Sequence[Evaluation], scorer: str, alone: Evalu
 
 
 def success_of(
-    results: Sequence[Evaluation],
-    reference: Sequence[Evaluation] | None,
-    against_scorer: AgainstScorer | None = None,
+    results: Sequence[Evaluation], reference: Sequence[Evaluation] | None, against_scorer: AgainstScorer | None = None
 ) -> AgentSuccess:
     """Return the success rate over an agent's evaluated runs, compared with a reference agent's runs if given."""
     means = [float(result.success.mean()) for result in results]

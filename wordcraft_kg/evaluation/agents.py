@@ -291,12 +291,7 @@ def can_play(agent: OpenedAgent, distractors: int) -> bool:
 
 
 def _entry(
-    name: str,
-    members: list[OpenedAgent],
-    world: World,
-    results: _Results,
-    reference: _Results,
-    scorers: _ScorersAlone,
+    name: str, members: list[OpenedAgent], world: World, results: _Results, reference: _Results, scorers: _ScorersAlone
 ) -> AgentEntry:
     headline = results.get(world.config.num_distractors, [])
     config = members[0].config

@@ -42,10 +42,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "words": in_words,
             "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
         },
-        files={
-            "table.csv": as_csv(view),
-            **_in_all_formats("figure", study_figure(view)),
-        },
+        files={"table.csv": as_csv(view), **_in_all_formats("figure", study_figure(view))},
     )
 
 

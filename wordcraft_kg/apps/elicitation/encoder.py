@@ -62,12 +62,7 @@ def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
 
 
 def write_vectors(
-    out: Path,
-    labels: Sequence[str],
-    vectors: NDArray[np.float16],
-    *,
-    inputs: Mapping[str, str],
-    force: bool = False,
+    out: Path, labels: Sequence[str], vectors: NDArray[np.float16], *, inputs: Mapping[str, str], force: bool = False
 ) -> Path:
     """Write a folder of vectors; ``inputs`` are the hashes of graph and weights.
 

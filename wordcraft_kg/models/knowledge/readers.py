@@ -19,12 +19,7 @@ from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 
 _LONGEST = 2**20
 """Most bytes in a line; a longer line suggests another kind of file."""
-_USELESS = {
-    b"/r/ExternalURL",
-    b"/r/FormOf",
-    b"/r/EtymologicallyDerivedFrom",
-    b"/r/EtymologicallyRelatedTo",
-}
+_USELESS = {b"/r/ExternalURL", b"/r/FormOf", b"/r/EtymologicallyDerivedFrom", b"/r/EtymologicallyRelatedTo"}
 """Relations about words or web pages, not about things; also all below /r/dbpedia/."""
 _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
 _ENGLISH = b"/c/en/"

@@ -53,10 +53,7 @@ def train_epochs(
 
 
 def fit(
-    settings: LinkSettings,
-    factory: TriplesFactory,
-    after_epoch: Callable[[int], None],
-    num_entities: int | None = None,
+    settings: LinkSettings, factory: TriplesFactory, after_epoch: Callable[[int], None], num_entities: int | None = None
 ) -> Model:
     """Return a model trained without a run folder; equal settings and triples give the same model as a run.
 

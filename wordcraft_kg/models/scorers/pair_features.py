@@ -195,15 +195,7 @@ class RecipeKnowledge(nn.Module):
         makes = (known_results.view(*number.shape, self.results.shape[2]) == goal[:, None, None]).any(-1)
         made = self.counts[:, :, 1].flatten().index_select(0, model * width + goal)
         evidence = self._evidence(goal, table, model).flatten(2).index_select(2, one * slots + other)
-        rest = [
-            pair,
-            pair_link,
-            number > 0,
-            makes,
-            _rows(self.words, a * wide + b),
-            a == b,
-            made[:, None].expand_as(a),
-        ]
+        rest = [pair, pair_link, number > 0, makes, _rows(self.words, a * wide + b), a == b, made[:, None].expand_as(a)]
         return torch.cat([of_a + of_b, torch.minimum(of_a, of_b), torch.stack(rest), evidence.add(FLOOR).log()])
 
     def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:

@@ -56,7 +56,11 @@ def test_people_and_a_scorer_answer_the_same_questions(graph, judgements):
     assert view.right_people == 1 / 2
     assert view.auc == 1 / 2  # best scores 3, 1 against 2
     assert view.right == 1
+    assert view.right_ci == (1, 1)
+    assert view.auc_people_ci == (view.auc_people,) * 2  # one person
     assert view_pairs(judgements, graph).auc is None
+    with pytest.raises(ConfigError, match="only recipes or no recipe"):
+        view_pairs(judgements[:2], graph)
 
 
 def test_a_scorer_that_knows_a_judged_pair_is_refused_and_its_recipes_are_listed(graph, judgements):
@@ -69,7 +73,15 @@ def test_the_area_is_the_share_of_ordered_cases():
     rng = np.random.default_rng(0)
     right, scores = rng.random(40) < 0.3, rng.integers(5, size=40)
     pairs = [(one > two) + 0.5 * (one == two) for one in scores[right] for two in scores[~right]]
-    assert area_under_curve(right.tolist(), scores.tolist()) == pytest.approx(np.mean(pairs))
+    area, (low, high) = area_under_curve(right.tolist(), scores.tolist(), range(40))
+    assert area == pytest.approx(np.mean(pairs))
+    # Hanley and McNeil's standard error for cases that are drawn one by one
+    a, n, m = area, right.sum(), (~right).sum()
+    variance = a * (1 - a) + (n - 1) * (a / (2 - a) - a * a) + (m - 1) * (2 * a * a / (1 + a) - a * a)
+    assert (high - low) / 3.92 == pytest.approx(np.sqrt(variance / (n * m)), rel=0.15)
+    # Copies of the same cases in a person's cluster are no further evidence.
+    copies = area_under_curve([*right] * 3, [*scores] * 3, [*range(40)] * 3)
+    assert (copies[0], *copies[1]) == pytest.approx((area, low, high))
 
 
 def test_a_missing_changed_or_unfitting_file_is_refused(graph, tmp_path, monkeypatch, kitchen):
@@ -95,3 +107,4 @@ def test_published_judgements_give_the_figures_of_the_guide(alchemy):
     assert (view.pairs, view.recipes, view.judgements, view.questions) == (832, 359, 1949, 178)
     assert view.auc_people == pytest.approx(0.588, abs=5e-4)
     assert view.right_people == pytest.approx(0.607, abs=5e-4)
+    assert (*view.auc_people_ci, *view.right_people_ci) == pytest.approx((0.564, 0.612, 0.516, 0.700), abs=2e-3)

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from msgspec.structs import replace
-from scipy.stats import mannwhitneyu
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
 from wordcraft_kg.graphs.library import cache_folder, data_folder, fetch_file
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -35,9 +35,13 @@ CAVEATS = (
 )
 
 
+_Bounds = tuple[Share, Share]
+
+
 class Judgement(NamedTuple):
     """A person's answers about a pair: rating from 1 to 7, chosen result and the four options, as labels."""
 
+    person: int
     pair: tuple[int, int]
     rating: int
     answer: str
@@ -56,6 +60,7 @@ class PairView(Record, omit_defaults=True):
         questions: answers by people to "which of four results" with a right option.
         right_people: share of right answers; .25 is chance.
         right: the same for the scorer.
+        auc_people_ci, right_people_ci, auc_ci, right_ci: 95 % intervals, by resampling people, or pairs for the scorer.
         caveats: limits of the comparison.
     """
 
@@ -66,10 +71,14 @@ class PairView(Record, omit_defaults=True):
     judgements: Count
     questions: Count
     auc_people: Share
+    auc_people_ci: _Bounds
     right_people: Share
+    right_people_ci: _Bounds
     model: str | None = None
     auc: Share | None = None
+    auc_ci: _Bounds | None = None
     right: Share | None = None
+    right_ci: _Bounds | None = None
     caveats: tuple[str, ...] = CAVEATS
 
 
@@ -94,12 +103,12 @@ def read_judgements(path: Path, graph: RecipeGraph) -> list[Judgement]:
     """Return all judgements of pairs with both ingredients in the graph."""
     ids = {label: entity for entity, label in enumerate(graph.entities)}
     judgements = []
-    for person in json.loads(path.read_text(encoding="utf-8")).values():
+    for number, person in enumerate(json.loads(path.read_text(encoding="utf-8")).values()):
         columns = ("currentcombinationstring", "linkanswers", "elementanswers", "elementoptionsshuffeld")
         for pair, rating, answer, options in zip(*(person[name] for name in columns), strict=True):
             if pair[0] in ids and pair[1] in ids:
                 a, b = sorted(ids[label] for label in pair)
-                judgements.append(Judgement((a, b), int(rating), answer, tuple(options)))
+                judgements.append(Judgement(number, (a, b), int(rating), answer, tuple(options)))
     if not judgements:
         raise ConfigError(f"{graph.name} has none of the rated pairs; expected little-alchemy-2.")
     return judgements
@@ -122,7 +131,15 @@ def view_pairs(
     pairs = sorted({judgement.pair for judgement in judgements})
     results = {pair: set(graph.labels(graph.outcomes.get(pair, ()))) for pair in pairs}
     questions = [judgement for judgement in judgements if results[judgement.pair] & {*judgement.options}]
+    if not questions or all(results.values()):
+        raise ConfigError(
+            f"{graph.name} has only recipes or no recipe among the rated pairs; expected little-alchemy-2."
+        )
+    people = [judgement.person for judgement in judgements]
     is_recipe = [bool(results[judgement.pair]) for judgement in judgements]
+    auc, auc_ci = area_under_curve(is_recipe, [judgement.rating for judgement in judgements], people)
+    right = [judgement.answer in results[judgement.pair] for judgement in questions]
+    share, share_ci = _share(right, [judgement.person for judgement in questions])
     view = PairView(
         graph=graph.name,
         hash=graph.hash,
@@ -130,8 +147,10 @@ def view_pairs(
         recipes=sum(map(bool, results.values())),
         judgements=len(judgements),
         questions=len(questions),
-        auc_people=area_under_curve(is_recipe, [judgement.rating for judgement in judgements]),
-        right_people=float(np.mean([judgement.answer in results[judgement.pair] for judgement in questions])),
+        auc_people=auc,
+        auc_people_ci=auc_ci,
+        right_people=share,
+        right_people_ci=share_ci,
     )
     if model is None:
         return view
@@ -150,12 +169,30 @@ def view_pairs(
         options = [option for option in judgement.options if option in ids]
         best = max(options, key=lambda option: float(scores[judgement.pair][ids[option]]))
         right.append(best in results[judgement.pair])
-    auc = area_under_curve([bool(results[pair]) for pair in pairs], [float(scores[pair].max()) for pair in pairs])
-    return replace(view, model=name, auc=auc, right=float(np.mean(right)))
+    best_scores = [float(scores[pair].max()) for pair in pairs]
+    auc, auc_ci = area_under_curve([bool(results[pair]) for pair in pairs], best_scores, range(len(pairs)))
+    share, share_ci = _share(right, [pairs.index(judgement.pair) for judgement in questions])
+    return replace(view, model=name, auc=auc, auc_ci=auc_ci, right=share, right_ci=share_ci)
 
 
-def area_under_curve(is_right: Sequence[bool], scores: Sequence[float]) -> float:
-    """Return the probability that a right case has a higher score than a wrong one; ties count half."""
-    values, chosen = np.asarray(scores, dtype=float), np.asarray(is_right, dtype=bool)
-    wins = mannwhitneyu(values[chosen], values[~chosen], method="asymptotic").statistic
-    return float(wins / (chosen.sum() * (~chosen).sum()))
+def _share(right: Sequence[bool], clusters: Sequence[int]) -> tuple[float, _Bounds]:
+    return float(np.mean(right)), interval(bootstrap(np.array(right, dtype=float), np.array(clusters)))
+
+
+def area_under_curve(
+    is_right: Sequence[bool], scores: Sequence[float], clusters: Sequence[int]
+) -> tuple[float, _Bounds]:
+    """Return the probability that a right case has a higher score than a wrong one, and its 95 % interval.
+
+    Ties count half. The interval resamples whole clusters; resamples without right or without wrong cases are dropped.
+    """
+    _, cluster = np.unique(clusters, return_inverse=True)
+    _, level = np.unique(scores, return_inverse=True)
+    counts = np.zeros((2, cluster.max() + 1, level.max() + 1))
+    np.add.at(counts, (np.array(is_right, dtype=int), cluster, level), 1)
+    number = counts.shape[1]
+    draws = np.random.default_rng(0).multinomial(number, np.full(number, 1 / number), size=RESAMPLES)
+    wrong, right = np.vstack([np.ones(number), draws]) @ counts
+    wins, cases = (right * (wrong.cumsum(axis=1) - wrong / 2)).sum(axis=1), wrong.sum(axis=1) * right.sum(axis=1)
+    value, *areas = wins[cases > 0] / cases[cases > 0]
+    return float(value), interval(np.array(areas))

@@ -51,11 +51,11 @@ def people_pairs(
     view = view_pairs(judgements, opened, loaded)
     rows = [
         ("", "is it a recipe (AUC)", "which of four results"),
-        ("one person", f"{view.auc_people:.3f}", f"{view.right_people:.3f}"),
+        ("one person", _cell(view.auc_people, view.auc_people_ci), _cell(view.right_people, view.right_people_ci)),
         ("chance", "0.500", "0.250"),
     ]
-    if view.auc is not None and view.right is not None:
-        rows.insert(1, (str(view.model), f"{view.auc:.3f}", f"{view.right:.3f}"))
+    if view.model is not None:
+        rows.insert(1, (view.model, _cell(view.auc, view.auc_ci), _cell(view.right, view.right_ci)))
     lines = [
         f"{view.graph}: {view.pairs} pairs, {view.recipes} of them recipes; {view.judgements:,} ratings by people, "
         f"{view.questions} answers with a right option",
@@ -63,3 +63,7 @@ def people_pairs(
         *(f"note: {caveat}" for caveat in view.caveats),
     ]
     output.result(view, lines + ([f"wrote {recipes}"] if recipes else []))
+
+
+def _cell(value: float | None, bounds: tuple[float, float] | None) -> str:
+    return f"{value:.3f} [{bounds[0]:.3f}, {bounds[1]:.3f}]" if bounds else ""

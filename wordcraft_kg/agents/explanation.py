@@ -154,8 +154,13 @@ class ExplainedTable(Record):
 
     @property
     def in_sample(self) -> tuple[TableRecipe, ...]:
-        """Recipes for the goal that are training data of the model that gave the scores."""
+        """Recipes of the plans that are training data of the model that gave the scores."""
         return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_in_sample))
+
+    @property
+    def is_known(self) -> bool:
+        """Whether all recipes of a plan are training data of the model that gave the scores."""
+        return any(all(recipe.is_in_sample for recipe in way) for way in self.ways)
 
 
 class _Query(NamedTuple):

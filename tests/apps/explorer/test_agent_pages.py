@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from tests.apps.explorer.conftest import LEARNED, SHORT
@@ -146,6 +147,9 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     shown = view_of(agents, both).first
     learned = {" + ".join(sorted(graph.labels(way))) for way in ways[:2]}
     assert learned <= {f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.in_sample}
+    unseen = msgspec.structs.replace(shown.ways[0][0], is_in_sample=False)  # as the second recipe of a plan of depth 2
+    partly = msgspec.structs.replace(shown, ways=((*shown.ways[0], unseen),))
+    assert (shown.is_known, partly.is_known, bool(partly.in_sample)) == (True, False, True)
     text = look(agents, both).text
     assert all(shown in text for shown in ("in-sample This model was trained on", *learned))
     one = Episode(goal=both.goal, table=graph.labels(dict.fromkeys(ways[0])))

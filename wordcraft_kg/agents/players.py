@@ -15,7 +15,7 @@ from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.settings import whole
+from wordcraft_kg.base.settings import memory, whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
 from wordcraft_kg.envs.evaluation_tables import default_seeds
@@ -29,7 +29,7 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView, ask
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
-from wordcraft_kg.models.scorers.config import MAX_DENSE
+from wordcraft_kg.models.scorers.config import dense_bytes
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.scales import SelfEdges
@@ -179,7 +179,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     no_self = fact_sources(graph, graph.triples[~loops])
     train = split.recipes("train")
     planner = {}
-    if graph.num_entities <= MAX_DENSE:
+    if dense_bytes(graph.num_entities) <= memory():
         planner = {"partial KG, planner": knowledge_player([BestPlan.of_recipes(graph.num_entities, train)])}
     return {
         "random": random_entity,

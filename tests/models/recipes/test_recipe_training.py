@@ -16,10 +16,11 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.recipes import training
+from wordcraft_kg.models.recipes import base, fitting, training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
 from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers import config, kernel
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import cosines
@@ -120,8 +121,38 @@ def same_tensors(one, other):
     return all(torch.equal(one[name], other[name]) for name in one)
 
 
-@pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed"])
-def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
+@pytest.fixture
+def large(monkeypatch):
+    """Make every book a large one."""
+    for module in (kernel, base, fitting):
+        monkeypatch.setattr(module, "MANY", 3)
+
+
+def test_a_large_book_has_the_features_of_a_small_one(monkeypatch, request):
+    graph = random_graph(2, 12, 60)
+    text = cosines(torch.randn(graph.num_entities, 5, generator=torch.Generator().manual_seed(0)))
+    tables = base.Base.of(graph.recipes, text)
+    small = list(base.link_features(tables))
+    request.getfixturevalue("large")
+    for expected, found in zip(small, base.link_features(tables), strict=True):
+        torch.testing.assert_close(found, expected, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("needed", [11, 12])
+def test_a_book_whose_tables_do_not_fit_into_memory_is_refused(book, tmp_path, monkeypatch, needed):
+    monkeypatch.setattr(config, "memory", lambda: config.dense_bytes(needed))
+    if needed == 12:
+        train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
+        return
+    with pytest.raises(ConfigError, match=r"all pairs of 12 entities, which takes .* GiB.*train-complex"):
+        train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
+    assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed", "a large book"])
+def test_a_fold_has_no_influence_on_the_scorer_without_it(what, request):
+    if what == "a large book":
+        request.getfixturevalue("large")
     graph = random_graph(2, 12, 60)
     folds = make_folds(make_split(graph, SplitConfig()), 3)
     fold_of = {graph.labels(row): int(fold) for row, fold in zip(graph.recipes.tolist(), folds.of_recipe, strict=True)}

@@ -1,6 +1,6 @@
 """Predictions computed from recipes without training, and link features for the rankers (small networks)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,7 +9,15 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.scorers.kernel import TEXT, completion, kernel_scores, link_matrices, normalised, similarity
+from wordcraft_kg.models.scorers.kernel import (
+    MANY,
+    TEXT,
+    completion,
+    kernel_scores,
+    link_matrices,
+    normalised,
+    similarity,
+)
 from wordcraft_kg.models.scorers.pair_features import FLOOR
 
 
@@ -24,10 +32,6 @@ class Base:
         seen: ids of all entities in the recipes.
         text: word vector cosines.
         kernel: entity similarity by recipes and words.
-        structure: entity similarity by recipes alone.
-        alike: the normalised kernel, squared.
-        words_like: positive word cosines to the power 4.
-        combines, components: combinesWith and componentOf links of the recipes, 1 or 0, row = head.
         completed: combinesWith scores by known pairs with the same result, from
             :func:`~wordcraft_kg.models.scorers.kernel.completion`.
         pairs, parts: combinesWith (ingredient pair) and componentOf (ingredient, result) scores, predicted with the
@@ -38,11 +42,6 @@ class Base:
     seen: Tensor
     text: Tensor
     kernel: Tensor
-    structure: Tensor
-    alike: Tensor
-    words_like: Tensor
-    combines: Tensor
-    components: Tensor
     completed: Tensor
     pairs: Tensor
     parts: Tensor
@@ -52,24 +51,34 @@ class Base:
         """Compute the attributes from recipes (n, 3) and word cosines ``text`` (E, E), zeros without words."""
         size = len(text)
         kernel = similarity(recipes, text)
-        combines, components = link_matrices(recipes, size)
         seen = torch.from_numpy(np.unique(recipes) if len(recipes) else np.arange(size))
         completed = completion(recipes, size)
-        pairs, parts = kernel_scores(recipes, kernel, completed, seen)
-        return cls(
-            recipes=recipes,
-            seen=seen,
-            text=text,
-            kernel=kernel,
-            structure=kernel - TEXT * text.clamp(min=0) ** 2,
-            alike=normalised(kernel) ** 2,
-            words_like=text.clamp(min=0) ** 4,
-            combines=combines,
-            components=components,
-            completed=completed,
-            pairs=pairs,
-            parts=parts,
-        )
+        # A factorisation in place of eigenvectors needs a positive kernel: negative cosines count as positive.
+        positive = kernel if size <= MANY else kernel + TEXT * text.clamp(max=0) ** 2
+        pairs, parts = kernel_scores(recipes, positive, completed, seen)
+        return cls(recipes, seen, text, kernel, completed, pairs, parts)
+
+    # Tables that follow from others are made when needed: a large book has no room for all.
+
+    @property
+    def structure(self) -> Tensor:
+        """Entity similarity by recipes alone."""
+        return self.kernel - TEXT * self.text.clamp(min=0) ** 2
+
+    @property
+    def alike(self) -> Tensor:
+        """The normalised kernel, squared."""
+        return normalised(self.kernel) ** 2
+
+    @property
+    def words_like(self) -> Tensor:
+        """Positive word cosines to the power 4."""
+        return self.text.clamp(min=0) ** 4
+
+    @property
+    def links(self) -> tuple[Tensor, Tensor]:
+        """The combinesWith and componentOf links of the recipes, 1 or 0, row = head."""
+        return link_matrices(self.recipes, len(self.text))
 
     def column(self, number: int) -> Tensor:
         """Return a recipe column (0 and 1: ingredients, 2: results) as entity ids, shape (n,)."""
@@ -90,67 +99,82 @@ class LinkTables(NamedTuple):
 NOTHING = LinkTables()
 
 
-def link_features(base: Base, outside: LinkTables = NOTHING) -> tuple[Tensor, Tensor]:
-    """Return F features, from the tables in ``base`` and ``outside``, for all combinesWith and componentOf links.
+def link_features(base: Base, outside: LinkTables = NOTHING) -> Iterator[Tensor]:
+    """Yield F features, from the tables in ``base`` and ``outside``, for all combinesWith, then all componentOf links.
 
     Each tensor has shape (E, E, F), row = head; F depends on the relation.
     """
-    pairs, parts = [*features_of_pairs(base), *outside.pairs], [*features_of_parts(base), *outside.parts]
-    return torch.stack(pairs, dim=-1), torch.stack(parts, dim=-1)
+    yield torch.stack([*features_of_pairs(base), *outside.pairs], dim=-1)
+    yield torch.stack([*features_of_parts(base), *outside.parts], dim=-1)
 
 
 def features_of_pairs(base: Base) -> list[Tensor]:
     """Return the combinesWith features from ``base``: symmetric tables of shape (E, E)."""
-    combines, similar = base.combines, _to_others(base.structure)
-    made = base.components.sum(0).log1p()
+    (combines, components), similar = base.links, _to_others(base.structure)
+    alike, words_like = base.alike, base.words_like
+    made = components.sum(0).log1p()
     degree = combines.sum(1).log1p()
     first, second = base.column(0), base.column(1)
     return [
         base.pairs,
         _log(base.completed),
-        _log(_symmetric(similar @ combines)),
-        _log(_symmetric(similar**3 @ combines)),
-        _log(_symmetric(_to_others(base.words_like) @ combines)),
-        _log(_symmetric(base.alike[:, first] @ base.alike[:, second].T)),
-        _log(_symmetric(base.words_like[:, first] @ base.words_like[:, second].T)),
+        _log(_symmetric(_times(similar, combines))),
+        _log(_symmetric(_times(similar**3, combines))),
+        _log(_symmetric(_times(_to_others(words_like), combines))),
+        _log(_symmetric(_evidence(alike, [first], second))),
+        _log(_symmetric(_evidence(words_like, [first], second))),
         base.text,
         base.kernel,
         degree[:, None] + degree,
         (degree[:, None] - degree).abs(),
         made[:, None] + made,
         torch.eye(len(combines)),
-        torch.diag((base.alike @ combines.diagonal()) / base.alike[:, base.seen].sum(1).clamp(min=FLOOR)),
+        torch.diag((alike @ combines.diagonal()) / alike[:, base.seen].sum(1).clamp(min=FLOOR)),
     ]
 
 
 def features_of_parts(base: Base) -> list[Tensor]:
     """Return the componentOf features from ``base``: tables of shape (E, E), row = ingredient."""
-    components, similar, words = base.components, _to_others(base.structure), _to_others(base.words_like)
+    (combines, components), similar, words = base.links, _to_others(base.structure), _to_others(base.words_like)
     used, made = components.sum(1).log1p(), components.sum(0).log1p()
     first, second, result = (base.column(number) for number in range(3))
-    ingredient = base.alike[:, first] + base.alike[:, second]
-    by_words = base.words_like[:, first] + base.words_like[:, second]
     shape = components.shape
     return [
         base.parts,
-        _log(similar @ components),
-        _log(similar**3 @ components),
-        _log(components @ similar),
-        _log(components @ similar**3),
-        _log(words @ components),
-        _log(components @ words),
-        _log(ingredient @ base.alike[:, result].T),
-        _log(by_words @ base.words_like[:, result].T),
+        _log(_times(similar, components)),
+        _log(_times(similar**3, components)),
+        _log(_times(components, similar)),
+        _log(_times(components, similar**3)),
+        _log(_times(words, components)),
+        _log(_times(components, words)),
+        _log(_evidence(base.alike, [first, second], result)),
+        _log(_evidence(base.words_like, [first, second], result)),
         base.text,
         base.kernel,
-        _log(base.combines @ components),
-        _log(components @ components),
-        base.combines,
+        _log(_times(combines, components)),
+        _log(_times(components, components)),
+        combines,
         used[:, None].expand(shape),
         used.expand(shape),
         made[:, None].expand(shape),
         made.expand(shape),
     ]
+
+
+def _times(one: Tensor, other: Tensor) -> Tensor:
+    """Return the product of two tables, in a large book by sparse arithmetic: one of them holds links."""
+    if len(one) <= MANY:
+        return one @ other
+    return one.to_sparse() @ other if one.count_nonzero() <= other.count_nonzero() else _times(other.T, one.T).T
+
+
+def _evidence(alike: Tensor, heads: Sequence[Tensor], tails: Tensor) -> Tensor:
+    """Return ``Σ_r k(x, head_r) k(y, tail_r)`` for all x and y; k is ``alike``, and r runs over recipes."""
+    if len(alike) <= MANY:
+        return sum((alike[:, head] for head in heads[1:]), alike[:, heads[0]]) @ alike[:, tails].T
+    cells = torch.cat([*heads]), tails.repeat(len(heads))
+    links = torch.zeros_like(alike).index_put_(cells, torch.ones(()), accumulate=True)
+    return alike @ _times(links, alike)  # an E x E problem, for any number of recipes
 
 
 def _log(sums: Tensor) -> Tensor:

@@ -18,6 +18,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.recipes.base import NOTHING, Base, LinkTables, link_features
+from wordcraft_kg.models.scorers.kernel import MANY
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of, pairs_of
 
 HIDDEN = 32
@@ -130,14 +131,15 @@ def fit_recipe_scorer(
 ) -> tuple[RecipeKnowledge, LinkRankers]:
     """Fit a recipe scorer: link rankers (networks that score triples), then a recipe ranker that uses their scores.
 
-    The ``folds`` of train recipes, except those with numbers in ``left_out``, are held out in turn. ``text`` holds
+    The ``folds`` of train recipes, except those with numbers in ``left_out``, are held out in turn; in a large book,
+    only the first of them, because each takes minutes. ``text`` holds
     cosines between word vectors of entities, shape (E, E), zeros without words; ``outside`` adds link features that are
     the same in all folds. ``seed`` is for initial weights and the sampled tables with distractors. ``after`` is called
     after each fold, and may raise to end the fit.
 
     Returns the feature arrays with the recipe ranker's weights, and the link rankers.
     """
-    turns = [fold for fold in range(folds.count) if fold not in left_out]
+    turns = _turns(folds, left_out)
     rng = np.random.default_rng([seed, *sorted(left_out)])
     generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
     bases, rankers = fit_link_rankers(
@@ -201,7 +203,7 @@ def fit_link_rankers(
     weights. Returns for each fold the pair tables computed without the fold, and the two rankers.
     """
     size = folds.split.graph.num_entities
-    turns = [fold for fold in range(folds.count) if fold not in left_out]
+    turns = _turns(folds, left_out)
     bases = [Base.of(folds.recipes([*left_out, fold]), text) for fold in turns]
     known = torch.zeros(2, size, size, dtype=torch.bool)
     heads, relations, tails = torch.from_numpy(folds.triples(left_out).copy()).T
@@ -214,10 +216,13 @@ def fit_link_rankers(
         (base, _new_triples(folds.recipes_of(fold), base.recipes, size), nobody)
         for fold, base in zip(turns, bases, strict=True)
     ]
-    for base, new, unknown in (*queries, _unknown_entities(folds.recipes(left_out), bases[0].text, rng)):
+    if size <= MANY or text.any():
+        queries.append(_unknown_entities(folds.recipes(left_out), text, rng))
+    for base, new, unknown in queries:
         for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base, outside), strict=True):
             cells = features.flatten(0, 1)
-            moments[relation].append(cells[::7].clone())  # a view would keep the whole tensor
+            # A view would keep the whole tensor.
+            moments[relation].append(cells[:: max(7, len(cells) // 2**20)].clone())
             spans[relation].append(cells.amax(0) - cells.amin(0))
             # combinesWith is symmetric, so head queries equal tail queries.
             for side in ("tail",) if relation == COMBINES_WITH else ("tail", "head"):
@@ -237,6 +242,11 @@ def fit_link_rankers(
         )
         after()
     return bases, (fitted[0], fitted[1])
+
+
+def _turns(folds: Folds, left_out: Collection[int]) -> list[int]:
+    turns = [fold for fold in range(folds.count) if fold not in left_out]
+    return turns if folds.split.graph.num_entities <= MANY else turns[:1]
 
 
 def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:

@@ -33,6 +33,7 @@ from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
+from wordcraft_kg.models.scorers.kernel import MANY
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
@@ -231,8 +232,10 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 if report:
                     report(sum(so_far.values()), total, {})
 
+        # A large book's tables fill the memory, so fits do not run in parallel.
+        is_long = len(folds.recipes()) > ALONE and len(self.text) <= MANY
         try:
-            train_jobs(waiting, settings.threads, note, is_long=len(folds.recipes()) > ALONE)
+            train_jobs(waiting, settings.threads, note, is_long=is_long)
         except KeyboardInterrupt:
             done = f"interrupted; {len(kept.records())} of {len(jobs)} fits are saved in '{run.path}'."
             raise KeyboardInterrupt(f"{done} Repeat the command to make the rest.") from None

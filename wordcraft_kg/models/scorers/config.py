@@ -3,6 +3,7 @@
 from typing import Literal
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.settings import memory
 from wordcraft_kg.graphs.triples import RELATIONS
 
 Scale = Literal["standardise", "ranks", "log-softmax", "none"]
@@ -31,14 +32,20 @@ def check_table(what: str, num_entities: int) -> None:
         )
 
 
-MAX_DENSE = 4_000
-"""Entities up to which kernels are dense: about twenty tables in memory at once, and E³ operations."""
+DENSE_TABLES = 60
+"""Tables of all entity pairs that a recipe scorer's training has in memory at once, about."""
+
+
+def dense_bytes(num_entities: int) -> int:
+    """Return the number of bytes of memory for training a recipe scorer, about."""
+    return DENSE_TABLES * 4 * num_entities**2
 
 
 def check_dense(what: str, num_entities: int) -> None:
-    """Raise ConfigError if dense kernels for so many entities are too large; ``what`` names the scorer."""
-    if num_entities > MAX_DENSE:
+    """Raise ConfigError if dense kernels for so many entities do not fit into memory; ``what`` names the scorer."""
+    needed, available = (f"{size / 2**30:,.0f} GiB" for size in (dense_bytes(num_entities), memory()))
+    if dense_bytes(num_entities) > memory():
         raise ConfigError(
-            f"{what} compares all pairs of {num_entities:,} entities; expected at most {MAX_DENSE:,}. Use ComplEx "
-            "(wordcraft-kg train-complex), or a smaller graph."
+            f"{what} compares all pairs of {num_entities:,} entities, which takes {needed}, and {available} are there. "
+            "Use ComplEx (wordcraft-kg train-complex), whose scores u and v need no such tables, or a smaller graph."
         )

@@ -19,6 +19,7 @@ from wordcraft_kg.models.scorers.factors import FactorsScorer
 from wordcraft_kg.models.scorers.kernel import (
     COMPLETION,
     NAME,
+    SMOOTHING,
     TEXT,
     KernelScorer,
     check_vectors,
@@ -30,8 +31,6 @@ _RANK = 256
 """Factors per relation."""
 CELLS = 2**24
 """Maximum number of similarities in memory, 4 bytes each."""
-SMOOTHING = 0.5
-"""Ridge of both steps. Validation prefers .2 to .5 equally; larger values lose less by low rank."""
 _TOLERANCE = 1e-3
 """Relative residual at which conjugate gradients stop."""
 _MAX_STEPS = 100
@@ -125,12 +124,7 @@ def two_step(kernel: SparseSimilarity, links: Any) -> _Product:
 
     K is ``kernel``, λ is :data:`SMOOTHING`, Y is ``links``, sparse, shape (E, E), row = head.
 
-    This is ridge regression over heads, then over tails. It replaces
-    :func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`, where the filter ``w w' / (w w' + λ)`` needs all
-    eigenvectors.
-
-    Source: Pahikkala et al. 2014, "A two-step learning approach for solving full and almost full cold start problems in
-    dyadic prediction"; Stock et al. 2018.
+    As :func:`~wordcraft_kg.models.scorers.kernel.two_step_regression`, without a table.
     """
     return lambda block: smoothed(kernel, np.asarray(links @ smoothed(kernel, block), dtype=np.float32))
 

@@ -283,7 +283,9 @@ def knowledge_of(
     users, makers = torch.from_numpy(recipes[:, :2].ravel().copy()), torch.from_numpy(recipes[:, 2].copy())
     counts[:-1, 0], counts[:-1, 1] = (torch.bincount(ids, minlength=size)[:size].log1p() for ids in (users, makers))
     supporting = torch.full((size + 1, EVIDENCE, 3), size, dtype=torch.int16)
-    nearest = torch.sort(alike[:, makers], dim=1, descending=True, stable=True).indices[:, :EVIDENCE]
+    nearest = torch.cat(
+        [torch.sort(rows[:, makers], descending=True, stable=True).indices[:, :EVIDENCE] for rows in alike.split(512)]
+    )
     supporting[:-1, : nearest.shape[1]] = torch.from_numpy(recipes.astype("int16"))[nearest]
     numbers, results = _known_pairs(recipes, size)
     return RecipeKnowledge(

@@ -54,7 +54,7 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
-    if needed <= TABLE_LIMIT:
+    if needed <= TABLE_LIMIT or BestRecipe.serves(scorer):  # only a recipe scorer's training needs more
         if (folded := folds_of(scorer)) is not None:
             check_memory("folds", folded.count, "score tables, a table for each", needed * (folded.count + 2))
         return False

@@ -12,7 +12,7 @@ from typing import Any
 
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 
-_OWN_FILES = ("graph.json", "run.json", "report.json", "site.json")
+_OWN_FILES = ("graph.json", "run.json", "report.json", "site.json", "submission.json")
 """Files that mark a folder as written by this package; ``force`` may replace such a folder."""
 TEMPORARY = ".wordcraft-kg"
 """Suffix of hidden temporary files and folders; after a kill, a later command may remove such leftovers."""

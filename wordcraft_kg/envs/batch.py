@@ -198,15 +198,18 @@ class BatchEngine:
         """Begin the next episode in every environment."""
         return self._begin(state.keys, state.episode)
 
-    def pose(self, tasks: Array, episode: int = 0, *, seed: int = 0) -> State:
+    def pose(self, tasks: Array, episode: int = 0, *, seed: int = 0, tables: Array | None = None) -> State:
         """Begin an episode with a given task in each environment, for evaluation.
 
         ``tasks`` are task indices, shape (N,). Later episodes have drawn tasks. Distractors depend only on seed,
-        environment number, ``episode`` and task.
+        environment number, ``episode`` and task, unless ``tables`` are given: ids in slot order, padded with nothing,
+        shape (N, at most num_slots).
         """
         keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
         tasks = self.arrays.array(np.array(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
-        begun = self._begun(self._draws.tables(self._draws.keys(keys, number), tasks), tasks)
+        if tables is None:
+            tables = self._draws.tables(self._draws.keys(keys, number), tasks)
+        begun = self._begun(tables, tasks)
         return State._make((self, keys, Ahead(self._draws, keys, number + 1), 0, *begun, number + 1))
 
     def _keys(self, seed: int) -> Array:

@@ -72,13 +72,15 @@ class World:
         True
     """
 
-    def __init__(self, graph: "GraphLike | World", config: WordCraftConfig):
-        """Open the graph, or share another world's graph, and make the tasks; TaskError if there is none."""
+    def __init__(self, graph: "GraphLike | World", config: WordCraftConfig, tasks: TaskSet | None = None):
+        """Open the graph, or share another world's graph; make the tasks (TaskError if there is none) unless given."""
         opened = graph if isinstance(graph, World) else open_world_graph(graph)
         self.graph: RecipeGraph = opened.graph
         self.split: Split = opened.split
         self._derived: dict[Hashable, Any] = graph._derived if isinstance(graph, World) else {}
         self.config = config
+        if tasks is not None:
+            self._derived[("tasks", *(getattr(config, name) for name in _TASKS))] = tasks
         self.nothing = self.graph.num_entities
         self.max_results = 1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max(initial=1))
         self.num_slots = config.depth + 1 + config.num_distractors + self.max_results * config.attempts

@@ -2,9 +2,10 @@
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from wordcraft_kg.base.errors import EpisodeError
+from wordcraft_kg.base.settings import whole
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
@@ -14,9 +15,16 @@ from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
 
+Pair = tuple[str, str]
+Table = Callable[[int, int], list[int]]
+"""A function from a task (index) and a distractor seed to the ids on the starting table, in slot order."""
+
 
 class Game(ABC):
-    """Base class for games: an attempt combines two of :attr:`labels`; without tasks, ``task`` is -1."""
+    """Base class for games: an attempt combines two of :attr:`labels`; without tasks, ``task`` is -1.
+
+    ``pairs`` holds the labels in each attempt, None for a lost attempt.
+    """
 
     goal: str | None = None
     tasks: TaskSet | None = None
@@ -26,6 +34,7 @@ class Game(ABC):
         """Begin a game; ``aim`` is the key for the prompt text about the aim, such as ``goal``."""
         self.graph = graph
         self.rules = f"{prompt_text('rules')} {prompt_text(aim)}"
+        self.pairs: list[Pair | None] = []
         self._is_ended = False
 
     @property
@@ -51,11 +60,14 @@ class Game(ABC):
     def combine(self, one: int, other: int) -> str:
         """Make an attempt with two entities, by index in :attr:`labels`; describe the result in a sentence."""
         self._check()
+        table = self.labels
+        self.pairs.append((table[one], table[other]))
         return self._combine(one, other)
 
     def lose_attempt(self) -> None:
         """Use up an attempt without combining entities."""
         self._check()
+        self.pairs.append(None)
         self._lose()
 
     def end(self) -> None:
@@ -89,24 +101,27 @@ class TaskGame(Game):
         start: labels on the table at the start.
         by_plan: whether a plan's last pair made the goal.
         actions: number of chosen entities: two in an attempt, one in an attempt lost by invalid messages.
-        last: labels of the last combined pair; None initially and after a lost attempt.
     """
 
     goal: str
     tasks: TaskSet
 
-    def __init__(self, env: WordCraftEnv, tables: EvaluationTables, task: int, distractor_seed: int):
+    def __init__(self, env: WordCraftEnv, table: Table, task: int, distractor_seed: int):
         """Begin a task with the table for a distractor seed; no other game may use ``env``."""
         super().__init__(env.world.graph, "goal")
         self.tasks, self.task, self.distractor_seed = env.tasks, task, distractor_seed
         self._env = env
-        env.reset(options={"task": task, "table": tables.table(task, distractor_seed)})
+        env.reset(options={"task": task, "table": table(task, distractor_seed)})
         self.goal = self.graph.entities[env.state.goal]
         self.start, self.attempts = self.labels, env.world.config.attempts
         self.is_made = self.by_plan = False
         self.actions = 0
-        self.last: tuple[str, str] | None = None
         self._tried: set[tuple[str, ...]] = set()
+
+    @property
+    def last(self) -> Pair | None:
+        """Labels of the last combined pair; None initially and after a lost attempt."""
+        return self.pairs[-1] if self.pairs else None
 
     @property
     def attempts_left(self) -> int:
@@ -130,7 +145,6 @@ class TaskGame(Game):
         self._env.step(one)
         *_, info = self._env.step(other)
         self.actions += 2
-        self.last = pair
         self.is_made, self.by_plan = info["outcome"] == "goal", info["by_plan"]
         key = tuple(sorted(pair))
         text = combined(pair, results_of(self._env, *pair)) + (prompt_text("tried") if key in self._tried else "")
@@ -140,20 +154,19 @@ class TaskGame(Game):
     def _lose(self) -> None:
         self._env.step(len(self._env.state.table))  # picks an empty slot
         self.actions += 1
-        self.last = None
 
 
 class TaskGames:
-    """A factory for independent games: all tasks in a world, with the tables of agent evaluation."""
+    """A factory for independent games: all tasks in a world, by default with the tables of agent evaluation."""
 
-    def __init__(self, world: World):
+    def __init__(self, world: World, table: Table | None = None):
         """Prepare environment and tables, which all games share."""
         self.world, self.graph = world, world.graph
-        self._env, self._tables = WordCraftEnv(world), EvaluationTables(world)
+        self._env, self._table = WordCraftEnv(world), table or EvaluationTables(world).table
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
         """Begin a game on a task (index) with the distractors for this seed; a ConfigError if there is no such task."""
-        return TaskGame(copy.copy(self._env), self._tables, task, distractor_seed)
+        return TaskGame(copy.copy(self._env), self._table, task, distractor_seed)
 
 
 class DiscoveryGame(Game):
@@ -201,15 +214,27 @@ class DiscoveryGame(Game):
 
 
 class DiscoveryGames:
-    """A factory for independent games in a graph's open-ended world, all from the same base entities."""
+    """A factory for independent games in a graph's open-ended world, all from the same base entities.
 
-    def __init__(self, graph: GraphLike, *, attempts: int = 100, base: Iterable[Entity] | None = None):
+    ``orders`` holds the base (ids) in the order of each game of a benchmark, else nothing.
+    """
+
+    def __init__(
+        self,
+        graph: GraphLike,
+        *,
+        attempts: int = 100,
+        base: Iterable[Entity] | None = None,
+        orders: Sequence[tuple[int, ...]] = (),
+    ):
         """Prepare the world; default base: the graph's base."""
         self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
-        self.graph = self.env.graph
+        self.graph, self.orders = self.env.graph, orders
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:
-        """Begin a game; task and seed are ignored, because all games start alike."""
+        """Begin a game; the task is ignored, and the seed is the number of the game in ``orders``, if any."""
         env = copy.copy(self.env)
         env.discovery = copy.copy(self.env.discovery)
+        if self.orders:
+            env.discovery.base = self.orders[whole("game", distractor_seed, 0, len(self.orders) - 1)]
         return DiscoveryGame(env)

@@ -24,6 +24,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     Attributes:
         part: None in the open-ended world, like depth and distractors.
         prompt_hash: hash of all prompt texts, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
+        track: name of a benchmark's track, if the games are on its tasks.
     """
 
     graph: str
@@ -42,6 +43,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     look_ups: Count = LOOK_UPS
     max_invalid: Count = MAX_INVALID
     prompt_hash: Hash
+    track: str | None = None
 
     @property
     def is_open_ended(self) -> bool:
@@ -83,6 +85,7 @@ class PlayedTask(Record, frozen=True, kw_only=True):
         by_plan: whether a plan's last pair made the goal.
         actions: number of actions (choices of an entity) until the end.
         last: labels of the last combined pair; None after a lost attempt.
+        pairs: labels of all combined pairs in turn, None for a lost attempt; empty in files of earlier versions.
         invalid_actions, lost_attempts: numbers of invalid messages, and of attempts lost by them.
         messages: all prompts and answers in turn.
     """
@@ -100,10 +103,11 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     lost_attempts: Count
     look_ups: Count
     messages: tuple[str, ...]
+    pairs: tuple[tuple[str, str] | None, ...] = ()
 
 
 class PlayedWorld(Record, frozen=True, kw_only=True):
-    """A finished open-ended game: a line in ``games.jsonl``; for the last four fields see :class:`PlayedTask`."""
+    """A finished open-ended game: a line in ``games.jsonl``; for the last fields see :class:`PlayedTask`."""
 
     game: Count
     known_after: tuple[Count, ...]
@@ -112,6 +116,7 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
     lost_attempts: Count
     look_ups: Count
     messages: tuple[str, ...]
+    pairs: tuple[tuple[str, str] | None, ...] = ()
 
 
 class TextResult(Record, frozen=True, kw_only=True):

@@ -50,7 +50,7 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
 def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
     """Return the record of the finished game in a conversation; ``number`` is the index of an open-ended game."""
     game = talk.game
-    counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages)}
+    counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages), "pairs": tuple(game.pairs)}
     if isinstance(game, DiscoveryGame):
         return PlayedWorld(game=number, known_after=tuple(game.known_after), repeated=game.repeated, **counts)
     assert isinstance(game, TaskGame)

@@ -16,6 +16,8 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 KnowledgeKind = Literal["none", "partial", "scorer"]
 """Look-up source: nothing, the train recipes, or a trained scorer's best links."""
+LookUps = Literal["none", "partial"]
+"""Look-up sources in the benchmark."""
 MAX_INVALID = 3
 LOOK_UPS = 10
 TIMEOUT = 60.0

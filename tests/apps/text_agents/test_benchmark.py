@@ -1,0 +1,282 @@
+import json
+import re
+import runpy
+import shlex
+import sys
+from pathlib import Path
+
+import jsonschema
+import msgspec
+import numpy as np
+import pytest
+
+from wordcraft_kg.agents.evaluation import Evaluator
+from wordcraft_kg.agents.players import knowledge_players
+from wordcraft_kg.apps.text_agents import benchmark
+from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
+from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter, reproduce
+from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
+from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
+from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema, verify
+from wordcraft_kg.base.artefacts import sha256_of
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.words import prompt_hash
+from wordcraft_kg.envs.world import World
+
+FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
+PYTHON = shlex.quote(sys.executable)
+PROGRAM = f"program:{PYTHON} -c {shlex.quote(FIRST_TWO)}"
+LITE = [name for name in read_manifest()[0].names if "-lite" in name]
+OTHER = "0" * 64
+
+
+@pytest.fixture(scope="module")
+def submitted(tmp_path_factory):
+    """Return a function from track and player to the folder of its submission, played once."""
+    made = {}
+
+    def submit(track="craft-8-lite", player="votes"):
+        if (track, player) not in made:
+            made[track, player] = tmp_path_factory.mktemp("bench") / "out"
+            bench_run(track, player=player, out=made[track, player])
+        return made[track, player]
+
+    return submit
+
+
+@pytest.fixture
+def copied(submitted, tmp_path):
+    """Return a function that copies a submission."""
+
+    def copy(*track_and_player):
+        folder = tmp_path / "copy"
+        folder.mkdir(exist_ok=True)
+        for file in submitted(*track_and_player).glob("*.json*"):
+            (folder / file.name).write_bytes(file.read_bytes())
+        return folder
+
+    return copy
+
+
+def edit(folder, **values):
+    path = folder / "submission.json"
+    record = json.loads(path.read_text()) | values
+    path.write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+    return record
+
+
+def seal(folder):
+    """Write the hash of the games into the submission, as someone who edits games would."""
+    edit(folder, games_hash=sha256_of(folder / "games.jsonl"))
+
+
+def lines_in(folder):
+    return (folder / "games.jsonl").read_bytes().splitlines(keepends=True)
+
+
+@pytest.mark.slow
+def test_the_manifest_and_the_schema_are_those_that_the_script_makes(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["make_benchmark.py", "--check"])
+    runpy.run_path(str(Path(__file__).parents[3] / "data" / "make_benchmark.py"), run_name="__main__")
+
+
+def test_prompts_and_schema_are_those_of_the_manifest():
+    # Other prompts are another experiment, and need another version of the benchmark.
+    assert read_manifest()[0].prompts["text"] == prompt_hash()
+    assert json.loads(SCHEMA.read_text()) == submission_schema()
+
+
+@pytest.mark.parametrize("name", ["craft-8", "goal-8"])
+@pytest.mark.parametrize("player", ["nearest-words", "oracle"])
+def test_a_scripted_player_has_the_success_of_the_evaluation(submitted, name, player):
+    track = open_track(name)
+    config = WordCraftConfig("test", track.frozen.depth, track.frozen.distractors)
+    lines = [json.loads(line) for line in lines_in(submitted(name, player))]
+    world = World(track.opened, config)
+    scripted = knowledge_players(track.opened.split)[{"oracle": "recipe oracle"}.get(player, "nearest words")]
+    expected = Evaluator(world, distractor_seeds=1)(scripted)
+    chosen = chosen_tasks(world, 500)
+    for values in ("success", "by_plan"):
+        assert np.array_equal([line[values] for line in lines], getattr(expected, values)[chosen, 0]), values
+
+
+@pytest.mark.parametrize("track", LITE)
+@pytest.mark.parametrize("player", ["random", "oracle"])
+def test_every_lite_track_can_be_played_and_verified(submitted, track, player):
+    submission = verify(submitted(track, player))
+    assert submission.figures.games == len(open_track(track)) == (5 if "discover" in track else 100)
+    if player == "oracle" and "discover" not in track:
+        assert submission.figures.by_plan == submission.figures.mean == 1
+    record = json.loads((submitted(track, player) / "submission.json").read_text())
+    jsonschema.validate(record, json.loads(SCHEMA.read_text()))
+
+
+def test_the_tasks_with_made_up_words_are_the_same_tasks(submitted):
+    known, unknown = (verify(submitted(f"depth-2-lite{words}", "votes")) for words in ("", "-made-up"))
+    assert known.figures == unknown.figures
+    assert known.games_hash != unknown.games_hash
+
+
+@pytest.mark.parametrize("player", ["random", "votes", PROGRAM])
+def test_the_same_player_writes_the_same_bytes_and_is_reproduced(submitted, tmp_path, player, capsys):
+    first = submitted(player=player)
+    bench_run("craft-8-lite", player=player, out=tmp_path / "again")
+    for name in ("games.jsonl", "submission.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (first / name).read_bytes()
+    assert bench_verify(first, player=player) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("reproduced  craft-8-lite")
+
+
+def test_a_program_keeps_its_messages_and_look_ups_are_offered_and_counted(tmp_path):
+    asks = FIRST_TWO.replace("'1 + 2'", "'look up air' if '\"new\": true' in line else '1 + 2'")
+    player = f"program:{PYTHON} -c {shlex.quote(asks)}"
+    bench_run("craft-1-lite", player=player, out=tmp_path / "out", look_ups="partial", price=0.5, measured=True)
+    submission = verify(tmp_path / "out")
+    assert (submission.look_ups, submission.knowledge, submission.prompts) == (100, "partial", "standard")
+    assert submission.price == 0.5
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", submission.date)
+    assert len(lines_in(tmp_path / "out" / "messages")) == 101
+    edit(tmp_path / "out", knowledge="none")
+    with pytest.raises(ArtefactError, match="line 1: the game has 1 look-up; expected at most 0"):
+        verify(tmp_path / "out")
+
+
+def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
+    folder = submitted()
+    with pytest.raises(ArtefactError, match="'kind' is votes, and the given player has random"):
+        reproduce(folder, verify(folder), "random", RunSettings(tmp_path))
+    first = submitted(player=PROGRAM)
+    with pytest.raises(ArtefactError, match="line 1: the given player plays another game here"):
+        reproduce(first, verify(first), PROGRAM.replace("1 + 2", "3 + 4"), RunSettings(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"benchmark": "everyday-v1"}, "'benchmark' is everyday-v1; expected everyday-v2"),
+        ({"benchmark_hash": OTHER}, "'benchmark_hash' is 0000"),
+        ({"scoring": 2}, "'scoring' is 2; expected 1"),
+        ({"graph_hash": OTHER}, "'graph_hash' is 0000"),
+        ({"track": "craft-9"}, "unknown track 'craft-9'"),
+        ({"track": "craft-8"}, "100 of 500 games"),
+        ({"prompts": "standard", "prompt_hash": OTHER}, "'prompt_hash' is 0000.*declare custom prompts"),
+        ({"prompts": "standard"}, "'prompt_hash' is None"),
+        ({"prompt_hash": OTHER}, "'prompts' is none"),
+        ({"look_ups": 1}, "'look_ups' is 1; expected 0"),
+        ({"games_hash": OTHER}, "'games_hash' is"),
+        ({"price": float("nan")}, "submission.json is damaged"),
+        ({"price": -1.0}, r"Expected `float` >= 0.0|'float' >= 0.0"),
+        ({"notes": ""}, "unknown field"),
+    ],
+)
+def test_a_submission_that_the_benchmark_contradicts_is_refused(copied, values, reason):
+    folder = copied()
+    edit(folder, **values)
+    with pytest.raises((ArtefactError, ConfigError), match=reason):
+        verify(folder)
+
+
+@pytest.mark.parametrize("value", [0.9, float("nan"), 2.0])
+def test_an_edited_figure_is_refused(copied, value):
+    folder = copied()
+    figures = json.loads((folder / "submission.json").read_text())["figures"]
+    edit(folder, figures=figures | {"mean": value})
+    with pytest.raises(ArtefactError, match=r"'figures' is|damaged"):
+        verify(folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda lines: lines[:30], "30 of 100 games"),
+        (lambda lines: [lines[1], lines[0], *lines[2:]], "line 1: game 1; expected game 0"),
+        (lambda lines: [*lines, lines[0]], "line 101: game 0; expected no more than 100 games"),
+        (lambda lines: [lines[0], *lines], "line 2: game 0; expected game 1"),
+        (lambda lines: [lines[0].replace(b'"success": false', b'"success": true'), *lines[1:]], "line 1: the replay"),
+        (lambda lines: [lines[0].replace(b'"goal": "', b'"goal": "x'), *lines[1:]], "line 1: the replay gives"),
+        (lambda lines: [re.sub(rb'\[\["\w+', b'[["unicorn', lines[0]), *lines[1:]], "line 1: attempt 1 .*unicorn"),
+        (
+            lambda lines: [re.sub(rb'\[(\[".*?\])\]', rb"[\1, \1]", lines[0], count=1), *lines[1:]],
+            "line 1: attempt 2 comes",
+        ),
+        (lambda lines: [re.sub(rb'\[\[".*?\]\]', b"[null]", lines[0], count=1), *lines[1:]], "line 1: 1 attempt were"),
+        (lambda lines: [lines[0][:-2] + b"\n", *lines[1:]], "line 1,.* is damaged"),
+        (lambda lines: [*lines[:-1], lines[-1][:-1]], "line 100, has no end"),
+        (lambda lines: [b" " + lines[0], *lines[1:]], "line 1: the replay gives"),
+    ],
+)
+def test_changed_games_are_refused_with_the_line_even_under_a_new_hash(copied, change, reason):
+    folder = copied()
+    (folder / "games.jsonl").write_bytes(b"".join(change(lines_in(folder))))
+    seal(folder)
+    with pytest.raises(ArtefactError, match=reason):
+        verify(folder)
+
+
+def mutated(rng, data):
+    """Return games with a random change of some bytes, or of the order or number of the lines."""
+    lines = data.splitlines(keepends=True)
+    one, other = rng.choice(len(lines), 2, replace=False)
+    kind = rng.integers(6)
+    if kind == 0:
+        lines[one], lines[other] = lines[other], lines[one]
+    elif kind == 1:
+        del lines[one]
+    elif kind == 2:
+        lines.insert(one, lines[other])
+    elif kind == 3:  # an invented game: the decisions of another game
+        lines[one] = lines[other].replace(b'"number": %d,' % other, b'"number": %d,' % one)
+    else:
+        place = int(rng.integers(len(data)))
+        return data[:place] + bytes([(data[place] + 1 + int(rng.integers(255))) % 256]) + data[place + kind - 4 :]
+    return b"".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("track", "amount"),
+    [("craft-8-lite", 60), pytest.param("craft-8-lite", 10_000, marks=pytest.mark.slow)],
+)
+def test_every_mutation_of_the_games_is_refused(copied, track, amount):
+    folder = copied(track, "nearest-words")
+    path, rng = folder / "games.jsonl", np.random.default_rng(0)
+    original = path.read_bytes()
+    for _ in range(amount):
+        path.write_bytes(changed := mutated(rng, original))
+        assert changed != original
+        with pytest.raises(ArtefactError):
+            verify(folder)
+
+
+def test_a_manifest_of_another_book_is_refused(monkeypatch):
+    manifest, manifest_hash = read_manifest()
+    books = {name: msgspec.structs.replace(book, hash=OTHER) for name, book in manifest.books.items()}
+    monkeypatch.setattr(
+        benchmark, "read_manifest", lambda: (msgspec.structs.replace(manifest, books=books), manifest_hash)
+    )
+    with pytest.raises(GraphMismatchError, match=r"the book 'everyday' has the hash 82dcde20aeb1.* made for 0000"):
+        open_track.__wrapped__("goal-8")
+
+
+def test_players_and_tracks_that_do_not_fit_are_refused(submitted, tmp_path):
+    settings = RunSettings(tmp_path)
+    for track, player, reason in (
+        ("craft-8-lite", "oracel", "expected one of random, nearest-words"),
+        ("craft-8-lite", "random:1", "expected random."),
+        ("craft-8-lite", "scorer", "expected scorer:MODEL"),
+        ("discover-500-lite", "votes", "is open-ended and has no tasks"),
+    ):
+        with pytest.raises(ConfigError, match=reason):
+            enter(open_track(track), player, settings)
+    with pytest.raises(ConfigError, match="only players by text look items up"):
+        enter(open_track("craft-8-lite"), "random", RunSettings(tmp_path, "partial"))
+    with pytest.raises(OutputExistsError, match="exists"):
+        bench_run("craft-8-lite", player="votes", out=submitted())
+
+
+def test_verification_names_each_folder_and_fails_if_one_is_refused(submitted, tmp_path, capsys):
+    assert bench_verify(submitted(), tmp_path) == 1
+    first, second = capsys.readouterr().out.splitlines()[-2:]
+    assert first.startswith("replayed  craft-8-lite  partial KG, votes  0.")
+    assert second.startswith(f"refused  {tmp_path}/submission.json is missing")

@@ -1,0 +1,238 @@
+"""Kinds of players for the benchmark; other packages add kinds by the entry point group ``wordcraft_kg.bench_players``.
+
+A kind plays all games of a track, and returns the decisions with facts about the player.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.agents.agent_folder import open_agent
+from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
+from wordcraft_kg.agents.evaluation import PolicyPlayer
+from wordcraft_kg.agents.players import NEAREST_WORDS, Player, knowledge_players, scorer_players
+from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+from wordcraft_kg.apps.text_agents.benchmark import Track, open_track
+from wordcraft_kg.apps.text_agents.games import Pair
+from wordcraft_kg.apps.text_agents.line_player import LinePlayer
+from wordcraft_kg.apps.text_agents.records import GAMES_FILE, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.results import play_all, read_games
+from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
+from wordcraft_kg.apps.text_agents.submission import Played, Submission, read_lines, replay
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.registry import Registry
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
+from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.evaluation.discovery import open_guides
+from wordcraft_kg.graphs.arrays import padded
+from wordcraft_kg.models.folder import open_model
+from wordcraft_kg.models.scorers.folder import WEIGHTS, load_scorer
+
+_TRAINED_ON = {
+    "none": "no recipe of this book",
+    "partial": "train recipes of this book",
+    "full": "all recipes of this book, including the test tasks",
+}
+_SCRIPTED = {
+    "random": ("random", "random"),
+    "nearest-words": (NEAREST_WORDS, "nearest-words"),
+    "votes": ("partial KG, votes", ""),
+    "graph": ("partial KG, u+v", ""),
+    "oracle": ("recipe oracle", "greedy"),
+}
+"""Names of scripted players by kind: on tasks, and in open-ended games."""
+_USES_TRAIN = ("votes", "graph")
+_OWN_LICENCE = "Apache-2.0"
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """Settings for players: look-ups, seconds for an answer, and the folder for a text player's messages."""
+
+    messages: Path
+    look_ups: LookUps = "none"
+    timeout: float = TIMEOUT
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A player's decisions in all games of a track, in order, and facts for the submission."""
+
+    name: str
+    games: Sequence[Played]
+    training_data: str = "not declared"
+    licence: str = "not declared"
+    prompt_hash: str | None = None
+    weights: Mapping[str, str] = field(default_factory=dict)
+    tokens: Mapping[str, int] | None = None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of player: description, the argument's meaning (empty without one), and the function that plays."""
+
+    about: str
+    argument: str
+    enter: Callable[[Track, str, RunSettings], Entrant]
+
+
+def decisions(track: Track, player: Player) -> list[Played]:
+    """Return the decisions of a scripted player or policy in all tasks of a track, played together."""
+    world, size = track.world, len(track)
+    engine = BatchEngine(world, size)
+    tables = padded([task.table for task in track.frozen.tasks], world.nothing)
+    state = engine.pose(np.arange(size), tables=tables)
+    rng, rows = np.random.default_rng([EVALUATION_SEED, 0]), np.arange(size)
+    pairs: list[list[Pair | None]] = [[] for _ in rows]
+    names = (*track.opened.graph.entities, None)
+    while (running := state.attempts_left > 0).any():
+        slots = player(state, rng)
+        first, second = state.selection, state.table[rows, slots]
+        for row in np.flatnonzero(running & (first != engine.nothing)).tolist():
+            one, other = names[first[row]], names[second[row]]
+            pairs[row].append((one, other) if one and other else None)
+        state, _ = engine.step_once(state, slots)
+    return [Played(own) for own in pairs]
+
+
+def discoveries(track: Track, player: Discoverer) -> list[Played]:
+    """Return the decisions of a player in all open-ended games of a track."""
+    graph, games = track.opened.graph, []
+    for number, order in enumerate(track.frozen.orders):
+        world, pairs = Discovery(graph), list[Pair | None]()
+        player.begin(order, np.random.default_rng([EVALUATION_SEED, number]))
+        while len(pairs) < track.frozen.attempts and not world.is_complete:
+            one, other = player.choose()
+            player.observe((one, other), world.combine(one, other)[0])
+            pairs.append((graph.entities[one], graph.entities[other]))
+        games.append(Played(pairs))
+    return games
+
+
+def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
+    def enter(track: Track, argument: str, settings: RunSettings) -> Entrant:
+        on_tasks, name = _SCRIPTED[kind]
+        knows = _TRAINED_ON["partial" if kind in _USES_TRAIN else "full" if kind == "oracle" else "none"]
+        if track.is_open_ended and name:
+            (player,) = make_discoverers([name], track.opened.graph).values()
+            return Entrant(name, discoveries(track, player), knows, _OWN_LICENCE)
+        world = track.world
+        return Entrant(on_tasks, decisions(track, knowledge_players(world.split)[on_tasks]), knows, _OWN_LICENCE)
+
+    return enter
+
+
+def _scorer(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    return _with_model(track, argument, ("w, best pair", "u+v, self edges dropped"))
+
+
+def _planner(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    return _with_model(track, argument, ("planner",))
+
+
+def _with_model(track: Track, folder: str, names: Sequence[str]) -> Entrant:
+    model, graph = open_model(folder), track.opened.graph
+    own, name = model.opened, Path(folder).name
+    if own.graph.hash == graph.hash:
+        _check_split(folder, own.split.hash, track)
+    about: dict[str, Any] = {
+        "training_data": _TRAINED_ON[model.kg] if own.graph.hash == graph.hash else "recipes of another book",
+        "weights": {WEIGHTS: model.run.outputs[WEIGHTS]},
+    }
+    if track.is_open_ended:
+        guides = open_guides(folder, graph)
+        learner = None if guides.recipes is None else RecipeDiscoverer(guides.recipes)
+        (kind,) = guides.players[-1:]
+        (player,) = make_discoverers([kind], graph, guides.links, learner).values()
+        return Entrant(f"{name}, {kind}", discoveries(track, player), **about)
+    players = scorer_players(graph, load_scorer(folder), model.triples, plans=True)
+    best = next((each for each in names if each in players), None)
+    if best is None:
+        raise ConfigError(f"'{folder}' cannot plan; expected a model of train-recipes.")
+    return Entrant(f"{name}, {best}", decisions(track, players[best]), **about)
+
+
+def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    agent = open_agent(argument)
+    _check_split(argument, agent.opened.split.hash, track)
+    weights = {name: agent.run.outputs[name] for name in ("policy.safetensors",) if name in agent.run.outputs}
+    if not weights:
+        raise ConfigError(f"'{argument}' is unfinished; expected a finished run of train-agent.")
+    knows = _TRAINED_ON["full" if agent.run.kg == "full" else "partial"]
+    return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
+
+
+def _check_split(folder: str, split: str, track: Track) -> None:
+    if split != track.opened.split.hash:
+        raise GraphMismatchError(
+            f"'{folder}' was trained on split {split[:12]}; {track.name} has the {track.frozen.split} split "
+            f"{track.opened.split.hash[:12]} of {track.book}. Build this graph with build-graph, and train on it."
+        )
+
+
+def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    play = track.play(settings.look_ups)
+    with LinePlayer(argument, timeout=settings.timeout) as program:
+        play_all(program.name, program.speaker, play, settings.messages)
+    played = read_games(settings.messages / GAMES_FILE)[1]
+    return Entrant(program.name, in_order(played), prompt_hash=play.settings.prompt_hash)
+
+
+def in_order(played: Sequence[PlayedTask | PlayedWorld]) -> list[Played]:
+    """Return the decisions in recorded games, in the order of the track."""
+    numbered = {one.task if isinstance(one, PlayedTask) else one.game: one for one in reversed(played)}
+    return [Played(one.pairs, one.look_ups, one.invalid_actions) for _, one in sorted(numbered.items())]
+
+
+KINDS: Registry[Kind] = Registry(
+    "wordcraft_kg.bench_players",
+    {
+        "random": Kind("chance", "", _scripted("random")),
+        "nearest-words": Kind("the items with the words nearest to the goal", "", _scripted("nearest-words")),
+        "votes": Kind("votes of the train recipes on pairs", "", _scripted("votes")),
+        "graph": Kind("links of the train recipes, without learning", "", _scripted("graph")),
+        "oracle": Kind("knows all recipes", "", _scripted("oracle")),
+        "scorer": Kind("the best pair by a model's scores", "MODEL", _scorer),
+        "planner": Kind("the first pair of a model's best plan", "MODEL", _planner),
+        "agent": Kind("a trained agent", "RUN", _agent),
+        "program": Kind("a program that plays by the line protocol", "COMMAND", _program),
+    },
+)
+"""Kinds of players by name."""
+
+
+def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entrant]:
+    """Let a player, given as ``KIND`` or ``KIND:ARGUMENT``, play a track; return the kind's name and the decisions.
+
+    An unknown kind, or a missing or needless argument, is a ConfigError; for other errors see the kind.
+    """
+    name, _, argument = player.partition(":")
+    if name not in KINDS:
+        raise ConfigError(f"`player` '{name[:100]}': expected one of {', '.join(KINDS)}.")
+    kind = KINDS[name]
+    if bool(argument) != bool(kind.argument):
+        raise ConfigError(f"`player` '{player[:100]}': expected {name}{':' * bool(kind.argument)}{kind.argument}.")
+    if settings.look_ups != "none" and name not in TEXT_PLAYERS:
+        raise ConfigError(f"`look_ups` {settings.look_ups}: only players by text look items up; leave it out.")
+    return name, kind.enter(track, argument, settings)
+
+
+def reproduce(folder: Path, submission: Submission, player: str, settings: RunSettings) -> None:
+    """Let the player of a verified submission play again; an ArtefactError unless kind, weights and games are equal."""
+    track = open_track(submission.track)
+    kind, entrant = enter(track, player, settings)
+    path, play = folder / GAMES_FILE, track.play(submission.knowledge)
+    for name, value in (("kind", kind), ("weights", dict(entrant.weights))):
+        if (given := getattr(submission, name)) != value:
+            raise ArtefactError(f"{folder}: '{name}' is {given}, and the given player has {value}. Use the same one.")
+    for number, (line, played) in enumerate(zip(read_lines(path, track, play), entrant.games, strict=True), 1):
+        if line != replay(play, line.number, played):
+            raise ArtefactError(f"{path}, line {number}: the given player plays another game here.")
+
+
+TEXT_PLAYERS = ("program", "inspect", "mcp")
+"""Kinds that read prompts."""

@@ -1,0 +1,91 @@
+"""``wordcraft-kg bench run``."""
+
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
+from wordcraft_kg.cli.console import Flag, Output
+from wordcraft_kg.cli.options import Force
+
+GROUP = "Text agents"
+EXAMPLES = (
+    "wordcraft-kg bench run craft-8-lite --player votes --out submission",
+    'wordcraft-kg bench run craft-8-lite --player "program:python examples/line_player.py" --out submission',
+    "wordcraft-kg bench run depth-2 --player planner:models/recipes --out submission",
+)
+
+
+def bench_run(
+    track: str,
+    *,
+    player: str,
+    out: Path,
+    name: str | None = None,
+    look_ups: LookUps = "none",
+    prompts: Path | None = None,
+    training_data: str | None = None,
+    licence: str | None = None,
+    price: float | None = None,
+    measured: Flag = False,
+    timeout: float = TIMEOUT,
+    force: Force = False,
+    output: Output = Output(),
+) -> None:
+    """Let a player play a track of the benchmark; write a submission with all games.
+
+    The same player writes the same bytes. Repeat the command to continue an interrupted program.
+
+    Args:
+        track: name from `bench list`, such as craft-8-lite.
+        player: KIND or KIND:ARGUMENT, see `bench list`, such as random or scorer:models/mine.
+        out: folder for submission.json, games.jsonl, and a program's prompts and answers (messages).
+        name: player's name in tables.
+        look_ups: look-up source for players by text: none, or partial (train recipes).
+        prompts: file with the prompts, if they differ from the standard prompts; the submission holds the hash.
+        training_data: data on which the player was trained, in words.
+        licence: licence of the player or its weights.
+        price: price of the evaluation in US dollars.
+        measured: add the date and the duration, which differ between runs.
+        timeout: seconds for an answer of a program.
+    """
+    from wordcraft_kg.apps.text_agents.benchmark import open_track
+    from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
+    from wordcraft_kg.apps.text_agents.submission import MESSAGES, SUBMISSION_FILE, figures_text, write_submission
+    from wordcraft_kg.base.artefacts import check_output, sha256_of
+    from wordcraft_kg.base.settings import MAX_SIZE, number_in
+    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+
+    messages = out / MESSAGES
+    if force or (out / SUBMISSION_FILE).exists() or not messages.is_dir():  # else unfinished
+        check_output(out, force=force)
+        shutil.rmtree(messages, ignore_errors=True)
+    if price is not None:
+        number_in("price", price, 0, MAX_SIZE, "US dollars, 0 or more")
+    opened, begin = open_track(track), time.perf_counter()
+    with sigterm_as_interrupt():
+        kind, entrant = enter(opened, player, RunSettings(messages, look_ups, timeout))
+    seconds = round(time.perf_counter() - begin, 1)
+    standard = "none" if entrant.prompt_hash is None else "standard"
+    about: dict[str, Any] = {
+        "player": name or entrant.name,
+        "kind": kind,
+        "weights": dict(entrant.weights),
+        "prompts": standard if prompts is None else "custom",
+        "prompt_hash": entrant.prompt_hash if prompts is None else sha256_of(prompts),
+        "training_data": training_data or entrant.training_data,
+        "tokens": None if entrant.tokens is None else dict(entrant.tokens),
+        "price": price,
+        "seconds": seconds if measured else None,
+        "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
+        "licence": licence or entrant.licence,
+    }
+    written = write_submission(out, opened, entrant.games, look_ups, about)
+    output.result(
+        {"out": str(out), "submission": written},
+        [
+            f"{track}  {written.player}  {figures_text(written)}",
+            f"wrote {out}/   next: wordcraft-kg bench verify {out}",
+        ],
+    )

@@ -1,0 +1,51 @@
+"""``wordcraft-kg bench verify``."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from wordcraft_kg.apps.text_agents.settings import TIMEOUT
+from wordcraft_kg.base.errors import ConfigError, WordCraftKGError
+from wordcraft_kg.cli.console import Output
+
+GROUP = "Text agents"
+EXAMPLES = (
+    "wordcraft-kg bench verify submission",
+    "wordcraft-kg bench verify submission --player scorer:models/mine",
+)
+
+
+def bench_verify(*folders: Path, player: str | None = None, timeout: float = TIMEOUT, output: Output = Output()) -> int:
+    """Verify submissions: play all games again by the rules, and compute figures and intervals again.
+
+    Each folder is marked as replayed, or refused with the reason. With --player, the player plays the track again:
+    if weights and games are the same, the submission is also marked as reproduced. The exit code is 1 if any is
+    refused.
+
+    Args:
+        folders: folders of `bench run`.
+        player: the player of the submissions, as for `bench run`.
+        timeout: seconds for an answer of a program.
+    """
+    from wordcraft_kg.apps.text_agents.submission import figures_text, verify
+
+    if not folders:
+        raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")
+    marks: list[dict[str, Any]] = []
+    lines = []
+    for folder in folders:
+        try:
+            checked, mark = verify(folder), "replayed"
+            if player is not None:
+                from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, reproduce  # loads torch
+
+                with TemporaryDirectory() as messages:
+                    reproduce(folder, checked, player, RunSettings(Path(messages), checked.knowledge, timeout))
+                mark = "reproduced"
+            marks.append({"folder": str(folder), "mark": mark, "submission": checked})
+            lines.append(f"{mark}  {checked.track}  {checked.player}  {figures_text(checked)}   {folder}")
+        except WordCraftKGError as error:
+            marks.append({"folder": str(folder), "mark": "refused", "reason": str(error)})
+            lines.append(f"refused  {error}")
+    output.result({"submissions": marks}, lines)
+    return 1 if any(one["mark"] == "refused" for one in marks) else 0

@@ -1,0 +1,315 @@
+"""Submissions to the benchmark: a folder with ``submission.json`` and all games, which verification plays again.
+
+Both files are canonical: the same games give the same bytes, and verification compares bytes.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+
+from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
+from wordcraft_kg.apps.text_agents.conversation import Play
+from wordcraft_kg.apps.text_agents.games import Pair, TaskGame
+from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+from wordcraft_kg.apps.text_agents.settings import LookUps
+from wordcraft_kg.base.artefacts import dump_json, read_small_file, sha256_of, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, EpisodeError
+from wordcraft_kg.base.records import Count, Hash, Record, Share, as_lines, as_values, parse_record, schema_of
+from wordcraft_kg.base.statistics import student_interval, task_bootstrap
+from wordcraft_kg.base.wording import counted
+
+SUBMISSION_FILE = "submission.json"
+MESSAGES = "messages"
+"""Folder in a submission with a text player's prompts and answers, which verification ignores."""
+SCHEMA = Path(__file__).parent / "data" / "submission.schema.json"
+MARKS = (1, 10, 20, 50, 100, 200, 300, 400, 500)
+"""Numbers of attempts at which open-ended results give the known entities."""
+_DIGITS = 6
+_Amount = Annotated[float, msgspec.Meta(ge=0)]
+
+
+@dataclass(frozen=True)
+class Played:
+    """A player's decisions in a game: labels of the combined pairs (None for a lost attempt), and counts."""
+
+    pairs: Sequence[Pair | None]
+    look_ups: int = 0
+    invalid_actions: int = 0
+
+
+class GameLine(Record, frozen=True, kw_only=True, omit_defaults=True):
+    """A game: a line in ``games.jsonl``.
+
+    Attributes:
+        pairs: labels of the combined pairs in turn; None for an attempt lost by invalid answers.
+        made: for each attempt, the labels of the new entities.
+        success, by_plan: whether the goal was made, and by a plan's last pair; None in open-ended games.
+        known: number of known entities at the end of an open-ended game.
+        ended: whether the game ended with attempts left and without success.
+    """
+
+    number: Count
+    goal: str | None = None
+    pairs: tuple[Pair | None, ...]
+    made: tuple[tuple[str, ...], ...]
+    success: bool | None = None
+    by_plan: bool | None = None
+    known: Count | None = None
+    look_ups: Count = 0
+    invalid_actions: Count = 0
+    ended: bool = False
+
+
+class Figures(Record, frozen=True, kw_only=True):
+    """Figures over all games, rounded to six digits.
+
+    Attributes:
+        mean: share of made goals, or mean number of known entities after the last attempt.
+        ci_low, ci_high: 95 % interval: a bootstrap over tasks, or Student's t over open-ended games.
+        by_plan: share of goals made by a plan's last pair; None in open-ended games.
+        known: mean number of known entities by attempts; empty for tasks.
+    """
+
+    games: Count
+    mean: _Amount
+    ci_low: _Amount
+    ci_high: _Amount
+    by_plan: Share | None
+    known: dict[Count, _Amount]
+
+
+class Submission(Record, frozen=True, kw_only=True):
+    """A submission (``submission.json``).
+
+    Attributes:
+        benchmark, benchmark_hash, scoring: name, SHA-256 of the manifest file, and version of the scoring.
+        weights: SHA-256 of the weights by file or model name; empty without weights.
+        prompts: standard prompts of this package, custom prompts, or none for players without text.
+        training_data: data on which the player was trained, as declared.
+        knowledge: offered look-ups: none, or the train recipes.
+        tokens, price: number of tokens by kind, and price of the evaluation in US dollars, if known.
+        seconds, date: only on request, so that the same player writes the same file.
+        licence: licence of the player or its weights, as declared.
+    """
+
+    format: Literal["wordcraft-kg submission 1"] = "wordcraft-kg submission 1"
+    benchmark: str
+    benchmark_hash: Hash
+    scoring: Count
+    track: str
+    graph_hash: Hash
+    player: str
+    kind: str
+    weights: dict[str, Hash]
+    prompts: Literal["none", "standard", "custom"]
+    prompt_hash: Hash | None
+    training_data: str
+    knowledge: LookUps
+    tokens: dict[str, Count] | None
+    price: _Amount | None
+    seconds: _Amount | None
+    date: str | None
+    licence: str
+    look_ups: Count
+    invalid_actions: Count
+    lost_attempts: Count
+    figures: Figures
+    games_hash: Hash
+
+
+def submission_schema() -> dict[str, Any]:
+    """Return the JSON Schema of ``submission.json``."""
+    return schema_of(Submission, "urn:wordcraft-kg:submission:1", "A submission to a wordcraft-kg benchmark")
+
+
+def replay(play: Play, number: int, played: Played) -> GameLine:
+    """Play a game again by the rules; return its line, or raise an EpisodeError for impossible decisions."""
+    task, seed = (0, number) if play.settings.is_open_ended else (number, 0)
+    game, made = play.games.begin(task, seed), list[tuple[str, ...]]()
+    for attempt, pair in enumerate(played.pairs, 1):
+        before = game.labels
+        if game.is_over:
+            raise EpisodeError(f"attempt {attempt} comes after the end of the game")
+        if pair is None:
+            game.lose_attempt()
+        else:
+            for label in pair:
+                if label not in before:
+                    raise EpisodeError(f"attempt {attempt} combines '{label}', which is not on the table")
+            game.combine(*map(before.index, pair))
+        made.append(game.labels[len(before) :])
+    _check_counts(play, played)
+    own: dict[str, Any] = {"known": len(game.labels)}
+    if isinstance(game, TaskGame):
+        own = {"goal": game.goal, "success": game.is_made, "by_plan": game.by_plan}
+    return GameLine(
+        number=number,
+        pairs=tuple(played.pairs),
+        made=tuple(made),
+        look_ups=played.look_ups,
+        invalid_actions=played.invalid_actions,
+        ended=not game.is_over,
+        **own,
+    )
+
+
+def _check_counts(play: Play, played: Played) -> None:
+    most = play.settings.look_ups
+    if played.look_ups > most:
+        raise EpisodeError(f"the game has {counted(played.look_ups, 'look-up')}; expected at most {most}")
+    lost, each = list(played.pairs).count(None), play.settings.max_invalid + 1
+    if played.invalid_actions < lost * each:
+        raise EpisodeError(
+            f"{counted(lost, 'attempt')} were lost with {counted(played.invalid_actions, 'invalid answer')}; "
+            f"expected {each} or more for each lost attempt"
+        )
+
+
+def figures_text(submission: Submission) -> str:
+    """Return the mean with its interval as text, such as ``0.360 [0.270, 0.450] over 100 games``."""
+    figures = submission.figures
+    digits = 3 if figures.by_plan is not None else 1
+    mean, low, high = (f"{value:.{digits}f}" for value in (figures.mean, figures.ci_low, figures.ci_high))
+    return f"{mean} [{low}, {high}] over {counted(figures.games, 'game')}"
+
+
+def figures_of(track: Track, lines: Sequence[GameLine]) -> Figures:
+    """Return the figures over all games of a track."""
+    known: dict[int, float] = {}
+    by_plan = None
+    if track.is_open_ended:
+        base, marks = len(track.frozen.orders[0]), {mark for mark in MARKS if mark <= track.frozen.attempts}
+        for mark in sorted(marks | {track.frozen.attempts}):
+            known[mark] = _rounded(np.mean([base + sum(map(len, line.made[:mark])) for line in lines]))
+        final = [line.known or 0 for line in lines]
+        mean, interval = float(np.mean(final)), student_interval(final, within=(0, track.opened.graph.num_entities))
+    else:
+        success = np.array([bool(line.success) for line in lines])
+        mean, interval = float(success.mean()), task_bootstrap(success[:, None])
+        by_plan = _rounded(np.mean([bool(line.by_plan) for line in lines]))
+    low, high = interval or (mean, mean)
+    return Figures(
+        games=len(lines),
+        mean=_rounded(mean),
+        ci_low=_rounded(low),
+        ci_high=_rounded(high),
+        by_plan=by_plan,
+        known=known,
+    )
+
+
+def _rounded(value: float | np.floating) -> float:
+    return round(float(value), _DIGITS)
+
+
+def write_submission(
+    folder: Path, track: Track, games: Sequence[Played], knowledge: LookUps, about: Mapping[str, Any]
+) -> Submission:
+    """Write games, and at the end the submission, to a folder; ``about`` has the fields about the player.
+
+    Decisions that the rules do not allow are an EpisodeError; nothing is written.
+    """
+    play = track.play(knowledge)
+    lines = [replay(play, number, played) for number, played in enumerate(games)]
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / SUBMISSION_FILE).unlink(missing_ok=True)
+    write_atomically(folder / GAMES_FILE, as_lines(lines))
+    manifest, manifest_hash = read_manifest()
+    submission = Submission(
+        benchmark=manifest.name,
+        benchmark_hash=manifest_hash,
+        scoring=manifest.scoring,
+        track=track.name,
+        graph_hash=track.opened.graph.hash,
+        knowledge=knowledge,
+        **_totals(track, lines),
+        games_hash=sha256_of(folder / GAMES_FILE),
+        **about,
+    )
+    write_atomically(folder / SUBMISSION_FILE, dump_json(as_values(submission)))
+    return submission
+
+
+def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
+    return {
+        "look_ups": sum(line.look_ups for line in lines),
+        "invalid_actions": sum(line.invalid_actions for line in lines),
+        "lost_attempts": sum(line.pairs.count(None) for line in lines),
+        "figures": figures_of(track, lines),
+    }
+
+
+def verify(folder: Path) -> Submission:
+    """Play all games of a submission again, compare every byte and figure, and return the submission.
+
+    Raises:
+        ArtefactError: for anything that the rules, the manifest or the games contradict; names file and line.
+        GraphMismatchError: if the installed book is not the benchmark's.
+    """
+    path = folder / SUBMISSION_FILE
+    data = read_small_file(path)
+    submission = parse_record(data, Submission, path)
+    _check_versions(path, submission)
+    track = open_track(submission.track)
+    if submission.graph_hash != track.opened.graph.hash:
+        raise _refused(path, "graph_hash", submission.graph_hash, track.opened.graph.hash)
+    lines = read_lines(folder / GAMES_FILE, track, track.play(submission.knowledge))
+    for name, value in {**_totals(track, lines), "games_hash": sha256_of(folder / GAMES_FILE)}.items():
+        if (given := getattr(submission, name)) != value:
+            raise _refused(path, name, *(json.dumps(as_values(each)) for each in (given, value)))
+    try:
+        is_canonical = dump_json(as_values(submission)).encode() == data
+    except ValueError:
+        is_canonical = False
+    if not is_canonical:
+        raise ArtefactError(f"{path} was edited: expected the form in which `bench run` writes it.")
+    return submission
+
+
+def _check_versions(path: Path, submission: Submission) -> None:
+    manifest, manifest_hash = read_manifest()
+    for name, value in (
+        ("benchmark", manifest.name),
+        ("benchmark_hash", manifest_hash),
+        ("scoring", manifest.scoring),
+    ):
+        if getattr(submission, name) != value:
+            raise _refused(path, name, getattr(submission, name), value)
+    standard, given = manifest.prompts.values(), submission.prompt_hash
+    if submission.prompts == "standard" and given not in standard:
+        raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")
+    if submission.prompts == "none" and given is not None:
+        raise _refused(path, "prompts", "none", "standard or custom beside a prompt_hash")
+
+
+def _refused(path: Path, name: str, value: object, expected: object, remedy: str = "play the track again") -> Exception:
+    return ArtefactError(f"{path}: '{name}' is {value}; expected {expected}. To correct it, {remedy}.")
+
+
+def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:
+    """Read and replay the games of a track; an ArtefactError names the first line that differs from the replay."""
+    texts = read_small_file(path).split(b"\n")
+    if texts.pop():
+        raise ArtefactError(f"{path}, line {len(texts) + 1}, has no end. Play the track again.")
+    if len(texts) < len(track):
+        raise ArtefactError(f"{path}: {len(texts)} of {len(track)} games. Play all games of {track.name}.")
+    lines = []
+    for number, text in enumerate(texts):
+        where = f"{path}, line {number + 1}"
+        line = parse_record(text, GameLine, f"{where},")
+        if line.number != number or number >= len(track):
+            expected = f"game {number}" if number < len(track) else f"no more than {len(track)} games"
+            raise ArtefactError(f"{where}: game {line.number}; expected {expected}. Play the track again.")
+        try:
+            again = replay(play, number, Played(line.pairs, line.look_ups, line.invalid_actions))
+        except EpisodeError as error:
+            raise ArtefactError(f"{where}: {error}. Play the track again.") from None
+        if as_lines([again])[0].encode() != text + b"\n":
+            raise ArtefactError(f"{where}: the replay gives {as_lines([again])[0].strip()}. Play the track again.")
+        lines.append(line)
+    return lines

@@ -12,7 +12,7 @@ PAGE = Path(__file__).with_name("terms.md")
 BEGINNING = """# Terms
 
 Look up a term of the reports, the help, the errors and the guides. `make docs` writes this page from
-`wordcraft_kg/reports/glossary.py`, whose definitions the tooltips of the reports show, and `docs/make_terms.py`.
+`wordcraft_kg/reports/glossary.toml`, whose definitions the tooltips of the reports show, and `docs/make_terms.py`.
 
 ![Two recipes as triples: one triple is leaked, the rest of the test recipe is unseen](images/concepts.svg)
 

@@ -1,5 +1,7 @@
 """The readable environment: its rules, its spaces, and what it refuses."""
 
+import subprocess
+import sys
 import warnings
 
 import gymnasium as gym
@@ -290,3 +292,18 @@ def test_steps_before_a_reset_and_after_the_end_raise(opened_kitchen):
 def test_bad_reset_options_are_refused(opened_kitchen, options, error, says):
     with pytest.raises(error, match=says):
         WordCraftEnv(opened_kitchen).reset(options=options)
+
+
+@pytest.mark.parametrize("first", ["import gymnasium, wordcraft_kg", "import wordcraft_kg, gymnasium"])
+def test_gymnasium_knows_the_environments_in_either_order(first):
+    code = f"{first}\nfor name in ('WordCraft-v0', 'WordCraft-OpenEnded-v0'): print(gymnasium.spec(name).id)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.split() == ["WordCraft-v0", "WordCraft-OpenEnded-v0"]
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_everyday_is_played_if_no_graph_is_named(make):
+    options = {"num_envs": 2, "vectorization_mode": "vector_entry_point"} if make is gym.make_vec else {}
+    env = make("WordCraft-v0", **options).unwrapped
+    assert env.world.graph.name == gym.make("WordCraft-OpenEnded-v0").unwrapped.graph.name == "everyday"
+    assert make("WordCraft-v0", graph="kitchen", **options).unwrapped.world.graph.name == "kitchen"

@@ -98,15 +98,6 @@ def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(frequency, o
     assert (found.triples, found.queries, found.sampled_from) == (40, 80, everything)
 
 
-def test_swapping_the_models_turns_the_signs(noises):
-    _, one, two, _ = noises
-    there, back = second(one, two), second(two, one)
-    assert there.difference == pytest.approx(-back.difference)
-    assert there.difference_ci == pytest.approx([-back.difference_ci[1], -back.difference_ci[0]])
-    assert 0 < there.probability_better < 1
-    assert there.probability_better == pytest.approx(1 - back.probability_better)
-
-
 def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen):
     table = noise(opened_kitchen, 1).table("combinesWith")
     nudged = torch.stack([table, table]) + 1e-3 * torch.stack([noise(opened_kitchen, 2).table(r) for r in (0, 1)])

@@ -2,17 +2,24 @@
 
 import io
 import itertools
+import re
 import sys
 import xml.etree.ElementTree as ET
+import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
 from markupsafe import Markup
 
+from tests.apps.explorer.shown import view_of
+from wordcraft_kg.apps.explorer.explored import Explored
+from wordcraft_kg.apps.explorer.pages.path import Path
 from wordcraft_kg.base.errors import MissingExtraError
+from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_pictures import contribution_bar
-from wordcraft_kg.reports.charts.plot import BOTTOM, HEIGHT, WIDTH
+from wordcraft_kg.reports.charts import Made, colour_of, layered
+from wordcraft_kg.reports.charts.plot import BOTTOM, COLOURS, DARK, HEIGHT, LIGHT, WIDTH
 from wordcraft_kg.reports.charts.scales import spread
 from wordcraft_kg.reports.charts.standalone import rendered, resolved
 from wordcraft_kg.reports.pages import chart_style
@@ -477,3 +484,154 @@ def test_without_the_extra_the_error_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'typst>="):
         rendered("<svg/>", "png")
+
+
+# Machado, Oliveira and Fernandes 2009, "A physiologically-based model for simulation of color vision deficiency",
+# severity 1; on linear RGB.
+VISION = {
+    "full": np.eye(3),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+}
+TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+DISTANCE = 16.0
+"""Least distance of two series in CIELAB; about 2 is just noticeable side by side."""
+
+
+def linear(colour):
+    channels = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    return np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+
+
+def lab(light):
+    xyz = TO_XYZ @ np.clip(light, 0, 1) / [0.95047, 1, 1.08883]
+    x, y, z = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+def distance(vision, one, other):
+    return float(np.linalg.norm(lab(VISION[vision] @ linear(one)) - lab(VISION[vision] @ linear(other))))
+
+
+def contrast(one, other):
+    low, high = sorted(float(TO_XYZ[1] @ linear(colour)) for colour in (one, other))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("vision", VISION)
+@pytest.mark.parametrize("palette", [LIGHT, DARK], ids=["light", "dark"])
+def test_all_pairs_of_series_are_told_apart(palette, vision):
+    assert len(palette) == COLOURS
+    for one, other in itertools.combinations(palette, 2):
+        assert distance(vision, one, other) > DISTANCE, (one, other)
+
+
+@pytest.mark.parametrize(
+    ("palette", "page", "least", "of_first"), [(LIGHT, "#ffffff", 2.2, 3), (DARK, "#0d1117", 4.5, 4.5)]
+)
+def test_all_series_stand_out_from_the_page_and_the_first_four_clearly(palette, page, least, of_first):
+    assert all(contrast(colour, page) > least for colour in palette)
+    assert all(contrast(colour, page) > of_first for colour in palette[:4])
+
+
+HOSTILE = '<script>alert("x")</script>&'
+
+
+def parsed(markup):
+    return ElementTree.fromstring(markup)
+
+
+def box_of(root):
+    """The boxes by their labels, as left, top, right and bottom."""
+    boxes = {}
+    for link in root.iter("a"):
+        x, y, width, height = (float(link.find("rect").get(name)) for name in ("x", "y", "width", "height"))
+        boxes[link.find("text").text] = (x, y, x + width, y + height)
+    return boxes
+
+
+def made(label, layer, *of, **more):
+    return Made(label, f"/path/{label}", layer, of, **more)
+
+
+DIAMOND = [made("b", 1, "a", "a"), made("c", 2, "b", "a"), made("d", 2, "b", "b"), made("e", 3, "c", "d")]
+
+
+def test_layers_stand_from_left_to_right_and_boxes_do_not_overlap(kitchen):
+    explored = Explored(OpenedGraph(kitchen, default_split(kitchen), "kitchen"))
+    for entity in kitchen.entities:
+        steps = view_of(explored, Path(entity)).drawn
+        things = [made(step.recipe.result, step.layer, *step.recipe[:2]) for step in steps]
+        if not things:
+            continue
+        root = parsed(layered(things, kitchen.base, "way"))
+        boxes = box_of(root)
+        assert len(boxes) == len(things)
+        for one, other in itertools.combinations(things, 2):
+            a, b = boxes[one.label], boxes[other.label]
+            if one.layer == other.layer:
+                # Room for what is written under a box, too.
+                assert abs(a[1] - b[1]) > 36
+            else:
+                left, right = (a, b) if one.layer < other.layer else (b, a)
+                assert left[2] < right[0]
+        width, height = map(float, root.get("viewBox").split()[2:])
+        assert all(box[0] >= 0 and box[2] <= width and box[1] >= 0 and box[3] <= height - 20 for box in boxes.values())
+
+
+def test_an_arrow_leads_from_each_thing_to_what_is_made_of_it():
+    root = parsed(layered(DIAMOND, ["a"], "way"))
+    boxes = box_of(root)
+    arrows = {path.find("title").text: path.get("d") for path in root.iter("path")}
+    assert set(arrows) == {"b → c", "b → d", "c → e", "d → e"}
+    for title, path in arrows.items():
+        start, end = title.split(" → ")
+        begin = [float(number) for number in re.findall(r"-?[\d.]+", path)[:2]]
+        assert begin == [boxes[start][2], (boxes[start][1] + boxes[start][3]) / 2]
+        tip = [float(number) for number in re.findall(r"-?[\d.]+", path.split("l-6")[0])[-2:]]
+        assert tip == [boxes[end][0], (boxes[end][1] + boxes[end][3]) / 2]
+
+
+def test_an_arrow_passes_the_layers_between_beside_their_boxes():
+    things = [made("b", 1, "a", "a"), made("c", 2, "b", "b"), made("d", 3, "c", "c"), made("e", 4, "d", "b")]
+    root = parsed(layered(things, ["a"], "way"))
+    boxes = box_of(root)
+    path = next(path.get("d") for path in root.iter("path") if path.find("title").text == "b → e")
+    passes = re.findall(r" ([\d.]+)H([\d.]+)", path)
+    assert len(passes) == 2
+    for (y, right), label in zip(passes, ("c", "d"), strict=True):
+        assert float(right) == boxes[label][2]
+        assert not boxes[label][1] - 5 <= float(y) <= boxes[label][3] + 5
+
+
+def test_what_is_given_is_in_bold_under_the_craft_and_what_is_not_drawn_is_not():
+    root = parsed(layered([made("d", 5, "a", "c")], ["a"], "way"))
+    words = {span.text: span.get("class") for span in root.iter("tspan")}
+    assert words == {"a": "given", "c": "made"}
+    assert not list(root.iter("path"))
+    assert "layer 5" in [text.text for text in root.iter("text")]
+
+
+def test_long_labels_are_cut_with_a_tooltip_and_markup_stays_text():
+    long = "a very long label of an entity that nobody would write"
+    things = [made(long, 1, HOSTILE, "b", title=f"{long} = x"), made(HOSTILE, 2, long, long)]
+    root = parsed(layered(things, ["b"], "<i>"))
+    texts = [text.text for text in root.iter("text") if text.text]
+    assert "a very long lab…" in texts
+    assert [title.text for title in root.iter("title") if title.text == f"{long} = x"]
+    assert not list(root.iter("script"))
+    assert root.get("aria-label") == "<i>"
+
+
+def test_a_thing_without_an_address_is_no_link():
+    root = parsed(layered([Made("b", "", 1, ("a", "a"))], ["a"], "way"))
+    assert not list(root.iter("a"))
+    assert [text.text for text in root.iter("text")][1] == "b"
+
+
+def test_groups_beyond_the_colours_and_none_are_grey():
+    assert [colour_of(number) for number in (-1, 0, 7, 8)] == ["series-other", "series-0", "series-7", "series-other"]

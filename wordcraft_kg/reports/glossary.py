@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of
@@ -23,7 +23,7 @@ def _term(label: Label) -> Term:
     return Term("Agents", label.words, label.meaning or label.about, label.symbol)
 
 
-_TERMS: dict[Topic, dict[str, list[str]]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 GLOSSARY = {
     **{label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())},
     **{key: Term(topic, *term) for topic, terms in _TERMS.items() for key, term in terms.items()},

@@ -1,17 +1,36 @@
-"""Opening a model folder with the graph and split that it was trained on."""
+"""Model folders: saved scorers, and models opened with the graph and split that they were trained on."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
 import pytest
+import torch
 from graph_folders import write_graph
-from link_helpers import flip_bit, train
+from link_helpers import contents, flip_bit, random_graph, train
 from refusals import refuses
+from small_scorers import embeddings
 
-from wordcraft_kg import ComplExConfig, RecipeGraph, SplitConfig, make_split, open_book, open_graph, open_model
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
+from wordcraft_kg import (
+    ComplExConfig,
+    RecipeGraph,
+    SplitConfig,
+    load_scorer,
+    make_split,
+    open_book,
+    open_graph,
+    open_model,
+    save_scorer,
+)
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.graphs import write_graph_folder
+from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, TableScorer
+from wordcraft_kg.models.scorers.low_rank_kernel import LowRankKernelScorer
+from wordcraft_kg.models.scorers.protocol import FactoredScorer
+from wordcraft_kg.models.scorers.scorer import Scorer
+from wordcraft_kg.reports.link_report import make_link_report
 
 SHORT = ComplExConfig(dim=4, epochs=2, n3=0.1, folds=2)
 
@@ -82,3 +101,142 @@ def test_a_model_folder_needs_nothing_but_what_its_run_wrote(spoilt):
     card.unlink()
     (folder / "notes.txt").write_text("a note of mine")
     assert open_model(folder).kg == "partial"
+
+
+class Lengths(Scorer):
+    """Scores a triple by the lengths of its labels."""
+
+    def _score(self, heads, relations, tails):
+        lengths = torch.tensor([float(len(label)) for label in self.entities])
+        return lengths[heads] - 2 * lengths[tails] + relations
+
+
+@pytest.fixture
+def mine(opened_kitchen):
+    return Lengths(opened_kitchen.graph.entities, opened_kitchen.graph.hash)
+
+
+def complex_scorer(opened):
+    return ComplExScorer(embeddings(opened.graph.num_entities, 3), opened.graph.entities, opened.graph.hash)
+
+
+@pytest.mark.parametrize("make", [lambda opened: Lengths(opened.graph.entities, opened.graph.hash), complex_scorer])
+def test_a_saved_scorer_scores_as_before_and_embeddings_stay_embeddings(make, opened_kitchen, tmp_path):
+    mine = make(opened_kitchen)
+    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
+    loaded = load_scorer(folder)
+    for relation in ("combinesWith", "componentOf"):
+        torch.testing.assert_close(loaded.table(relation), mine.table(relation), rtol=0, atol=0)
+    assert loaded.entities == opened_kitchen.graph.entities
+    is_small = (folder / "model.safetensors").stat().st_size < opened_kitchen.graph.num_entities**2 * 4
+    assert is_small == (make is complex_scorer)
+
+
+@pytest.mark.parametrize("kg", ["partial", "full"])
+def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trained_here(
+    kg, mine, opened_kitchen, tmp_path
+):
+    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg=kg, origin="lengths of labels")
+    model = open_model(folder)
+    assert (model.kg, model.metrics, model.trace) == (kg, None, ())
+    assert model.opened.split.hash == opened_kitchen.split.hash
+    assert model.provenance["what it is"] == "lengths of labels"
+    assert "someone else" in model.provenance["trained by"]
+    card = (folder / "README.md").read_text()
+    assert "not trained by wordcraft-kg" in card
+    assert ("memory, not prediction" in card) == (kg == "full")
+    assert card.startswith("---\nlibrary_name: wordcraft-kg\n")
+
+
+def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_kitchen, tmp_path):
+    mine = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
+    model = open_model(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))
+    saved = make_link_report(model.scorer, model.opened, kg=model.kg, provenance=model.provenance).view
+    direct = make_link_report(mine, opened_kitchen).view
+    assert saved.metrics == direct.metrics
+    assert saved.metrics["all"].mrr == saved.baselines["frequency"]["all"].mrr
+
+
+def test_all_that_a_folder_holds_is_hashed(mine, opened_kitchen, tmp_path):
+    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
+    for name in ("model.safetensors", "vocabulary.json", "config.toml"):
+        whole = (folder / name).read_bytes()
+        (folder / name).write_bytes(whole.replace(b"a", b"b", 1))
+        with pytest.raises(ArtefactError, match=re.escape(name)):
+            open_model(folder)
+        (folder / name).write_bytes(whole)
+    assert open_model(folder).kg == "partial"
+
+
+def test_a_scorer_of_another_graph_is_refused(opened_kitchen, tmp_path):
+    other = random_graph()
+    with pytest.raises(GraphMismatchError):
+        save_scorer(tmp_path / "x", SymbolicScorer(other, other.triples), opened_kitchen, kg="partial")
+    entities = opened_kitchen.graph.entities[::-1]
+    with refuses("entities", GraphMismatchError):
+        save_scorer(tmp_path / "x", Lengths(entities, opened_kitchen.graph.hash), opened_kitchen, kg="partial")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_scores_that_are_not_finite_are_refused(bad, opened_kitchen, tmp_path):
+    graph = opened_kitchen.graph
+    scores = torch.zeros(2, graph.num_entities, graph.num_entities)
+    scores[1, 2, 3] = bad
+    with pytest.raises(ConfigError, match="not finite"):
+        save_scorer(tmp_path / "x", TableScorer(scores, graph.entities, graph.hash), opened_kitchen, kg="full")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_it_has_seen_has_to_be_one_of_two(mine, opened_kitchen, tmp_path):
+    with refuses("kg"):
+        save_scorer(tmp_path / "x", mine, opened_kitchen, kg="some")
+
+
+def test_a_folder_that_exists_is_replaced_only_by_force(mine, opened_kitchen, tmp_path):
+    folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
+    before = contents(folder)
+    with pytest.raises(OutputExistsError):
+        save_scorer(folder, mine, opened_kitchen, kg="full")
+    assert contents(folder) == before
+    save_scorer(folder, mine, opened_kitchen, kg="full", force=True)
+    assert open_model(folder).kg == "full"
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_table_that_is_too_large_is_refused_before_it_is_computed(mine, opened_kitchen, tmp_path, monkeypatch):
+    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
+    monkeypatch.setattr(Lengths, "table", None)
+    with pytest.raises(ConfigError, match="80 entities"):
+        save_scorer(tmp_path / "x", mine, opened_kitchen, kg="partial")
+    save_scorer(tmp_path / "complex", complex_scorer(opened_kitchen), opened_kitchen, kg="partial")
+
+
+def test_factors_are_saved_where_a_table_would_be_too_large(opened_kitchen, tmp_path, monkeypatch):
+    mine = LowRankKernelScorer(opened_kitchen.graph, opened_kitchen.split.recipes("train"), rank=20)
+    as_table = save_scorer(tmp_path / "table", mine, opened_kitchen, kg="partial")
+    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
+    folder = save_scorer(tmp_path / "factors", mine, opened_kitchen, kg="partial")
+    tables = [load_scorer(folder)]  # small enough for a table after all
+    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
+    factors = load_scorer(folder)
+    assert isinstance(factors, FactoredScorer)
+    assert (factors.name, factors.graph_hash) == ("factors", opened_kitchen.graph.hash)
+    for scorer in [*tables, factors, load_scorer(as_table)]:
+        for relation in ("combinesWith", "componentOf"):
+            torch.testing.assert_close(scorer.table(relation), mine.table(relation))
+    assert open_model(folder).scorer.table(0).shape == mine.table(0).shape
+
+
+def test_factors_that_do_not_fit_the_vocabulary_are_refused(opened_kitchen, tmp_path, monkeypatch):
+    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
+    size = opened_kitchen.graph.num_entities
+    for name, shapes in {"rows": ((size - 1, 3),) * 2, "widths": ((size, 3), (size, 4))}.items():
+        wrong = FactorsScorer(
+            [(torch.zeros(shapes[0]), torch.zeros(shapes[1]))] * 2,
+            opened_kitchen.graph.entities,
+            opened_kitchen.graph.hash,
+        )
+        folder = save_scorer(tmp_path / name, wrong, opened_kitchen, kg="partial")
+        with pytest.raises(ArtefactError, match="does not contain a scorer"):
+            load_scorer(folder)

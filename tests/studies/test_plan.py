@@ -80,7 +80,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     trainer = (3_000_000, 128, 2, 0, 0.99, 0.001, 0.99, 0.01, 0.0, 0.01, 0.5, 0.0, 40.0, 0, "cpu", 1, False)
     expected = {
         TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all"),
-        PolicyConfig: (*policy, False, False, "softmax"),
+        PolicyConfig: (*policy, False, "softmax"),
         ImpalaConfig: (*trainer, 10_000, 100_000, 100_000),
         SplitConfig: ("by-recipe", 0.8, 0.0, 0),
     }

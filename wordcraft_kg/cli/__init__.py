@@ -181,7 +181,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for token in tokens:
             _check_text(token, repr(token))
         app = make_app()
-        path = _config_path(tokens)
+        parts = [part for token in tokens for part in re.split("(?<=^--config)=", token)]
+        path = next((after for before, after in pairwise(parts) if before == "--config"), None)
         options = [] if path is None else [Dict(_read_toml(path, name), source=path)]
         app.config = [*options, _refuse_fractions]
         command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
@@ -221,11 +222,6 @@ def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCo
             for token in argument.tokens:
                 if "." in token.value:
                     raise CoercionError(argument=argument, token=token, target_type=int)
-
-
-def _config_path(tokens: Sequence[str]) -> str | None:
-    parts = [part for token in tokens for part in re.split("(?<=^--config)=", token)]
-    return next((after for before, after in pairwise(parts) if before == "--config"), None)
 
 
 def _read_toml(path: str, command: str | None) -> dict[str, Any]:

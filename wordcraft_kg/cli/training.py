@@ -256,9 +256,8 @@ def _agent_rows(trained: "TrainedAgent") -> Rows:
         *(
             (
                 f"{name} tasks",
-                f"success {rate.mean:.3f} [{rate.ci_low:.3f}, {rate.ci_high:.3f}] greedy, "
-                f"{rate.tasks:,} tasks, {counted(rate.distractor_seeds, 'distractor seed')}, "
-                f"{counted(summary.distractors, 'distractor')}",
+                f"success {rate.mean:.3f} [{rate.ci_low:.3f}, {rate.ci_high:.3f}] greedy, {rate.tasks:,} tasks, "
+                f"{counted(rate.distractor_seeds, 'distractor seed')}, {counted(summary.distractors, 'distractor')}",
             )
             for name, rate in summary.success.items()
         ),

@@ -282,7 +282,11 @@ class BatchEngine:
         empty = chosen == nothing
         illegal = empty & running
         if self.config.illegal_action == "raise" and bool(illegal.any()):
-            self._refuse(state, actions, illegal)
+            env = int(illegal.nonzero()[0][0])
+            raise ActionError(
+                f"action {int(actions[env])} of environment {env}: the slot is empty; slots 0 to "
+                f"{int(state.count[env]) - 1} hold entities."
+            )
         second = state.selection != nothing
         # An empty selection or an empty slot makes nothing: the table of pairs has a row for nothing.
         pair = self.pairs(state.selection, chosen)
@@ -359,13 +363,6 @@ class BatchEngine:
                 f"action {int(actions[wrong])} of environment {wrong}: expected 0 to {self.num_slots - 1}."
             )
         return actions
-
-    def _refuse(self, state: State, actions: Array, illegal: Array) -> None:
-        env = int(illegal.nonzero()[0][0])
-        raise ActionError(
-            f"action {int(actions[env])} of environment {env}: the slot is empty; slots 0 to "
-            f"{int(state.count[env]) - 1} hold entities."
-        )
 
 
 def _results(world: World) -> NDArray[np.int64]:

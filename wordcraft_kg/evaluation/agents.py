@@ -194,8 +194,7 @@ def view_agents(
         ),
         baselines=tuple(_baselines(groups, evaluators, alone)),
         episodes=tuple(
-            AgentEpisodes(name, members[0].name, _episodes(members[0], world, episodes))
-            for name, members in groups.items()
+            AgentEpisodes(name, of[0].name, _episodes(of[0], world, episodes)) for name, of in groups.items()
         ),
         references=_references(first, part, played),
     )

@@ -74,12 +74,9 @@ def compare(contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed
     """Compare models by MRR on test triples outside training (a sample if very many), with bootstrap intervals.
 
     All models share the ingredient pair resamples: a paired difference is more precise than two separate intervals.
-    Reciprocal ranks are averaged over a model's seeds.
-
-    Raises:
-        ConfigError: for a setting out of range, or different training settings between a model's seeds.
-        GraphMismatchError: for models with different graphs or splits.
-        SplitError: for too few unseen triples.
+    Reciprocal ranks are averaged over a model's seeds. ConfigError for a setting out of range, or different training
+    settings between a model's seeds, GraphMismatchError for models with different graphs or splits, SplitError for too
+    few unseen triples.
     """
     whole("resamples", resamples, 1, MAX_SIZE)
     whole("seed", seed, 0)

@@ -72,12 +72,11 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
             for agent in view.agents
         }
         if any(groups.values()):
-            labels = sorted({label for rows in groups.values() for label in rows}, key=_lower_bound)
+            labels = sorted(
+                {label for rows in groups.values() for label in rows},
+                key=lambda label: -1 if label == NEVER else int(re.split("[–+]", label)[0]),
+            )
             cells: dict[str, Any] = {name: [rows.get(label) for label in labels] for name, rows in groups.items()}
             picture = charts.dots(labels, cells, axis, f"success on {view.part} tasks", f"Success by {axis}")
             pictures[key] = (heading, picture)
     return pictures
-
-
-def _lower_bound(label: str) -> int:
-    return -1 if label == NEVER else int(re.split("[–+]", label)[0])

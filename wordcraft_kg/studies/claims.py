@@ -158,13 +158,8 @@ def _check_runs(results: StudyResults, claim: Claim, point: Values, runs: Sequen
         raise ConfigError(f"no common seed for {names}, {_point(point)}")
     if claim.measure in ("early", "steps") and not all(run.curve for run in runs):
         raise ConfigError(f"no learning curves for {names}")
-    if claim.measure == "success" and len({_tasks(results, run) for run in runs}) > 1:
+    if claim.measure == "success" and len({results.tasks_of(run) for run in runs}) > 1:
         raise ConfigError(f"{names} were tested on different tasks, {_point(point)}")
-
-
-def _tasks(results: StudyResults, run: RunResult) -> tuple[str, str, int]:
-    graph = results.graphs[run.graph]
-    return graph.hash, graph.split, len(run.won)
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:

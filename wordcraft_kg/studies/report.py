@@ -14,7 +14,7 @@ from wordcraft_kg.reports.charts.standalone import rendered
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.tables import as_csv, notes, origin_in_words, tables_of, with_bounds
-from wordcraft_kg.studies.variants import Correlation, PointFigures, ScorerScatter
+from wordcraft_kg.studies.variants import PointFigures, ScorerScatter
 from wordcraft_kg.studies.view import StudyView, title_of
 
 _SUCCESS = "greedy success on test tasks"
@@ -37,7 +37,7 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "tables": tables_of(view),
             "notes": notes(view),
             "origin_in_words": origin_in_words,
-            "correlation": _correlation_in_words,
+            "correlation": lambda of: with_bounds(of.value, (of.low, of.high), ".2f") if of else "–",
             "title": title_of,
             "words": in_words,
             "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
@@ -112,7 +112,3 @@ def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
         "Success by the MRR of the scorer",
         level=None if without is None else (view.reference, without),
     )
-
-
-def _correlation_in_words(estimate: Correlation | None) -> str:
-    return with_bounds(estimate.value, (estimate.low, estimate.high), ".2f") if estimate else "–"

@@ -93,6 +93,11 @@ class StudyResults(Record, frozen=True):
     hours: Annotated[float, msgspec.Meta(ge=0)]
     origins: tuple[Origin, ...] = ()
 
+    def tasks_of(self, run: RunResult) -> tuple[str, str, int, int]:
+        """Return what identifies a run's test tasks."""
+        graph = self.graphs[run.graph]
+        return graph.hash, graph.split, len(run.won), run.distractor_seeds
+
 
 def results_text(results: StudyResults) -> str:
     """Return a study's results as JSON text with a line for each training, for readable diffs."""

@@ -174,7 +174,6 @@ def _results(
             continue
         versions |= figures.versions
         seconds[address] = figures.seconds
-        origin = _origin(origins, figures)
         runs.append(
             RunResult(
                 variant=cell.variant,
@@ -182,7 +181,7 @@ def _results(
                 seed=cell.seed,
                 run=address,
                 graph=graphs.setdefault(figures.graph, len(graphs)),
-                origin=origin,
+                origin=_origin(origins, figures),
                 mrr=scorers[scorer].mrr if scorer is not None else None,
                 success=_rounded(figures.success),
                 by_plan=_rounded(figures.by_plan),

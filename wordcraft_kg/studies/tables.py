@@ -161,7 +161,8 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     """Yield a study's results as lines of text: ``metric`` of each agent at each grid point, and verdicts on claims."""
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
-        yield f"{point.title} ({_where(point)})"
+        graphs = dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in point.graphs) if point.values else ()
+        yield f"{point.title} ({''.join(graphs)}{counted(point.tasks, 'test task')})"
         width = max(len(entry.variant) for entry in point.variants)
         shown = {entry.variant: _SHOWN[metric](entry) for entry in point.variants}
         longest = max(map(len, shown.values()))
@@ -197,11 +198,6 @@ def _p_value(p: float | None) -> str:
     if p is None:
         return "–"
     return "<.001" if p < 0.001 else f"{p:.2g}"
-
-
-def _where(point: PointFigures) -> str:
-    graphs = dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in point.graphs) if point.values else ()
-    return "".join(graphs) + counted(point.tasks, "test task")
 
 
 def _comparison(entry: VariantFigures) -> str:

@@ -135,17 +135,12 @@ def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
 def _comparison(results: StudyResults, members: list[RunResult], base: list[RunResult]) -> Comparison | None:
     by_seed = {run.seed: run for run in base}
     pairs = [(run, by_seed[run.seed]) for run in members if run.seed in by_seed]
-    if members is base or not pairs or _played(results, members[0]) != _played(results, base[0]):
+    if members is base or not pairs or results.tasks_of(members[0]) != results.tasks_of(base[0]):
         return None
     differences = _table([run for run, _ in pairs]) - _table([run for _, run in pairs])
     difference, interval = float(differences.mean()), crossed_bootstrap(differences)
     p_value = interval_p_value(difference, interval) if len(pairs) >= FEWEST_PAIRS else None
     return Comparison(difference, interval, len(pairs), p_value, p_corrected=p_value)
-
-
-def _played(results: StudyResults, run: RunResult) -> tuple[str, str, int, int]:
-    graph = results.graphs[run.graph]
-    return graph.hash, graph.split, len(run.won), run.distractor_seeds
 
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
@@ -248,20 +243,16 @@ def scatters_of(results: StudyResults, points: Sequence[PointFigures], reference
         rows = [_scatter_point(point, entry) for point, entry in members]
         bare = [at.mean for point, _ in members for at in point.variants if at.variant == reference and at.mrr is None]
         mrr, success = [at.mrr for at in rows], [at.success for at in rows]
+        latest = 1 + max(at.reached or 0 for at in rows)
         yield ScorerScatter(
             values=_others(members[0][0]),
             in_sample=_is_in_sample(results, *members[0]),
             points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
             pearson=_correlation(mrr, success, "pearson"),
             spearman=_correlation(mrr, success, "spearman"),
-            steps_spearman=_correlation(mrr, _latest_if_never(rows), "spearman"),
+            steps_spearman=_correlation(mrr, [latest if at.reached is None else at.reached for at in rows], "spearman"),
             without=mean_of(bare) if bare else None,
         )
-
-
-def _latest_if_never(rows: Sequence[ScatterPoint]) -> list[int]:
-    latest = 1 + max(at.reached or 0 for at in rows)
-    return [latest if at.reached is None else at.reached for at in rows]
 
 
 def _others(point: PointFigures) -> Values:

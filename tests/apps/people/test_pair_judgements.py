@@ -59,7 +59,7 @@ def test_people_and_a_scorer_answer_the_same_questions(graph, judgements):
     assert view.right_ci == (1, 1)
     assert view.auc_people_ci == (view.auc_people,) * 2  # one person
     assert view_pairs(judgements, graph).auc is None
-    with pytest.raises(ConfigError, match="only recipes or no recipe"):
+    with pytest.raises(ConfigError, match="only recipes or none"):
         view_pairs(judgements[:2], graph)
 
 

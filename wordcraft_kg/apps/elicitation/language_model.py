@@ -74,15 +74,11 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
                 torch.manual_seed(random_seed)
                 model = AutoModelForCausalLM.from_config(config, dtype=torch.float32)
         model.eval()
-        if not _is_causal(model):
+        with torch.inference_mode():
+            one, other = (model(input_ids=torch.tensor([[0, token]])).logits[:, 0] for token in (1, 2))
+        if not torch.allclose(one, other, rtol=1e-3, atol=1e-3):
             raise ValueError("a prediction depends on later tokens")
     return LanguageModel(model, tokenizer, hashes, random_seed)
-
-
-@torch.inference_mode()
-def _is_causal(model: Any) -> bool:
-    one, other = (model(input_ids=torch.tensor([[0, token]])).logits[:, 0] for token in (1, 2))
-    return torch.allclose(one, other, rtol=1e-3, atol=1e-3)
 
 
 def label_tokens(tokenizer: Any, label: str) -> list[int]:

@@ -65,7 +65,8 @@ class Page(Generic[S]):
         query: list[tuple[str, str]] = []
         for field in _fields(self.state):
             value = getattr(state, field.name)
-            if field.name == self.subject and _fits_path(value):
+            # Browsers resolve dots, some servers slashes, and proxies may decode percent signs twice.
+            if field.name == self.subject and value.strip(".") and not set(value) & {"/", "\\", "%"}:
                 path += f"/{quote(value, safe='')}"
             elif value != field.default:
                 query += [(field.name, _written(one)) for one in (value if isinstance(value, tuple) else (value,))]
@@ -87,11 +88,6 @@ class Page(Generic[S]):
             return msgspec.convert(given, self.state, strict=False)
         except msgspec.ValidationError as error:
             raise ConfigError(f"Invalid address: {str(error).replace('`', chr(39))}.") from None
-
-
-def _fits_path(value: str) -> bool:
-    # Browsers resolve dots, some servers slashes, and proxies may decode percent signs twice.
-    return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
 
 
 @cache

@@ -33,8 +33,6 @@ CAVEATS = (
     "most people had not played the game (23 of 103 had)",
     "a pair outside the book may be sensible",
 )
-
-
 _Bounds = tuple[Share, Share]
 
 
@@ -132,9 +130,7 @@ def view_pairs(
     results = {pair: set(graph.labels(graph.outcomes.get(pair, ()))) for pair in pairs}
     questions = [judgement for judgement in judgements if results[judgement.pair] & {*judgement.options}]
     if not questions or all(results.values()):
-        raise ConfigError(
-            f"{graph.name} has only recipes or no recipe among the rated pairs; expected little-alchemy-2."
-        )
+        raise ConfigError(f"{graph.name} has only recipes or none among the rated pairs; expected little-alchemy-2.")
     people = [judgement.person for judgement in judgements]
     is_recipe = [bool(results[judgement.pair]) for judgement in judgements]
     auc, auc_ci = area_under_curve(is_recipe, [judgement.rating for judgement in judgements], people)

@@ -146,9 +146,8 @@ def _check_tasks(folder: Path, study: Study) -> None:
         for stored, task in zip(kept.answers[person.number], study.tasks(person.cell), strict=False):
             if not task.is_of(stored.answer):
                 raise ArtefactError(
-                    f"'{folder}': this version poses another {task.part} task {task.number} than the task "
-                    f"that person {person.number} answered. Nothing was changed; continue with the version that began "
-                    "the study."
+                    f"'{folder}': this version poses another {task.part} task {task.number} than person "
+                    f"{person.number} answered. Nothing was changed; continue with the version that began the study."
                 )
 
 

@@ -198,6 +198,5 @@ def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
         f"# Knowledge from {view.source}\n\nFor graph `{opened.graph.hash[:12]}`, split `{opened.split.hash[:12]}`: "
         f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. {view.triples:,} "
         f"triples, {view.facts:,} facts, tables {', '.join(view.tables)}. No validation or test recipe was read.\n\n"
-        f"{rows}\n\n"
-        f"{_LICENCES[kind]}\n"
+        f"{rows}\n\n{_LICENCES[kind]}\n"
     )

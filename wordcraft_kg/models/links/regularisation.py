@@ -57,11 +57,9 @@ def choose(
     On a large book, N3 is fixed, and only popularity is chosen, if the settings use a sampled softmax.
 
     ``recipes`` (n, 3) are by default all train recipes; ``outside`` triples are in every training. ``after_epoch`` is
-    called with the finished and total epochs; may raise to end the choice.
-
-    Returns:
-        All candidates and the choice: most popularity among all candidates with nearly the best MRR.
-        None without open weights, or with too few held-out triples.
+    called with the finished and total epochs; may raise to end the choice. The result has all candidates and the
+    choice, most popularity among all candidates with nearly the best MRR; None without open weights, or with too few
+    held-out triples.
     """
     split = opened.split
     if not isinstance(settings, ComplExConfig) or not settings.is_open:

@@ -9,6 +9,7 @@ PyKEEN's minor version is pinned because private parts are used: two methods ove
 ``_epoch`` and ``_should_stop`` in ``fitting.py`` and ``training.py``.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import torch
@@ -84,23 +85,16 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         return torch.stack(losses).sum()
 
     def _loss(self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None) -> torch.Tensor:
-        heads, relations, tails = triples.unbind(dim=1)
-        (entity,) = self.model.entity_representations
-        (relation,) = self.model.relation_representations
-        h, r, t = (x.unsqueeze(dim=1) for x in (entity(heads), relation(relations), entity(tails)))
-        loss = self._cross_entropies(h, r, t, triples, label_smoothing, num_candidates)
+        loss = self._entropies(triples, label_smoothing, num_candidates)
         return loss + self.model.collect_regularization_term()
 
-    def _cross_entropies(
-        self,
-        h: torch.Tensor,
-        r: torch.Tensor,
-        t: torch.Tensor,
-        triples: torch.Tensor,
-        label_smoothing: float,
-        num_candidates: int | None,
-    ) -> torch.Tensor:
+    def _vectors(self, triples: torch.Tensor) -> Iterator[torch.Tensor]:
+        (entity,), (relation,) = self.model.entity_representations, self.model.relation_representations
+        return (of(ids).unsqueeze(dim=1) for of, ids in zip((entity, relation, entity), triples.T, strict=True))
+
+    def _entropies(self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None) -> torch.Tensor:
         (entity,) = self.model.entity_representations
+        h, r, t = self._vectors(triples)
         # The public call would regularise the candidates, hence the private call.
         everything = entity._plain_forward()[:num_candidates].unsqueeze(dim=0)
         heads, _, tails = triples.unbind(dim=1)
@@ -159,18 +153,11 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
         counts = torch.bincount(triples[:, [0, 2]].flatten(), minlength=size)
         return ((1 / size + counts / counts.sum()) / 2).to(self.model.device)
 
-    def _cross_entropies(
-        self,
-        h: torch.Tensor,
-        r: torch.Tensor,
-        t: torch.Tensor,
-        triples: torch.Tensor,
-        label_smoothing: float,
-        num_candidates: int | None,
-    ) -> torch.Tensor:
+    def _entropies(self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None) -> torch.Tensor:
         if label_smoothing:
             raise ConfigError("a sampled softmax has no label smoothing; train with `negatives` 0.")
         (entity,) = self.model.entity_representations
+        h, r, t = self._vectors(triples)
         is_own = num_candidates == self.num_own
         probabilities = self.probabilities if is_own else self.outside_probabilities
         drawn = torch.multinomial(probabilities, self.num_sampled, replacement=True)

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
-from wordcraft_kg.models.policies.sources.source import Attempts, Source
+from wordcraft_kg.models.policies.sources.source import Source
 
 FOLD_LIMIT = 300
 """Dimensions up to which query and key weights are multiplied once per update."""
@@ -57,25 +57,15 @@ class AttentionPolicy(Policy):
         mixture = _head_weights("mixture", self.mixture) if self.sources else {}
         return {**self.vectors.weights(), **_head_weights("value", self.value), **mixture, **self.attention.weights()}
 
-    def forward(  # noqa: D102 - inherited
-        self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
-        weights: Weights | None = None,
-        task: Tensor | None = None,
-        external_scores: Tensor | None = None,
-        attempts: Attempts | None = None,
+    def output(  # noqa: D102 - inherited
+        self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights, external_scores: Tensor | None
     ) -> PolicyOutput:
-        weights = weights or self.weights()
         mask = table != self.num_entities
         slots = Slots(weights.get("vectors"), table)
         alpha = slots.dot(self.attention.rows(weights, goal, selection))
         is_softmax = self.config.value_readout == "softmax"
         state = slots.sum(masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0), self.num_entities)
         value = _mlp(state, weights, "value")[:, 0]
-        if external_scores is None:
-            external_scores = self.external_scores(goal, selection, table, task, attempts)
         if external_scores is None:
             return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
         sources = external_scores if self.config.kg_only else torch.cat([alpha[:, None], external_scores], dim=1)
@@ -88,15 +78,9 @@ class AttentionPolicy(Policy):
 def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
     """Mix the sources' scores into a logit for each slot: ``β_i = Σ_s λ_s · source_s,i``.
 
-    Empty slots become -inf *after* mixing, so no λ can revive empty slots.
-
-    Args:
-        logits: scores, shape (B, S, A), a channel per source in use; attention logits α first if in use.
-        lambdas: mixing weights, shape (B, S).
-        slot_mask: shape (B, A), bool. True for occupied slots.
-
-    Returns:
-        shape (B, A). Exactly -inf where ``slot_mask`` is False.
+    ``logits`` are scores, shape (B, S, A), with a channel for each source in use; attention logits α first if in use.
+    ``lambdas`` are mixing weights, shape (B, S), and ``slot_mask``, shape (B, A), is True for occupied slots. Empty
+    slots become -inf *after* mixing, so no λ can revive empty slots.
 
     Source: Jiang et al. 2020, appendix "Learning Mixing Coefficients"; differs by masking after mixing.
     """

@@ -4,7 +4,6 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
-from wordcraft_kg.models.policies.sources.source import Attempts
 
 
 class MLPPolicy(Policy):
@@ -26,22 +25,14 @@ class MLPPolicy(Policy):
             weights |= {name: layer.weight.T, f"{name}.bias": layer.bias}
         return weights
 
-    def forward(  # noqa: D102 - inherited
-        self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
-        weights: Weights | None = None,
-        task: Tensor | None = None,
-        external_scores: Tensor | None = None,
-        attempts: Attempts | None = None,
+    def output(  # noqa: D102 - inherited
+        self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights, external_scores: Tensor | None
     ) -> PolicyOutput:
         if table.shape[1] != self.num_slots:
             raise ConfigError(
                 f"the tables have {table.shape[1]} slots: this mlp was made for {self.num_slots}. Use the "
                 "`num_distractors` from training, or an attention policy, which takes any table size."
             )
-        weights = weights or self.weights()
         hidden, vectors = weights["hidden"], weights.get("vectors")
         ids = torch.cat([goal[:, None], selection[:, None], table], dim=1)
         if vectors is not None:

@@ -136,6 +136,14 @@ class Policy(nn.Module):
             external_scores: result of :meth:`external_scores`; computed by default.
             attempts: attempts left, for sources that look ahead; unused with ``external_scores``.
         """
+        if external_scores is None:
+            external_scores = self.external_scores(goal, selection, table, task, attempts)
+        return self.output(goal, selection, table, weights or self.weights(), external_scores)
+
+    def output(
+        self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights, external_scores: Tensor | None
+    ) -> PolicyOutput:
+        """Return what :meth:`forward` does, given weights and, with sources, their scores."""
         raise NotImplementedError
 
     @torch.no_grad()

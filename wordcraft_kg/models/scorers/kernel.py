@@ -94,16 +94,14 @@ def kernel_regression(
     """Fit links by ridge regression with the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
 
     With ``k = V diag(w) Vᵀ`` the solution is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not E² x E².
-    Entities outside ``seen`` are only predicted, ``K A Kᵀ``: missing links give no negative evidence.
+    Entities outside ``seen`` are only predicted, ``K A Kᵀ``: missing links give no negative evidence. The results are
+    the scores of all links for each table, shape (E, E) each.
 
     Args:
         kernel: k, entity similarities, shape (E, E), symmetric; negative eigenvalues count as 0.
         *links: tables Y, shape (E, E) each, 1 for known links, else 0.
         ridge: λ, the regularisation strength.
         seen: ids of training entities; all by default.
-
-    Returns:
-        Scores of all links for each table, shape (E, E) each.
 
     Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel ridge regression";
     Pahikkala et al. 2013 (Kronecker kernels).

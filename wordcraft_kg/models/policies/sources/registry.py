@@ -77,12 +77,9 @@ def make_sources(
     """Make sources, functions that score table slots, by name from a scorer, on the scale in ``view``.
 
     ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, cross-fitted scorers score only test
-    tasks.
-
-    Raises:
-        ConfigError: if the scorer cannot serve a source, or would need a table that is too large.
-        LeakError: if a model has seen a task's recipes.
-        GraphMismatchError: if the tasks belong to another graph or split than the scorer's folds.
+    tasks. ConfigError if the scorer cannot serve a source, or would need a table that is too large, LeakError if a
+    model has seen a task's recipes, GraphMismatchError if the tasks belong to another graph or split than the scorer's
+    folds.
 
     Example:
         >>> u, v = make_sources(["u", "v"], load_scorer("models/kitchen"))

@@ -22,8 +22,7 @@ from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig
-from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
-from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop
+from wordcraft_kg.models.links.pykeen_bridge import triples_factory
 from wordcraft_kg.models.scorers import ranking as link_prediction
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
@@ -132,20 +131,10 @@ def test_scores_that_are_not_finite_are_an_artefact_error(value):
 
 def exact_model(opened):
     factory = triples_factory(opened.graph, opened.split.partial)
-    with pykeen_guard(seed=0, threads=1):
-        model = ComplExN3(triples_factory=factory, embedding_dim=4, random_seed=0)
-        loop = IndexedSymmetricLCWATrainingLoop(
-            model=model, triples_factory=factory, optimizer="Adagrad", optimizer_kwargs={"lr": 0.2}
-        )
-        loop.train(factory, num_epochs=6, batch_size=256, use_tqdm=False)
-    return exact(model)
-
-
-def exact(model):
-    """Round the weights to multiples of 1/16: scores are exact in single precision, with real ties."""
-    with torch.no_grad():
+    model, generator = ComplExN3(triples_factory=factory, embedding_dim=4, random_seed=0), torch.Generator()
+    with torch.no_grad():  # halves: scores are exact in single precision, with real ties
         for parameter in model.parameters():
-            parameter.copy_((parameter * 16).round() / 16)
+            parameter.copy_(torch.randint(-2, 3, parameter.shape, generator=generator) / 2)
     return model.eval()
 
 
@@ -175,7 +164,7 @@ def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen):
                 names["amri"] = "adjusted_arithmetic_mean_rank_index"
             for name, pykeens in names.items():
                 expected = theirs.get_metric(f"{side}.{kind}.{pykeens}")
-                assert getattr(ours, name) == pytest.approx(expected, abs=1e-6), name
+                assert getattr(ours, name) == pytest.approx(expected, rel=1e-6, abs=1e-6), name
 
 
 def test_metrics_by_hand():
@@ -248,27 +237,9 @@ def test_the_bootstrap_weighs_clusters_by_their_size():
     assert np.mean(means == 0.75) == pytest.approx(0.5, abs=0.1)
 
 
-def test_the_bootstrap_is_determined_by_its_seed():
-    values, clusters = np.random.default_rng(0).random(30), np.arange(30) // 2
-    same = [bootstrap(values, clusters, resamples=10, seed=4) for _ in range(2)]
-    np.testing.assert_array_equal(same[0], same[1])
-    assert not np.array_equal(same[0], bootstrap(values, clusters, resamples=10, seed=5))
-
-
 def test_an_interval_leaves_out_half_the_rest_on_each_side():
     assert interval(np.arange(1001.0)) == pytest.approx((25, 975))
     assert interval(np.arange(1001.0), level=0.5) == pytest.approx((250, 750))
-
-
-def test_an_interval_contains_its_mean_and_covers_the_truth(opened_kitchen):
-    rng, covered = np.random.default_rng(0), 0
-    for seed in range(60):
-        ranks = pd.DataFrame({"rank": rng.choice([1.0, 2.0, 4.0], size=80), "candidates": 10})
-        metrics = with_interval(ranks, np.arange(80), resamples=200, seed=seed)
-        low, high = metrics.mrr_ci
-        assert low <= metrics.mrr <= high
-        covered += low <= (1 + 1 / 2 + 1 / 4) / 3 <= high
-    assert 50 <= covered <= 60
 
 
 def test_no_queries_have_no_interval():

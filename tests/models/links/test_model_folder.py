@@ -26,9 +26,7 @@ from wordcraft_kg import (
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.graphs import write_graph_folder
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
-from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, TableScorer
-from wordcraft_kg.models.scorers.low_rank_kernel import LowRankKernelScorer
-from wordcraft_kg.models.scorers.protocol import FactoredScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.reports.link_report import make_link_report
 
@@ -210,33 +208,3 @@ def test_a_table_that_is_too_large_is_refused_before_it_is_computed(mine, opened
     with pytest.raises(ConfigError, match="80 entities"):
         save_scorer(tmp_path / "x", mine, opened_kitchen, kg="partial")
     save_scorer(tmp_path / "complex", complex_scorer(opened_kitchen), opened_kitchen, kg="partial")
-
-
-def test_factors_are_saved_where_a_table_would_be_too_large(opened_kitchen, tmp_path, monkeypatch):
-    mine = LowRankKernelScorer(opened_kitchen.graph, opened_kitchen.split.recipes("train"), rank=20)
-    as_table = save_scorer(tmp_path / "table", mine, opened_kitchen, kg="partial")
-    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
-    folder = save_scorer(tmp_path / "factors", mine, opened_kitchen, kg="partial")
-    tables = [load_scorer(folder)]  # small enough for a table after all
-    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
-    factors = load_scorer(folder)
-    assert isinstance(factors, FactoredScorer)
-    assert (factors.name, factors.graph_hash) == ("factors", opened_kitchen.graph.hash)
-    for scorer in [*tables, factors, load_scorer(as_table)]:
-        for relation in ("combinesWith", "componentOf"):
-            torch.testing.assert_close(scorer.table(relation), mine.table(relation))
-    assert open_model(folder).scorer.table(0).shape == mine.table(0).shape
-
-
-def test_factors_that_do_not_fit_the_vocabulary_are_refused(opened_kitchen, tmp_path, monkeypatch):
-    monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
-    size = opened_kitchen.graph.num_entities
-    for name, shapes in {"rows": ((size - 1, 3),) * 2, "widths": ((size, 3), (size, 4))}.items():
-        wrong = FactorsScorer(
-            [(torch.zeros(shapes[0]), torch.zeros(shapes[1]))] * 2,
-            opened_kitchen.graph.entities,
-            opened_kitchen.graph.hash,
-        )
-        folder = save_scorer(tmp_path / name, wrong, opened_kitchen, kg="partial")
-        with pytest.raises(ArtefactError, match="does not contain a scorer"):
-            load_scorer(folder)

@@ -14,6 +14,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book,
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.kernel import (
+    SMOOTHING,
     KernelScorer,
     completion,
     cosines,
@@ -24,16 +25,6 @@ from wordcraft_kg.models.scorers.kernel import (
     similarity,
     two_step_regression,
 )
-from wordcraft_kg.models.scorers.low_rank_kernel import (
-    SMOOTHING,
-    LowRankKernelScorer,
-    SparseSimilarity,
-    Term,
-    factored_sum,
-    kernel_scorer,
-    spread,
-)
-from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
 SIZE = 9
@@ -116,18 +107,6 @@ def test_an_entity_is_as_similar_to_itself_as_can_be_and_one_of_no_recipe_to_not
     assert not alike[:, -1].any()
 
 
-@pytest.mark.parametrize("dimensions", [0, 2, 30], ids=["no words", "few dimensions", "many dimensions"])
-def test_products_with_the_similarity_need_no_matrix(dimensions, monkeypatch):
-    monkeypatch.setattr("wordcraft_kg.models.scorers.low_rank_kernel.CELLS", 3 * SIZE)
-    rng = np.random.default_rng(0)
-    vectors = rng.standard_normal((SIZE, dimensions)).astype(np.float32)
-    rows = SparseSimilarity.of(drawn_recipes(0), SIZE, vectors)
-    block = rng.standard_normal((SIZE, 5)).astype(np.float32)
-    # Negative cosines count there too.
-    whole = similarity(drawn_recipes(0), cosines(torch.tensor(vectors)).abs()).numpy()
-    np.testing.assert_allclose(rows.times(block), whole @ block, atol=1e-5)
-
-
 @given(seed=st.integers(0, 10_000), ridge=st.sampled_from([0.1, 1.0, 7.0]))
 def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed, ridge):
     rng = np.random.default_rng(seed)
@@ -160,28 +139,6 @@ def test_link_matrices_hold_the_triples(recipes):
     assert {tuple(cell) for cell in torch.nonzero(tables).tolist()} == expected
 
 
-def smoother(rows, size=SIZE):
-    """K (K + λ)⁻¹, written out."""
-    kernel = rows.times(np.eye(size, dtype=np.float32)).astype(float)
-    return kernel @ np.linalg.inv(kernel + SMOOTHING * np.eye(size))
-
-
-def _term(weight, matrix):
-    matrix = matrix.astype(np.float32)
-    return Term(weight, matrix.__matmul__, matrix.T.__matmul__)
-
-
-def test_a_sum_of_terms_is_factored_as_well_as_its_rank_allows():
-    rng = np.random.default_rng(0)
-    one, other = (rng.standard_normal((60, 8)) @ rng.standard_normal((8, 60)) for _ in range(2))
-    terms = [_term(1.0, one), _term(0.5, other)]
-    drawn = rng.standard_normal((60, 30)).astype(np.float32)
-    left, right = factored_sum(terms, drawn)
-    scales = [w / spread((m @ drawn).astype(np.float32)) for w, m in ((1.0, one), (0.5, other))]
-    np.testing.assert_allclose(left @ right.T, scales[0] * one + scales[1] * other, atol=1e-3)
-    assert spread((one @ drawn).astype(np.float32)) == pytest.approx(np.sqrt((one**2).mean()), rel=0.3)
-
-
 def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
     recipes, vectors = drawn_recipes(1, 40), drawn_vectors(0)
     graph = graph_of(recipes)
@@ -197,54 +154,19 @@ def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
 
 
 @any_recipes
-@pytest.mark.parametrize("kind", [KernelScorer, LowRankKernelScorer])
-def test_scorers_of_any_recipes_are_finite_and_the_same_again(kind, recipes):
+def test_scorers_of_any_recipes_are_finite_and_the_same_again(recipes):
     graph = graph_of(recipes)
     for vectors in (None, drawn_vectors(0)):
-        tables = [torch.stack([kind(graph, recipes, vectors).table(r) for r in (0, 1)]) for _ in range(2)]
+        tables = [torch.stack([KernelScorer(graph, recipes, vectors).table(r) for r in (0, 1)]) for _ in range(2)]
         assert torch.isfinite(tables[0]).all()
         assert torch.equal(*tables)
 
 
-def test_the_low_rank_scorer_of_full_rank_ranks_like_two_steps_and_completion(kitchen):
-    recipes = kitchen.recipes
-    scorer = LowRankKernelScorer(kitchen, recipes, rank=kitchen.num_entities)
-    smooth = smoother(SparseSimilarity.of(recipes, kitchen.num_entities), kitchen.num_entities)
-    expected = [smooth @ links.numpy().astype(float) @ smooth for links in link_matrices(recipes, kitchen.num_entities)]
-    paths = completion(recipes, kitchen.num_entities).numpy().astype(float)
-    expected[0] = expected[0] / np.sqrt((expected[0] ** 2).mean()) + 0.5 * paths / np.sqrt((paths**2).mean())
-    for relation in (0, 1):
-        found = scorer.table(relation).numpy()
-        # The scale of each term is estimated from as many random directions as there are entities.
-        assert np.corrcoef(found.ravel(), expected[relation].ravel())[0, 1] > 0.995
-    assert isinstance(scorer, FactoredScorer)
-
-
-def test_a_lower_rank_loses_a_part_and_another_seed_finds_the_same(kitchen):
-    def scores(rank, seed=0):
-        return LowRankKernelScorer(kitchen, kitchen.recipes, rank=rank, seed=seed).table("componentOf").numpy().ravel()
-
-    whole = scores(kitchen.num_entities)
-    for seed in (0, 1):
-        low, high = (np.corrcoef(scores(rank, seed), whole)[0, 1] for rank in (10, 40))
-        assert low < high
-        assert high > 0.9
-
-
-def test_the_scorer_is_a_table_where_it_fits_and_factors_above(kitchen, monkeypatch):
-    assert type(kernel_scorer(kitchen, kitchen.recipes)) is KernelScorer
-    monkeypatch.setattr("wordcraft_kg.models.scorers.low_rank_kernel.TABLE_LIMIT", 1_000)
-    assert type(kernel_scorer(kitchen, kitchen.recipes)) is LowRankKernelScorer
-
-
 def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(kitchen, monkeypatch):
-    for kind in (KernelScorer, LowRankKernelScorer):
-        with refuses("vectors"):
-            kind(kitchen, kitchen.recipes, np.zeros((3, 4)))
-    with refuses("rank"):
-        LowRankKernelScorer(kitchen, kitchen.recipes, rank=0)
+    with refuses("vectors"):
+        KernelScorer(kitchen, kitchen.recipes, np.zeros((3, 4)))
     monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1_000)
-    with pytest.raises(ConfigError, match="the recipe kernel as a table needs"):
+    with pytest.raises(ConfigError, match="the recipe kernel needs"):
         KernelScorer(kitchen, kitchen.recipes)
 
 

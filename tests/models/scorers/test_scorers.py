@@ -28,7 +28,7 @@ from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
-from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, TableScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.kernel import KernelScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
@@ -43,7 +43,6 @@ COMPLEX = ComplExScorer(EMBEDDINGS, GRAPH.entities, GRAPH.hash)
 SCORERS: dict[str, Scorer] = {
     "complex": COMPLEX,
     "table": TableScorer.of(COMPLEX),
-    "factors": FactorsScorer([COMPLEX.factors(0), COMPLEX.factors(1)], GRAPH.entities, GRAPH.hash),
     "symbolic": SymbolicScorer(GRAPH, GRAPH.triples),
     "frequency": FrequencyScorer(GRAPH, GRAPH.triples[::2]),
     "votes": VoteScorer(GRAPH, GRAPH.recipes[::2]),

@@ -14,7 +14,7 @@ MAX_QUERIES = 40_000
 """Default number of ranked queries; larger sets are sampled."""
 
 TABLE_LIMIT = 2**28
-"""Bytes; larger score tables are replaced by factors."""
+"""Bytes in the largest score table; larger graphs need a scorer with matrix factors."""
 
 
 def table_bytes(num_entities: int) -> int:

@@ -1,6 +1,5 @@
-"""Scorers for storage: score tables, and matrix factors for graphs too large for a table."""
+"""Scorers for storage: score tables, and ComplEx embeddings for graphs too large for a table."""
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -9,13 +8,6 @@ from torch import Tensor
 
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer, check_shapes
-
-_PAIRS = 2**14
-"""Pairs with factors in memory at once."""
-
-
-_NAMES = [(f"{relation}_left", f"{relation}_right") for relation in RELATIONS]
-"""Tensor names by relation in a model folder."""
 
 
 class TableScorer(StoredScorer):
@@ -54,73 +46,7 @@ class TableScorer(StoredScorer):
         return self.scores[self.relation_ids(relation)]
 
 
-class _Bilinear(StoredScorer):
-    @abstractmethod
-    def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:
-        """Return ``left`` and ``right``, shape (E, m): a pair scores ``left[head] · right[tail]``."""
-
-    def table(self, relation: int | str) -> Tensor:
-        left, right = self.factors(relation)
-        return left @ right.T
-
-
-class FactorsScorer(_Bilinear):
-    """A scorer that computes pair scores in relation r as ``left_r[head] · right_r[tail]``, without a table.
-
-    All bilinear scorers have this form (RESCAL, DistMult, ComplEx, a low-rank kernel). Factors have shape (E, m) for E
-    entities; m may differ between relations.
-    """
-
-    kind: ClassVar[str] = "factors"
-
-    def __init__(
-        self, factors: Sequence[tuple[Tensor, Tensor]], entities: Sequence[str], graph_hash: str, **kwargs: Any
-    ):
-        super().__init__(entities, graph_hash, **kwargs)
-        self._factors = [
-            (left.to(self.device, torch.float32), right.to(self.device, torch.float32)) for left, right in factors
-        ]
-
-    def tensors(self) -> dict[str, Tensor]:  # noqa: D102 - inherited
-        pairs = zip(_NAMES, self._factors, strict=True)
-        return {name: part for names, parts in pairs for name, part in zip(names, parts, strict=True)}
-
-    @staticmethod
-    def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        check_shapes(tensors, {name: (size, tensors[pair[0]].shape[-1]) for pair in _NAMES for name in pair})
-
-    @classmethod
-    def restored(  # noqa: D102 - inherited
-        cls, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
-    ) -> "FactorsScorer":
-        return cls([(tensors[left], tensors[right]) for left, right in _NAMES], entities, graph_hash, **settings)
-
-    def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
-        return self._factors[int(self.relation_ids(relation))]
-
-    def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        scores = torch.empty(torch.broadcast_shapes(heads.shape, relations.shape, tails.shape), device=self.device)
-        is_grid, is_turned = _grids(heads, relations, tails)
-        if is_grid or is_turned:  # a matrix product per relation
-            of_row = relations.reshape(-1).expand(len(scores))
-            for relation in of_row.unique().tolist():
-                left, right = self.factors(relation)
-                rows = of_row == relation
-                if is_grid:
-                    scores[rows] = left[heads.expand(len(scores), 1)[rows, 0]] @ right[tails[0]].T
-                else:
-                    scores[rows] = right[tails.expand(len(scores), 1)[rows, 0]] @ left[heads[0]].T
-            return scores
-        ids = [part.expand(scores.shape).reshape(-1) for part in (heads, relations, tails)]
-        flat = scores.view(-1)
-        for relation in range(len(RELATIONS)):
-            left, right = self.factors(relation)
-            for some in torch.nonzero(ids[1] == relation).flatten().split(_PAIRS):
-                flat[some] = (left[ids[0][some]] * right[ids[2][some]]).sum(-1)
-        return scores
-
-
-class ComplExScorer(_Bilinear):
+class ComplExScorer(StoredScorer):
     """A ComplEx model: scores from complex embeddings ``{entity,relation}_{real,imag}``, shapes (E, d) and (R, d).
 
     Source: Trouillon et al. 2016; Jiang et al. 2020, Eq. 1.
@@ -147,6 +73,10 @@ class ComplExScorer(_Bilinear):
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
         left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(1)
         return left, torch.view_as_real(self.entity).flatten(1)
+
+    def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
+        left, right = self.factors(relation)
+        return left @ right.T
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited

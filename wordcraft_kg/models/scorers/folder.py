@@ -19,7 +19,7 @@ from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
 from wordcraft_kg.models.scorers.calibration import Probabilities, predictions
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
-from wordcraft_kg.models.scorers.factors import ComplExScorer, FactorsScorer, TableScorer
+from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -38,7 +38,7 @@ TRAIN_RESULTS = "train_results"
 MODEL = "a model folder from train-complex, train-links or train-recipes"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
-    "wordcraft_kg.models", {kind.kind: kind for kind in (ComplExScorer, FactorsScorer, TableScorer, RecipeScorer)}
+    "wordcraft_kg.models", {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer)}
 )
 """Stored scorers by kind, the key in ``vocabulary.json``."""
 
@@ -123,7 +123,7 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
 def make_scorer(
     kind: str, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
 ) -> Scorer:
-    """Make a scorer from its kind, a key in :data:`SCORERS`, and its tensors; small factors become a table.
+    """Make a scorer from its kind, a key in :data:`SCORERS`, and its tensors; small embeddings become a table.
 
     ``settings`` are the scorer's ``device`` and ``name``. Raises KeyError for a missing tensor, ValueError for a tensor
     that does not fit the entities.
@@ -139,12 +139,12 @@ Tensors = Mapping[str, torch.Tensor]
 def stored(scorer: TripleScorer) -> StoredScorer:
     """Return an equal scorer that can be written to a folder, without models for left-out folds.
 
-    Scorers outside :class:`StoredScorer` become a score table, or matrix factors if the table would be too large.
-    Raises ConfigError if neither is possible, or a score is not finite.
+    Scorers outside :class:`StoredScorer` become a score table. Raises ConfigError if the table would be too large, or a
+    score is not finite.
     """
     scorer, size = whole_of(scorer), len(scorer.entities)
     result: StoredScorer
-    if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer | FactorsScorer):
+    if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer):
         result = scorer
     elif table_bytes(size) <= TABLE_LIMIT:
         tables = [scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))]
@@ -155,14 +155,10 @@ def stored(scorer: TripleScorer) -> StoredScorer:
                     "head and tail."
                 )
         result = TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)
-    elif isinstance(scorer, FactoredScorer):
-        factors = [scorer.factors(relation) for relation in range(len(RELATIONS))]
-        result = FactorsScorer(factors, scorer.entities, scorer.graph_hash)
     else:
         raise ConfigError(
             f"a score table for {size:,} entities takes {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; expected at "
-            f"most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer, or a scorer with `factors`, can be saved "
-            "without a table."
+            f"most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer can be saved without a table."
         )
     if not all(torch.isfinite(tensor).all() for tensor in result.tensors().values()):
         raise ConfigError("some scores are not finite numbers. Nothing was written.")

@@ -73,18 +73,8 @@ def normalised(kernel: Tensor) -> Tensor:
     return scale[:, None] * kernel * scale
 
 
-def check_vectors(vectors: NDArray[np.floating] | None, num_entities: int) -> None:
-    """Raise ConfigError unless ``vectors`` is None or has one row for each entity."""
-    if vectors is not None and (vectors.ndim != 2 or len(vectors) != num_entities):
-        raise ConfigError(
-            f"`vectors` have shape {vectors.shape}; expected {num_entities:,} rows, a row per entity. Make vectors "
-            "from the graph's labels, by make_features."
-        )
-
-
-NAME = "recipe kernel"
 _RIDGE = 1.0
-COMPLETION = 0.5
+_COMPLETION = 0.5
 """Weight of the completion term; regression and completion are standardised."""
 
 
@@ -118,8 +108,7 @@ def kernel_regression(
 MANY = 4_000
 """Entities above which a large book's faster computations replace the small book's."""
 SMOOTHING = 0.5
-"""Ridge of both steps in two-step regression. Validation prefers .2 to .5 equally; larger values lose less by low
-rank."""
+"""Ridge of both steps in two-step regression. Validation prefers .2 to .5 equally."""
 
 
 def two_step_regression(kernel: Tensor, *links: Tensor, seen: Tensor) -> tuple[Tensor, ...]:
@@ -143,19 +132,10 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
     With ``R_c`` the degree-normalised symmetric matrix for pairs that make c, the score is ``Σ_c R_c³``: if a + y, x +
     y and x + b make c, then a + b may as well.
     """
-    nodes, pairs = completion_paths(recipes, num_entities)
-    return torch.from_numpy((nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32))
-
-
-def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
-    """Return sparse G and R; ``Gᵀ R³ G`` is :func:`completion`, a score for ingredient pairs by shared results.
-
-    A node is an entity as ingredient for a single result: ``G[node, entity]`` is 1, shape (N, E). R, shape (N, N),
-    links nodes that make the result together, with degree-normalised weights.
-    """
     from scipy import sparse
 
     a, b, result = recipes.T
+    # A node is an entity as ingredient for a single result.
     cells, place = np.unique(
         np.concatenate([result, result]) * num_entities + np.concatenate([a, b]), return_inverse=True
     )
@@ -165,7 +145,8 @@ def completion_paths(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
     pairs = sparse.csr_array((np.ones(len(ends)), np.divmod(ends, max(count, 1))), shape=(count, count))
     scale = sparse.diags_array(np.asarray(pairs.sum(axis=1)).clip(1) ** -0.5)
     nodes = sparse.csr_array((np.ones(count), (np.arange(count), cells % num_entities)), shape=(count, num_entities))
-    return nodes, (scale @ pairs @ scale).tocsr()
+    pairs = (scale @ pairs @ scale).tocsr()
+    return torch.from_numpy((nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32))
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
@@ -193,7 +174,7 @@ def kernel_scores(recipes: Ids, kernel: Tensor, completed: Tensor, seen: Tensor 
     else:
         fitted = two_step_regression(kernel, *links, seen=seen)
     combines, component = map(scaled, fitted)
-    combines += COMPLETION * scaled(completed)
+    combines += _COMPLETION * scaled(completed)
     return torch.from_numpy(combines).float(), torch.from_numpy(component).float()
 
 
@@ -211,8 +192,12 @@ class KernelScorer(TableScorer):
         ``name``. Raises ConfigError if the graph is too large, or the vectors do not fit.
         """
         size = graph.num_entities
-        check_table("the recipe kernel as a table", size)
-        check_vectors(vectors, size)
+        check_table("the recipe kernel", size)
+        if vectors is not None and (vectors.ndim != 2 or len(vectors) != size):
+            raise ConfigError(
+                f"`vectors` have shape {vectors.shape}; expected {size:,} rows, a row per entity. Make vectors from "
+                "the graph's labels, by make_features."
+            )
         alike = torch.zeros(size, size) if vectors is None else cosines(torch.tensor(vectors, dtype=torch.float32))
         scores = kernel_scores(recipes, similarity(recipes, alike), completion(recipes, size))
-        super().__init__(torch.stack(scores), graph.entities, graph.hash, **{"name": NAME, **kwargs})
+        super().__init__(torch.stack(scores), graph.entities, graph.hash, **{"name": "recipe kernel", **kwargs})

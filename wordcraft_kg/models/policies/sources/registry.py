@@ -63,9 +63,7 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
         f"{TABLE_LIMIT / 2**20:.0f} MiB"
     )
     if not isinstance(scorer, FactoredScorer):
-        raise ConfigError(
-            f"{cost}; only ComplEx, DistMult and the low-rank recipe kernel work without tables. Use such a scorer."
-        )
+        raise ConfigError(f"{cost}; only ComplEx and DistMult work without tables. Use such a scorer.")
     if scale not in FACTORED_SCALES:
         raise ConfigError(f"`scale` {scale}: {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need no tables.")
     return True

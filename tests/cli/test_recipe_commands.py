@@ -1,5 +1,7 @@
 """Recipe scores on the command line: what a pair makes, why, what is remembered, and why an agent picked something."""
 
+import json
+
 import pytest
 import torch
 
@@ -176,6 +178,10 @@ def test_explain_and_the_report_name_the_recipes_that_support_a_pair(printed, ru
     agent = tmp_path / "agent"
     settings = ("--use", "u,v,w", "--steps", "512", "--features", "random", "--distractors", "3")
     assert run("train-agent", "kitchen", "--scorer", recipes_folder, *settings, "--out", agent).code == 0
+    (trained,) = json.loads((agent / "report" / "report.json").read_text())["agents"]
+    evaluated = printed("evaluate-agent", agent, "--distractor-seeds", 1)
+    compared = trained["success"]["3"]["against_scorer"], evaluated["against_scorer"]["3"]
+    assert [beside["scorer"] for beside in compared] == ["w", "w"]
     evidences = 0
     for episode in printed("explain", agent, "--part", "train", "--episodes", "4")["episodes"]:
         plans = {recipe for plan in episode["plans"] for recipe in plan}

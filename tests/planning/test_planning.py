@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_sources, make_split, open_graph
-from wordcraft_kg.agents.players import knowledge_player
+from wordcraft_kg.agents.players import knowledge_player, scorer_alone
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
@@ -203,6 +203,7 @@ def test_planning_beats_recipe_scores_at_depth_2(opened, scorer):
     world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=4))
     p, w = make_sources(["p", "w"], scorer)
     assert success(world, p) > success(world, w) + 0.2
+    assert list(scorer_alone({"u": w, "w": w, "p": p})) == ["u, w, p", "w", "p"]
 
 
 def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened, scorer):

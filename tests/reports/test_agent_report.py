@@ -239,13 +239,16 @@ def test_train_tasks_are_ranked_by_the_scores_that_the_agent_saw_and_the_page_sa
     assert folds.tasks == sum(rank <= 3 for rank in expected) < whole.tasks
     assert [entry.cross_fitted for entry in report.view.agents] == [3, 0]
     html = render(report)
-    beside = report.view.agents[0].success["2"].against_scorer
-    mine, alone = (
-        Evaluator(world, distractor_seeds=1)(player).success.mean()
-        for player in (PolicyPlayer(agents[0].policy), knowledge_player(list(agents[0].policy.sources.values())))
-    )
-    assert (beside.scorer, beside.gain) == ("u, v", pytest.approx(mine - alone))
-    assert f"<td>u, v</td><td>{100 * beside.differs:.1f} %</td>" in html
+    for agent, entry in zip(agents, report.view.agents, strict=True):
+        beside = entry.success["2"].against_scorer
+        mine, alone = (
+            Evaluator(world, distractor_seeds=1)(player)
+            for player in (PolicyPlayer(agent.policy), knowledge_player(list(agent.policy.sources.values())))
+        )
+        gain = mine.success.mean() - alone.success.mean()
+        assert (beside.scorer, beside.gain) == ("u, v", pytest.approx(gain))
+        assert beside.differs == (mine.decisions != alone.decisions).mean() > (mine.success != alone.success).mean()
+        assert f"<td>u, v</td><td>{100 * beside.differs:.1f} %</td>" in html
     out_of_sample = r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
     for note in (out_of_sample, r"On train tasks <b>whole</b> is scored\s+.*in-sample"):
         assert re.search(note, html)

@@ -123,7 +123,7 @@ class AgentsView(Record):
 Groups = dict[str, list[OpenedAgent]]
 """Training runs by agent name; the runs of an agent differ only in the seed."""
 _Results = dict[int, list[Evaluation]]
-_ScorersAlone = dict[tuple[str | None, ...], tuple[str, dict[str, dict[int, Evaluation]]]]
+_ScorersAlone = dict[tuple[object, ...], tuple[str, dict[str, dict[int, Evaluation]]]]
 """By scorer and settings: an agent's name, and evaluations of the scorer alone by sources and distractor count."""
 
 
@@ -216,9 +216,9 @@ def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _Scorers
     return played
 
 
-def _scores_of(agent: OpenedAgent) -> tuple[str | None, ...]:
-    policy = agent.config.policy
-    return agent.run.inputs.get("scorer"), policy.use, policy.scale, policy.self_edges
+def _scores_of(agent: OpenedAgent) -> tuple[object, ...]:
+    policy, scorer = agent.config.policy, agent.run.inputs.get("scorer")
+    return scorer, policy.use, policy.scale, policy.self_edges, policy.plan_width, policy.in_sample
 
 
 def _play(player: players.Player, evaluators: dict[int, Evaluator]) -> dict[int, Evaluation]:

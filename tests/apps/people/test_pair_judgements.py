@@ -49,14 +49,15 @@ def judgements(tmp_path, graph):
 
 
 def test_people_and_a_scorer_answer_the_same_questions(graph, judgements):
-    scores = {(0, 1): [0, 1, 3, 2], (1, 2): [0, 0, 0, 1], (0, 3): [0, 2, 0, 0]}
-    view = view_pairs(judgements, graph, ("fixed", Fixed(scores)))
+    recipes = [[0, 0, 1]]
+    scores = {(0, 1): [-1, 2.5, 3, 2], (1, 2): [0, 0, 0, 1], (0, 3): [0, 2, 0, 0]}
+    view = view_pairs(judgements, graph, ("fixed", Fixed(scores, recipes)))
     assert (view.pairs, view.recipes, view.judgements, view.questions) == (3, 2, 4, 2)
     assert view.auc_people == (1 + 0 + 0.5) / 3  # ratings 7, 2, 5 of recipes against 5
     assert view.right_people == 1 / 2
     assert view.auc == 1 / 2  # best scores 3, 1 against 2
-    assert view.right == 1
-    assert view.right_ci == (1, 1)
+    assert view.right == 1 / 2
+    assert view.right_ci == (1 / 2, 1 / 2)  # two answers on one pair
     assert view.auc_people_ci == (view.auc_people,) * 2  # one person
     assert view_pairs(judgements, graph).auc is None
     with pytest.raises(ConfigError, match="only recipes or none"):
@@ -67,6 +68,8 @@ def test_a_scorer_that_knows_a_judged_pair_is_refused_and_its_recipes_are_listed
     assert judged_recipes(judgements, graph) == [("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d")]
     with pytest.raises(LeakError, match="1 rated pairs"):
         view_pairs(judgements, graph, ("leaky", Fixed({}, [[1, 0, 3], [0, 0, 1]])))
+    with pytest.raises(LeakError, match="without recipes"):
+        view_pairs(judgements, graph, ("zero-shot", Fixed({})))
 
 
 def test_the_area_is_the_share_of_ordered_cases():

@@ -251,5 +251,8 @@ def test_recipes_of_a_book_to_be_tested_stay_out_of_training_in_any_order_and_sp
     everything = write_book(tmp_path / "all.csv", rows)
     with pytest.raises(ConfigError, match="leaves no recipe"):
         train_recipes(RecipesConfig(opened.source, replace(SMALL, kg="full", without=(everything,))), tmp_path / "none")
+    settings = replace(config.settings, with_=books[:1])
+    with pytest.raises(ConfigError, match="has recipes of explored, which `without` leaves out"):
+        train_recipes(RecipesConfig(opened.source, settings), tmp_path / "both")
     with pytest.raises(ConfigError, match="kg"):
         replace(SMALL, without=books)

@@ -19,6 +19,7 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
 from wordcraft_kg.graphs.library import cache_folder, data_folder, fetch_file
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 FILE = "validation_behavior.json"
@@ -112,11 +113,10 @@ def read_judgements(path: Path, graph: RecipeGraph) -> list[Judgement]:
     return judgements
 
 
-def judged_recipes(judgements: Sequence[Judgement], graph: RecipeGraph) -> list[tuple[str, str, str]]:
+def judged_recipes(judgements: Sequence[Judgement], graph: RecipeGraph) -> list[Recipe]:
     """Return the graph's recipes of rated pairs, as labels: a model that is judged must not know them."""
     pairs = {judgement.pair for judgement in judgements}
-    rows = [row for row in graph.recipes.tolist() if (min(row[:2]), max(row[:2])) in pairs]
-    return [(graph.entities[a], graph.entities[b], graph.entities[result]) for a, b, result in rows]
+    return graph.recipe_labels(np.array([row for row in graph.recipes.tolist() if (row[0], row[1]) in pairs]))
 
 
 def view_pairs(
@@ -124,7 +124,7 @@ def view_pairs(
 ) -> PairView:
     """Compare ratings and answers with the graph; ``model`` is a name and a scorer of the graph.
 
-    LeakError if the scorer was trained on a recipe of a judged pair.
+    LeakError if the scorer was trained on a recipe of a judged pair, or learned from other books alone.
     """
     pairs = sorted({judgement.pair for judgement in judgements})
     results = {pair: set(graph.labels(graph.outcomes.get(pair, ()))) for pair in pairs}
@@ -152,10 +152,11 @@ def view_pairs(
         return view
     name, scorer = model
     known = {(min(a, b), max(a, b)) for a, b, _ in scorer.recipes.tolist()} & {*pairs}
-    if known:
+    if known or not len(scorer.recipes):
+        seen = f"trained on recipes of {len(known)}" if known else "made without recipes (`kg` none), its sources with"
         raise LeakError(
-            f"{name} was trained on recipes of {len(known)} rated pairs. Write these recipes with --recipes FILE, and "
-            f"train again: wordcraft-kg train-recipes {graph.name} --kg full --without FILE"
+            f"{name} was {seen} rated pairs. Write these recipes with --recipes FILE, and train again: "
+            f"wordcraft-kg train-recipes {graph.name} --kg full --without FILE"
         )
     entities = torch.arange(graph.num_entities)
     scores = {pair: scorer.score_recipes(torch.tensor(pair[0]), torch.tensor(pair[1]), entities) for pair in pairs}

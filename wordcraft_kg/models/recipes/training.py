@@ -3,6 +3,7 @@
 Fits run in parallel if there are enough CPU cores. A resumed run makes only fits that were not finished.
 """
 
+import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -27,7 +28,7 @@ from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.outside import describe_source, open_outside, shared_recipes, text_of
+from wordcraft_kg.models.recipes.outside import describe_source, is_book, open_outside, shared_recipes, text_of
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_dense
@@ -95,6 +96,10 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[
         is_kept = ~np.any([shared_recipes(opened.graph, other) for other in without], axis=0)
         if not is_kept.any():
             raise ConfigError(f"`without` {', '.join(settings.without)} leaves no recipe of {opened.graph.name}.")
+        for spec, book in itertools.product(filter(is_book, settings.with_), without):
+            other = open_graph(spec).graph
+            if (shared_recipes(other, book) & ~shared_recipes(other, opened.graph)).any():
+                raise ConfigError(f"`with` '{spec}' has recipes of {book.name}, which `without` leaves out. Omit one.")
         return folds.with_train_sample(TrainSample.of(opened.graph, is_kept))
     return folds.with_train_sample(
         draw_train_sample(

@@ -33,6 +33,7 @@ def people_pairs(
     """
     check_file(recipes, force=force)
     from wordcraft_kg.apps.people.pair_judgements import judged_recipes, judgements_file, read_judgements, view_pairs
+    from wordcraft_kg.graphs.book_files import recipe_table
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -40,8 +41,7 @@ def people_pairs(
     opened = open_graph(graph).graph
     judgements = read_judgements(judgements_file(fetch=fetch), opened)
     if recipes is not None:
-        rows = [("ingredient_a", "ingredient_b", "result"), *judged_recipes(judgements, opened)]
-        write_file(recipes, "".join(",".join(row) + "\n" for row in rows), force=force)
+        write_file(recipes, recipe_table(judged_recipes(judgements, opened)), force=force)
     loaded = None
     if model is not None:
         scorer = load_scorer(model, graph=opened).whole

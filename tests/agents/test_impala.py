@@ -103,7 +103,7 @@ class SlowImpala:
         there = [slot for slot, entity in enumerate(table) if entity != self.nothing]
         log_probs = torch.log_softmax(output.logits[0, there], dim=0)
         divergence = torch.zeros(())
-        if "w" in policy.sources:
+        if "w" in policy.sources and self.envs.world.config.depth == 1:
             alone = torch.log_softmax(output.sources[0, -1, there], dim=0)
             divergence = sum(one.exp() * (one - other) for one, other in zip(log_probs, alone, strict=True))
         return dict(zip(there, log_probs, strict=True)), output.value[0], output.lambdas, divergence
@@ -182,6 +182,7 @@ class SlowImpala:
         (2, 3, {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5}),
         (2, 3, {"scorer": "frequency", "policy_lag": 1}),
         (1, 3, {"scorer": "cross-fitted", "policy": {"use": "u,v,w"}, "policy_lag": 1}),
+        (2, 3, {"scorer": "cross-fitted", "policy": {"use": "w"}}),
     ],
 )
 def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, cross_fitted, depth, unroll, settings):

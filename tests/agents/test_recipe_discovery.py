@@ -63,7 +63,7 @@ class Slow:
         return self.scorer.score_recipes(a, b, range(self.own)).tolist()
 
     def _uses(self, entity):
-        return math.log(1 + sum(entity in recipe[:2] for recipe in self.recipes))
+        return math.log(1 + sum(recipe[:2].count(entity) for recipe in self.recipes))
 
     def features_and_worth(self, pair, known):
         a, b = (int(self.rows[entity]) for entity in pair)
@@ -96,12 +96,14 @@ def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(label
     for attempt in range(30):
         known = list(game.known)
         pair = player.choose()
+        features = player._seen[-1]
         found = {
             p: slow.features_and_worth(p, known)
             for p in itertools.combinations_with_replacement(sorted(known), 2)
             if p not in tried
         }
         chosen = (min(pair), max(pair))
+        np.testing.assert_allclose(features, found[chosen][0], atol=1e-3)
         is_cover = (attempt + 1) % COVER == 0
         if attempt >= FREE and (is_cover or attempt % 5 == 0):
             weights = slow.weights(np.array(seen), np.array(made))

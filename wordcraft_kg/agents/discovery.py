@@ -314,10 +314,9 @@ def make_discoverers(
     players = {}
     for name in names:
         one_of("players", name, tuple(DISCOVERERS))
-        if name == "recipe-learner" and name not in makers:
-            raise ConfigError(f"player '{name}' needs a `scorer` from `wordcraft-kg train-recipes`, of any book.")
         if name not in makers:
-            raise ConfigError(f"player '{name}' needs a `scorer` of this graph: run `wordcraft-kg train-complex`.")
+            needed = "from `wordcraft-kg train-recipes`, of any book" if name == "recipe-learner" else "of this graph"
+            raise ConfigError(f"player '{name}' needs a `scorer` {needed}: a trained model folder.")
         players[name] = makers[name]()
     return players
 

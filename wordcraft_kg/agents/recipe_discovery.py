@@ -26,7 +26,7 @@ Means come from pairs of ``everyday`` with a scorer of Little Alchemy 2, varianc
 | feature | meaning |
 |---|---|
 | results | log Σ_c exp(score of a + b -> c) over candidate results c that are not known |
-| uses | log(1 + recipes that use a) + log(1 + recipes that use b), in the scorer's book |
+| uses | log(1 + recipes that use a) + log(1 + recipes that use b), in the scorer's book; a + a counts twice |
 | strange | number of ingredients outside the scorer's book |
 | words | word cosine of a and b |
 | recorded | 1 if the scorer's book has a recipe of a + b |

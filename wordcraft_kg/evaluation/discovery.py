@@ -19,7 +19,6 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 if TYPE_CHECKING:
     import pandas as pd
 
-    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
     from wordcraft_kg.models.recipes.inductive import LabelledScorer
     from wordcraft_kg.models.scorers.scorer import Scorer
 
@@ -115,8 +114,12 @@ def view_discovery(
     (default: the graph's base), and ``scorer`` knowledge for the players that need a model.
     """
     start = Discovery(graph, base)
-    links, learner = (None, None) if scorer is None else (scorer.links, _learner(scorer))
-    discoverers = make_discoverers(players, graph, links, learner)
+    learner = None
+    if scorer is not None and scorer.recipes is not None:
+        from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+
+        learner = RecipeDiscoverer(scorer.recipes)
+    discoverers = make_discoverers(players, graph, None if scorer is None else scorer.links, learner)
     curves = discovery_curves(graph, discoverers, attempts, runs, seed, start.base, progress)
     table = summarise_curves(curves)
     view = DiscoveryView(
@@ -136,12 +139,6 @@ def view_discovery(
         references=_references(graph, graph.labels(start.base), players),
     )
     return view, curves
-
-
-def _learner(scorer: Guides) -> "RecipeDiscoverer | None":
-    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
-
-    return None if scorer.recipes is None else RecipeDiscoverer(scorer.recipes)
 
 
 def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:

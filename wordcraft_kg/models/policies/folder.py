@@ -58,7 +58,7 @@ def make_policy(
     Raises:
         ConfigError: if settings conflict or do not fit the graph.
         GraphMismatchError: if the scorer belongs to another graph.
-        LeakError: if a model has seen a task's recipes.
+        LeakError: if a model has seen all recipes of a task's plan.
     """
     features = None
     if config.features != LEARNED:

@@ -84,7 +84,7 @@ class CrossFitted(Scorer):
 
     Scores and tables come from ``whole``; if ``whole`` is a recipe scorer, so do ``score_recipes``,
     ``supporting_recipes`` and ``recipes``. Agents that learn on train tasks need :meth:`left_out`;
-    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` chooses the fold that contains a task's recipes.
+    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` chooses the fold to leave out.
 
     Made from ``whole`` and ``folds``: a function per fold that returns the scorer trained without this fold.
 

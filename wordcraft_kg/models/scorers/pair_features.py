@@ -85,7 +85,7 @@ class RecipeKnowledge(nn.Module):
         results: shape (M, N + 1, L), int32: results by known pair, padded with E.
         alike: shape (M, E + 1, W), half: k.
         words: shape (E + 1, W), half: word cosines.
-        counts: shape (M, E + 1, 2): log(1 + n), for n recipes that use, and that make, an entity.
+        counts: shape (M, E + 1, 2): log(1 + n), for n recipes that use (a + a counts twice), and that make, an entity.
         supporting: shape (M, E + 1, R, 3), int16: recipes with results most similar to a goal, padded with E.
         first, first_bias, second, bias: network weights, with F features and H hidden units: shapes (M, F, H), (M, H),
             (M, H) and (M,).

@@ -76,8 +76,8 @@ def make_sources(
 
     ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, cross-fitted scorers score only test
     tasks. ConfigError if the scorer cannot serve a source, or would need a table that is too large, LeakError if a
-    model has seen a task's recipes, GraphMismatchError if the tasks belong to another graph or split than the scorer's
-    folds.
+    model has seen all recipes of a plan, GraphMismatchError if the tasks belong to another graph or split than
+    the scorer's folds.
 
     Example:
         >>> u, v = make_sources(["u", "v"], load_scorer("models/kitchen"))

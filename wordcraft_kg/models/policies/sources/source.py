@@ -99,7 +99,7 @@ class Source(nn.Module, ABC):
     def bind(self, tasks: TaskSet) -> None:
         """Set the task set that task numbers in later calls index; no effect unless :attr:`reads_task`.
 
-        LeakError if a model has seen a task's recipes; GraphMismatchError if the tasks belong to another graph or
+        LeakError if a model has seen all recipes of a plan; GraphMismatchError if the tasks belong to another graph or
         split.
         """
 
@@ -161,7 +161,7 @@ class Evidence(NamedTuple):
 
 
 class FoldedSource(Source):
-    """A source that scores each task by a model that has not seen the task's recipes.
+    """A source that scores each task by a model that has not seen all recipes of any plan.
 
     Models are numbered as in :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`.
 

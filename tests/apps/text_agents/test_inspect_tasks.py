@@ -19,14 +19,16 @@ from inspect_ai.model import ModelOutput, ModelUsage, get_model
 
 import wordcraft_kg
 from tests.apps.text_agents.scripted import PLAYERS, picks_of
-from wordcraft_kg import WordCraftConfig, World, save_scorer
+from wordcraft_kg import WordCraftConfig, World, open_graph, save_scorer
 from wordcraft_kg.agents.evaluation import Evaluation, Evaluator
+from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Conversation, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.inspect_tasks import InspectTaskError, crafting, discovery
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
@@ -219,6 +221,25 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play, kit
     assert (row.figures["2"].value, row.figures["2"].low) == (success.mean, success.ci_low)
     with pytest.raises(ConfigError, match="was recorded on tasks"):
         external_rows(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
+
+
+@pytest.mark.parametrize("track", ["depth-2-lite", "discover-500-lite"])
+def test_a_log_of_a_benchmark_track_becomes_a_submission_that_verifies(play, tmp_path, track):
+    log = play(crafting(track=track), lambda messages: "1 + 2" if turn(messages) % 2 else "nonsense", message_limit=12)
+    bench_run(track, player=f"inspect:{log.location}", out=tmp_path / "out")
+    submission = verify(tmp_path / "out")
+    assert (submission.player, submission.prompts) == ("mockllm/model", "standard")
+    assert submission.invalid_actions >= submission.figures.games == len(log.samples)
+    assert submission.tokens == {
+        "input": 100 * submission.tokens["output"] // 10,
+        "output": submission.tokens["output"],
+    }
+    with pytest.raises(ConfigError, match=f"are of everyday-v2/{track}; expected everyday-v2/craft-8-lite"):
+        bench_run("craft-8-lite", player=f"inspect:{log.location}", out=tmp_path / "other")
+    with pytest.raises(ConfigError, match="the games have none"):
+        bench_run(track, player=f"inspect:{log.location}", out=tmp_path / "other", look_ups="partial")
+    with pytest.raises(ConfigError, match="not all tasks"):
+        external_rows(open_graph("everyday"), TaskPlay("test", 2, 2), [4], [Path(log.location)])
 
 
 def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):

@@ -24,14 +24,17 @@ from tests.apps.text_agents.scripted import assert_same, picks_of
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_distinct
 from wordcraft_kg.apps.text_agents import hosted_games, mcp_server
+from wordcraft_kg.apps.text_agents.benchmark import open_track
+from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
 from wordcraft_kg.apps.text_agents.mcp_server import make_http_app, make_server, tools_hash
 from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import evaluation_of, read_games, record_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
+from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.apps.web.serving import listen
-from wordcraft_kg.base.errors import ActionError, ArtefactError, EpisodeError
+from wordcraft_kg.base.errors import ActionError, ArtefactError, ConfigError, EpisodeError
 from wordcraft_kg.envs.words import PROMPTS
 
 ROOT = Path(__file__).parents[3]
@@ -72,6 +75,23 @@ async def called(client, tool, **arguments):
 
 def play_by_tools(host, play, mode="auto"):
     return connect(make_server(host), lambda client: play(partial(called, client)), mode)
+
+
+@pytest.mark.parametrize("track", ["craft-1-lite", "discover-500-lite"])
+def test_the_games_of_a_benchmark_track_become_a_submission_that_verifies(tmp_path, track):
+    opened = open_track(track)
+    host = HostedGames(opened.play(max_invalid=NEVER, prompt_hash=tools_hash()))
+    with kept_games(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
+        for task in range(len(opened) - 1):
+            begun = host.begin(0 if opened.is_open_ended else task)
+            begun.combine("1", "2")
+            begun.end()
+        with pytest.raises(ConfigError, match=f"{len(opened) - 1} of {len(opened)} games"):
+            bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
+        host.begin(0 if opened.is_open_ended else len(opened) - 1).end()
+    bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
+    submission = verify(tmp_path / "out")
+    assert (submission.figures.games, submission.prompts) == (len(opened), "standard")
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -22,7 +22,7 @@ from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, LookUp
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import Count, Hash, Record, parse_record
-from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base.settings import nearest, one_of
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import padded
@@ -110,6 +110,11 @@ class Track:
         """Whether the games are open-ended, without tasks."""
         return not self.frozen.tasks
 
+    @property
+    def full_name(self) -> str:
+        """Name with the benchmark's name and version, as in recorded games."""
+        return f"{self.benchmark}/{self.name}"
+
     def __len__(self) -> int:
         return len(self.frozen.tasks or self.frozen.orders)
 
@@ -122,21 +127,24 @@ class Track:
         config = WordCraftConfig("test", frozen.depth, frozen.distractors, max_attempts=frozen.attempts)
         return World(self.opened, config, task_set(self.opened.graph, frozen.depth, frozen.tasks))
 
-    def play(self, look_ups: LookUps = "none") -> Play:
-        """Return the games as conversations, with look-ups of the train recipes if ``look_ups`` is partial."""
+    def play(self, look_ups: str = "none", **rules: Any) -> Play:
+        """Return the games as conversations, with look-ups of the train recipes if ``look_ups`` is partial.
+
+        ``rules`` replace fields of the games' settings; a ConfigError for other look-ups.
+        """
+        one_of("knowledge", look_ups, get_args(LookUps))
         games: TaskGames | DiscoveryGames
         if self.is_open_ended:
             games = DiscoveryGames(self.opened, attempts=self.frozen.attempts, orders=self.frozen.orders)
         else:
             games = TaskGames(self.world, lambda task, _: [*self.frozen.tasks[task].table])
-        own = {"track": f"{self.benchmark}/{self.name}", "max_invalid": MAX_INVALID, "look_ups": LOOK_UPS}
+        own: dict[str, Any] = {"track": self.full_name, "max_invalid": MAX_INVALID, "look_ups": LOOK_UPS}
         if self.is_open_ended:
             own["distractor_seeds"] = len(self)
         settings = PlayedSettings.of(
             games.env if isinstance(games, DiscoveryGames) else games.world,
             self.opened.split,
-            knowledge=look_ups,
-            **own,
+            **{"knowledge": look_ups, **own, **rules},
         )
         return Play(games, settings, PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None)
 

@@ -4,7 +4,7 @@ A kind plays all games of a track, and returns the decisions with facts about th
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,9 @@ from wordcraft_kg.agents.players import NEAREST_WORDS, Player, knowledge_players
 from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track
 from wordcraft_kg.apps.text_agents.games import Pair
+from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-from wordcraft_kg.apps.text_agents.records import GAMES_FILE, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.records import GAMES_FILE, PlayedSettings, PlayedTask, PlayedWorld
 from wordcraft_kg.apps.text_agents.results import play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import Played, Submission, read_lines, replay
@@ -179,13 +180,38 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     with LinePlayer(argument, timeout=settings.timeout) as program:
         play_all(program.name, program.speaker, play, settings.messages)
     played = read_games(settings.messages / GAMES_FILE)[1]
-    return Entrant(program.name, in_order(played), prompt_hash=play.settings.prompt_hash)
+    return _recorded(track, settings, program.name, play.settings, played)
 
 
-def in_order(played: Sequence[PlayedTask | PlayedWorld]) -> list[Played]:
-    """Return the decisions in recorded games, in the order of the track."""
-    numbered = {one.task if isinstance(one, PlayedTask) else one.game: one for one in reversed(played)}
-    return [Played(one.pairs, one.look_ups, one.invalid_actions) for _, one in sorted(numbered.items())]
+def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    logged = read_logged_games(Path(argument))
+    entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
+    return replace(entrant, tokens=logged.tokens)
+
+
+def _mcp(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    header, played, _ = read_games(Path(argument))
+    return _recorded(track, settings, header.player, header.settings, played)
+
+
+def _recorded(
+    track: Track, run: RunSettings, name: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]
+) -> Entrant:
+    """Return the decisions in recorded games, in the order of the track; the first game of a task counts."""
+    if settings.track != track.full_name:
+        raise ConfigError(
+            f"the games of '{name}' are of {settings.track or 'no track'}; expected {track.full_name}. Play the track "
+            f"with `inspect eval wordcraft_kg/crafting -T track={track.name}` or `mcp --track {track.name}`."
+        )
+    if settings.knowledge != run.look_ups:
+        raise ConfigError(f"`look_ups` {run.look_ups}: the games have {settings.knowledge}; give the same.")
+    first = {one.task if isinstance(one, PlayedTask) else one.game: one for one in reversed(played)}
+    if missing := set(range(len(track))) - first.keys():
+        raise ConfigError(
+            f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play game {min(missing)}."
+        )
+    games = [Played(one.pairs, one.look_ups, one.invalid_actions) for one in map(first.__getitem__, range(len(track)))]
+    return Entrant(name, games, prompt_hash=settings.prompt_hash)
 
 
 KINDS: Registry[Kind] = Registry(
@@ -200,6 +226,8 @@ KINDS: Registry[Kind] = Registry(
         "planner": Kind("the first pair of a model's best plan", "MODEL", _planner),
         "agent": Kind("a trained agent", "RUN", _agent),
         "program": Kind("a program that plays by the line protocol", "COMMAND", _program),
+        "inspect": Kind("a language model in Inspect AI, by its log", "LOG", _inspect),
+        "mcp": Kind("MCP clients, by the games of `mcp --track`", "GAMES", _mcp),
     },
 )
 """Kinds of players by name."""

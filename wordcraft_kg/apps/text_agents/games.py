@@ -170,11 +170,15 @@ class TaskGames:
 
 
 class DiscoveryGame(Game):
-    """An open-ended game: discover many entities; ``known_after`` counts them after each attempt."""
+    """An open-ended game: discover many entities; ``known_after`` counts them after each attempt.
 
-    def __init__(self, env: OpenEndedEnv):
+    ``number`` is the number of the game in a benchmark's track.
+    """
+
+    def __init__(self, env: OpenEndedEnv, number: int | None = None):
         """Begin a game; no other game may use ``env``."""
         super().__init__(env.graph, "discover")
+        self.number = number
         self._env = env
         env.reset()
         self.known_after: list[int] = []
@@ -237,4 +241,4 @@ class DiscoveryGames:
         env.discovery = copy.copy(self.env.discovery)
         if self.orders:
             env.discovery.base = self.orders[whole("game", distractor_seed, 0, len(self.orders) - 1)]
-        return DiscoveryGame(env)
+        return DiscoveryGame(env, distractor_seed if self.orders else None)

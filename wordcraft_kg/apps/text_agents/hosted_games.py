@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import append_game, open_games, record_of
 from wordcraft_kg.base.artefacts import check_file
@@ -93,14 +94,18 @@ class HostedGames:
         """Prepare to host games; at most ``most`` games are remembered."""
         self.play, self._most = play, most
         self.keep: Callable[[HostedGame], None] = lambda game: None
+        self._begun = 0
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
-        """Begin a game, see :meth:`Play.begin`.
+        """Begin a game, see :meth:`Play.begin`; games of an open-ended track are begun in turn.
 
         If there are too many games, end and forget a game: finished games first, then the least recent. An EpisodeError
         if this game cannot be recorded.
         """
+        if isinstance(self.play.games, DiscoveryGames) and self.play.games.orders:
+            distractor_seed = self._begun % len(self.play.games.orders)
+            self._begun += 1
         name = secrets.token_urlsafe(9)  # unguessable
         hosted = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
         if len(self._hosted) >= self._most:

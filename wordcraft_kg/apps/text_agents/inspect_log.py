@@ -1,6 +1,7 @@
 """Text agents' results in logs by Inspect AI, a framework for evaluating language models."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -32,13 +33,28 @@ class LoggedTask(Record, frozen=True, kw_only=True):
     games: Count
 
 
+@dataclass(frozen=True)
+class LoggedGames:
+    """Games in an Inspect log, with the model's name, the settings, and the numbers of tokens by kind."""
+
+    model: str
+    settings: PlayedSettings
+    games: Sequence[PlayedTask | PlayedWorld]
+    tokens: Mapping[str, int]
+
+
 def read_inspect_log(path: str | Path) -> TextResult:
-    """Read a language model's result from an Inspect log (``.eval``, ``.json``) for ``crafting`` or ``discovery``.
+    """Read a language model's result from an Inspect log, see :func:`read_logged_games`."""
+    logged = read_logged_games(Path(path))
+    return result_of(logged.model, logged.settings, logged.games)
+
+
+def read_logged_games(path: Path) -> LoggedGames:
+    """Read a language model's games from an Inspect log (``.eval``, ``.json``) for ``crafting`` or ``discovery``.
 
     The player is the model's name. Games that an Inspect limit ended count. A missing or damaged file, the log of
     another Inspect task, or missing games are an ArtefactError.
     """
-    path = Path(path)
     log = _read(path)
     about = (log.eval.metadata or {}).get(METADATA)
     if about is None:
@@ -48,7 +64,9 @@ def read_inspect_log(path: str | Path) -> TextResult:
     task = as_record(about, LoggedTask, path)
     settings, scores = task.settings, _scores(path, log, task.games)
     kind: type[PlayedTask | PlayedWorld] = PlayedWorld if settings.is_open_ended else PlayedTask
-    return result_of(log.eval.model, settings, [played_of(one, kind, str(path)) for one in scores])
+    used = log.stats.model_usage.values()
+    tokens = {name: sum(getattr(one, f"{name}_tokens") for one in used) for name in ("input", "output")}
+    return LoggedGames(log.eval.model, settings, [played_of(one, kind, str(path)) for one in scores], tokens)
 
 
 def _read(path: Path) -> "EvalLog":

@@ -10,6 +10,7 @@ from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Any, TypeVar
 
+from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.inspect_log import METADATA, UNFINISHED, VERDICT, LoggedTask, played_of
@@ -64,18 +65,20 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
 
 
 @task
-@_with_parameters("part", "depth", "distractors", "attempts", "distractor_seeds", "tasks", *_RULES)
+@_with_parameters("part", "depth", "distractors", "attempts", "distractor_seeds", "tasks", *_RULES, track=None)
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
     """Return an Inspect task: make goals from the entities on a table, as in agent evaluation.
 
     ``graph`` is a graph folder, a recipe book file, or the name of a built-in book; see
-    :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters. A wrong parameter, or an
-    unreadable graph or scorer, is an InspectTaskError.
+    :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters. ``track`` is a track of
+    the benchmark, which fits with ``knowledge`` only. A wrong parameter, or an unreadable graph or scorer, is an
+    InspectTaskError.
     """
     with _readable():
         play = _open(crafting, graph, settings)
         rules = play.settings
-        assert isinstance(play.games, TaskGames)
+        if not isinstance(play.games, TaskGames):  # a track
+            return _discovery(play)
         tasks = play.games.world.tasks
         samples = [
             _sample(f"{rules.part}-{number}-{seed}", play, task=number, distractor_seed=seed, goal=tasks[number].goal)
@@ -97,11 +100,15 @@ def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **se
         # Inspect parses labels such as `1` and `true` as a number and a truth value.
         labels = base if isinstance(base, list | tuple) else [base]
         start = None if base is None else [str(label) for label in labels]
-        play = _open(discovery, graph, settings, open_ended=True, base=start, distractor_seeds=games)
-        rules = play.settings
-        about = {"attempts": rules.attempts, "known_at_start": len(rules.base)}
-        samples = [_sample(f"world-{game}", play, distractor_seed=game, **about) for game in range(games)]
-        return _task(play, samples, rules.graph, known_items())
+        return _discovery(_open(discovery, graph, settings, open_ended=True, base=start, distractor_seeds=games))
+
+
+def _discovery(play: Play) -> Task:
+    rules = play.settings
+    about = {"attempts": rules.attempts, "known_at_start": len(rules.base)}
+    games = range(rules.distractor_seeds)
+    samples = [_sample(f"world-{game}", play, distractor_seed=game, **about) for game in games]
+    return _task(play, samples, rules.graph, known_items())
 
 
 def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> Play:
@@ -109,6 +116,11 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
     for name in given:
         if name not in known:
             raise UnknownSettingError(f"unknown parameter `{name}`: expected {', '.join(known)}.{nearest(name, known)}")
+    if track := given.get("track"):
+        if needless := sorted(given.keys() - {"track", "knowledge"}):
+            raise ConfigError(f"`track` has its own games; omit `{needless[0]}`.")
+        return open_track(str(track)).play(given.get("knowledge", "none"))
+    given = {name: value for name, value in given.items() if name != "track"}
     if not isinstance(graph, str) or not graph:
         raise refuse("graph", graph, "a graph folder, a recipe book file, or a known book")
     scorer = given.get("scorer")

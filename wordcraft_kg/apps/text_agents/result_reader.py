@@ -41,6 +41,10 @@ def _result(path: Path, opened: OpenedGraph) -> TextResult:
         result = read_result(path)
     else:
         result = read_inspect_log(path) if _is_log(path) else read_games_result(path, opened)
+    if result.settings.track is not None:
+        raise ConfigError(
+            f"--external-results: '{path}' has the games of {result.settings.track}, not all tasks; see `bench run`."
+        )
     check_hash(path, "graph", result.settings.graph_hash, opened.graph.hash)
     return result
 

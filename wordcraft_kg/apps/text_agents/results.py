@@ -52,6 +52,7 @@ def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> P
     game = talk.game
     counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages), "pairs": tuple(game.pairs)}
     if isinstance(game, DiscoveryGame):
+        number = number if game.number is None else game.number
         return PlayedWorld(game=number, known_after=tuple(game.known_after), repeated=game.repeated, **counts)
     assert isinstance(game, TaskGame)
     return PlayedTask(

@@ -50,7 +50,7 @@ def bench_run(
         measured: add the date and the duration, which differ between runs.
         timeout: seconds for an answer of a program.
     """
-    from wordcraft_kg.apps.text_agents.benchmark import open_track
+    from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.submission import MESSAGES, SUBMISSION_FILE, figures_text, write_submission
     from wordcraft_kg.base.artefacts import check_output, sha256_of
@@ -67,12 +67,12 @@ def bench_run(
     with sigterm_as_interrupt():
         kind, entrant = enter(opened, player, RunSettings(messages, look_ups, timeout))
     seconds = round(time.perf_counter() - begin, 1)
-    standard = "none" if entrant.prompt_hash is None else "standard"
+    is_standard = prompts is None and entrant.prompt_hash in (None, *read_manifest()[0].prompts.values())
     about: dict[str, Any] = {
         "player": name or entrant.name,
         "kind": kind,
         "weights": dict(entrant.weights),
-        "prompts": standard if prompts is None else "custom",
+        "prompts": "custom" if not is_standard else "none" if entrant.prompt_hash is None else "standard",
         "prompt_hash": entrant.prompt_hash if prompts is None else sha256_of(prompts),
         "training_data": training_data or entrant.training_data,
         "tokens": None if entrant.tokens is None else dict(entrant.tokens),

@@ -22,6 +22,7 @@ EXAMPLES = (
     "wordcraft-kg mcp everyday --part test --distractors 8",
     "wordcraft-kg mcp kitchen --depth 2 --attempts 4 --transport http --out games.jsonl",
     "wordcraft-kg mcp everyday --open-ended --attempts 100",
+    "wordcraft-kg mcp --track craft-8-lite --out games.jsonl",
 )
 
 
@@ -29,6 +30,7 @@ def mcp(
     graph: Book = "everyday",
     *,
     settings: Annotated[GameSettings, Parameter(name="*", group="Games")] = GameSettings(),
+    track: str | None = None,
     transport: Literal["stdio", "http"] = "stdio",
     host: str = "127.0.0.1",
     port: int = 8765,
@@ -44,6 +46,7 @@ def mcp(
     Args:
         graph: graph folder, recipe book or known book's name.
         settings: the games.
+        track: track of the benchmark, such as craft-8-lite, instead of other games; fits with --knowledge only.
         transport: stdio, for a local client that starts the server, or http.
         host: address to listen on; any but 127.0.0.1, such as 0.0.0.0, opens the games to other machines.
         port: port to listen on; 0 selects a free port.
@@ -52,7 +55,10 @@ def mcp(
     """
     if transport == "stdio" and output.json:
         raise ConfigError("--json: stdout is reserved for the protocol; omit --json, or add --transport http.")
+    if track is not None and (graph, settings) != ("everyday", GameSettings(knowledge=settings.knowledge)):
+        raise ConfigError("--track has its own games; omit the graph and the options of games but --knowledge.")
     check_extra("mcp")
+    from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
     from wordcraft_kg.apps.text_agents.mcp_server import PATH, make_http_app, make_server, tools_hash
@@ -61,7 +67,9 @@ def mcp(
 
     with ExitStack() as stack:
         listening = stack.enter_context(listen(host, port)) if transport == "http" else None  # before the work
-        hosted = HostedGames(Play.open(graph, settings, max_invalid=NEVER, prompt_hash=tools_hash()))
+        rules: dict[str, Any] = {"max_invalid": NEVER, "prompt_hash": tools_hash()}
+        play = open_track(track).play(settings.knowledge, **rules) if track else Play.open(graph, settings, **rules)
+        hosted = HostedGames(play)
         if out is not None:
             header = GamesHeader(player="MCP clients", settings=hosted.play.settings)
             hosted.keep = stack.enter_context(kept_games(out, header))

@@ -70,7 +70,6 @@ def slow_ranks(table, triples, known):
                 "candidates": len(field),
                 "score": score(true),
                 "tops": {e for e in field if score(e) == best},
-                "confidence": math.exp(best) / sum(math.exp(score(e)) for e in field),
             }
         )
     return rows

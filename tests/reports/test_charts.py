@@ -48,7 +48,6 @@ CHARTS = {
     "scatter": lambda label: charts.scatter(
         {label: [(label, (0.1, 0.05, 0.2), (0.5, 0.4, 0.6))]}, label, label, label, level=(label, 0.3)
     ),
-    "reliability": lambda label: charts.reliability([(0.1, 0.2, 5), (0.3, 0.3, 5)], label),
     "log_reliability": lambda label: charts.log_reliability({label: [(0.1, 0.2, 0.1, 0.3, 5)]}, label),
 }
 
@@ -368,8 +367,7 @@ def test_places_that_are_too_many_share_the_room():
     assert spread([], 10, 0, 8) == []
 
 
-RELIABILITY = [[], [(0.0, 0.0, 3)], [(1.0, 1.0, 3)], [(0.02, 0.4, 1), (0.9, 0.0, 1)]]
-LOG_RELIABILITY = [
+RELIABILITY = [
     [],
     [(0.001, 0.0, 0.0, 0.002, 900)],
     [(1.0, 1.0, 0.2, 1.0, 1)],
@@ -377,13 +375,9 @@ LOG_RELIABILITY = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("chart", "points"),
-    [*((charts.reliability, points) for points in RELIABILITY)]
-    + [(lambda points, d: charts.log_reliability({"a": points, "b": []}, d), points) for points in LOG_RELIABILITY],
-)
-def test_a_reliability_chart_keeps_its_points_on_the_axes_and_has_the_diagonal(chart, points):
-    root = parse(chart(points, "d"))
+@pytest.mark.parametrize("points", RELIABILITY)
+def test_a_reliability_chart_keeps_its_points_on_the_axes_and_has_the_diagonal(points):
+    root = parse(charts.log_reliability({"a": points, "b": []}, "d"))
     assert len(list(root.iter("circle"))) == len(points)
     assert [line.get("class") for line in root.iter("polyline")].count("diagonal") == 1
     for circle in root.iter("circle"):
@@ -431,7 +425,7 @@ def test_intervals_are_drawn_in_rows_on_one_axis_with_the_reference():
     assert not of_class(of_shares, "diagonal")
 
 
-CHART = charts.reliability([(0.1, 0.2, 5)], "")
+CHART = charts.log_reliability({}, "")
 
 
 def test_a_figure_has_its_panels_side_by_side_and_escapes_its_texts():

@@ -429,7 +429,7 @@ def test_words_with_a_tooltip_are_explained_at_the_end_and_pictures_have_a_descr
     assert all(f"<dd>{meaning}</dd>" in terms for meaning in meanings)
     page = Page(html)
     described = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "aria-label") and value]
-    assert len(described) == page.tags.count("svg") > 1
+    assert len(described) == page.tags.count("svg") > 0
     assert "img" not in page.tags
 
 

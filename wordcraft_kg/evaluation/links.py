@@ -20,9 +20,7 @@ from wordcraft_kg.models.links.records import TraceRow
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM
 from wordcraft_kg.models.scorers.ranking import (
-    Calibration,
     RankingMetrics,
-    calibration,
     random_metrics,
     rank_triples,
     ranking_metrics,
@@ -121,7 +119,6 @@ class LinkView(Record):
     comparisons: Annotated[tuple[link_sections.Comparison, ...], msgspec.Meta(min_length=1)]
     near_synonym_cosine: float
     drill_down: link_sections.DrillDown
-    calibration: Calibration
     best: tuple[link_sections.RankedTriple, ...]
     worst: tuple[link_sections.RankedTriple, ...]
     perhaps_missing: tuple[link_sections.ScoredPair, ...]
@@ -168,7 +165,6 @@ def view_links(
         comparisons=link_sections.comparisons_of(links, seed),
         near_synonym_cosine=NEAR_SYNONYM,
         drill_down=link_sections.drill_down_of(links, seed),
-        calibration=calibration(ranks),
         best=link_sections.listed_triples(links, ascending=True),
         worst=link_sections.listed_triples(links, ascending=False),
         perhaps_missing=link_sections.perhaps_missing_of(links) if links.has_table else (),

@@ -83,10 +83,6 @@ def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
             "Filtered MRR of the model and of each baseline",
             reference=view.metrics["all"].mrr,
         ),
-        "calibration": charts.reliability(
-            [(row.confidence, row.accuracy, row.queries) for row in view.calibration.bins],
-            "Accuracy against confidence",
-        ),
     }
 
 

@@ -27,9 +27,7 @@ from wordcraft_kg.models.scorers import ranking as link_prediction
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import (
-    CalibrationBin,
     RankingMetrics,
-    calibration,
     random_metrics,
     rank_triples,
     ranking_metrics,
@@ -62,9 +60,8 @@ def test_ranks_equal_those_of_a_slow_loop(case):
     table, queries, known = case
     found = rank_triples(table_scorer(table), queries, known)
     expected = pd.DataFrame(slow_ranks(table, queries, known))
-    columns = [name for name in expected if name not in ("tops", "confidence")]
+    columns = [name for name in expected if name != "tops"]
     pd.testing.assert_frame_equal(found[columns], expected[columns], check_dtype=False)
-    np.testing.assert_allclose(found["confidence"], expected["confidence"], rtol=1e-6)
     assert all(top in tops for top, tops in zip(found["top"], expected["tops"], strict=True))
 
 
@@ -251,29 +248,6 @@ def test_no_queries_have_no_interval():
 def test_an_mrr_over_fewer_than_five_recipes_has_no_interval(recipes):
     ranks = pd.DataFrame({"rank": [1.0, 2.0] * recipes, "candidates": 9})
     assert (with_interval(ranks, np.repeat(np.arange(recipes), 2)).mrr_ci is None) == (recipes < 5)
-
-
-def answers(confidence, right):
-    top = [1 if is_right else 2 for is_right in right]
-    return pd.DataFrame({"confidence": confidence, "side": "tail", "head": 0, "tail": 1, "top": top})
-
-
-def test_calibration_is_perfect_where_confidence_equals_accuracy():
-    found = calibration(answers([0.25] * 4 + [0.75] * 4, [True] + [False] * 3 + [True] * 3 + [False]), bins=2)
-    assert found.ece == 0
-    assert found.bins == (CalibrationBin(0.25, 0.25, 4), CalibrationBin(0.75, 0.75, 4))
-
-
-def test_the_calibration_error_is_the_mean_distance_weighted_by_queries():
-    found = calibration(answers([0.1, 0.1, 0.9], [True, True, False]), bins=2)
-    assert [row.queries for row in found.bins] == [2, 1]
-    assert found.ece == pytest.approx((2 * 0.9 + 0.9) / 3)
-
-
-def test_calibration_asks_for_the_head_where_the_head_is_open_and_has_no_empty_bins():
-    frame = answers([0.5, 0.5], [True, True]).assign(side="head", head=[1, 0], tail=2)
-    assert calibration(frame, bins=1).bins[0].accuracy == 0.5
-    assert [row.queries for row in calibration(answers([0.2, 0.4], [True, False])).bins] == [1, 1]
 
 
 def test_ranking_needs_nothing_of_a_scorer_but_the_protocol():

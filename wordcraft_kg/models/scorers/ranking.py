@@ -1,4 +1,4 @@
-"""Ranking the true answers to test triples: metrics with intervals, by relation, and calibration."""
+"""Ranking the true answers to test triples: metrics with intervals, by relation."""
 
 from typing import Annotated
 
@@ -48,21 +48,6 @@ class RankingMetrics(Record, omit_defaults=True):
     mrr_ci: tuple[Share, Share] | None = None
 
 
-class CalibrationBin(Record):
-    """Queries with similar confidence: mean confidence, best candidates' accuracy, and number of queries."""
-
-    confidence: Share
-    accuracy: Share
-    queries: Count
-
-
-class Calibration(Record):
-    """Expected calibration error, and the queries in equal-sized bins by confidence."""
-
-    ece: Share
-    bins: tuple[CalibrationBin, ...]
-
-
 def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
     """Return a sample of triples without replacement, in the given order; all triples if at most ``size``."""
     if len(triples) <= size:
@@ -87,8 +72,7 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
     Returns:
         2 T rows, first all tail queries, then all head queries, in the given order. Columns: head, relation, tail
         (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates (number of
-        competing entities, including the true entity), score (for the true entity), top (best candidate) and confidence
-        (softmax share for ``top``).
+        competing entities, including the true entity), score (for the true entity) and top (best candidate).
     """
     num_entities = len(scorer.entities)
     parts: list[pd.DataFrame] = []
@@ -129,7 +113,6 @@ def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns:
     better, equal = _count(scores > true), _count(scores == true)
     candidates = _count(scores > -torch.inf) + 1
     scores[index, target] = true[:, 0]
-    best, top = scores.max(dim=1)
     return pd.DataFrame(
         {
             "head": batch[:, 0],
@@ -142,8 +125,7 @@ def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns:
             "raw_rank": raw.numpy(),
             "candidates": candidates.numpy(),
             "score": true[:, 0].numpy(),
-            "top": top.numpy(),
-            "confidence": torch.exp(best - torch.logsumexp(scores, dim=1)).numpy(),
+            "top": scores.max(dim=1).indices.numpy(),
         }
     )
 
@@ -235,22 +217,6 @@ def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = RESAMP
         return metrics
     means = bootstrap(1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed)
     return msgspec.structs.replace(metrics, mrr_ci=interval(means))
-
-
-def calibration(ranks: pd.DataFrame, bins: int = 10) -> Calibration:
-    """Compare the softmax confidence in each query's best candidate with these candidates' accuracy.
-
-    Most unseen triples have several plausible answers, so confidences near 1 are not expected.
-    """
-    confidence = ranks["confidence"].to_numpy(dtype=float)
-    target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"])
-    correct = (target == ranks["top"].to_numpy()).astype(float)
-    groups = [group for group in np.array_split(np.argsort(confidence, kind="stable"), bins) if len(group)]
-    table = tuple(
-        CalibrationBin(float(confidence[group].mean()), float(correct[group].mean()), len(group)) for group in groups
-    )
-    error = sum(row.queries * abs(row.confidence - row.accuracy) for row in table)
-    return Calibration(error / max(len(ranks), 1), table)
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:

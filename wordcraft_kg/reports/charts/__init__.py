@@ -13,6 +13,5 @@ from wordcraft_kg.reports.charts.series import curves as curves
 from wordcraft_kg.reports.charts.series import dots as dots
 from wordcraft_kg.reports.charts.series import intervals as intervals
 from wordcraft_kg.reports.charts.series import log_reliability as log_reliability
-from wordcraft_kg.reports.charts.series import reliability as reliability
 from wordcraft_kg.reports.charts.series import scatter as scatter
 from wordcraft_kg.reports.charts.standalone import figure as figure

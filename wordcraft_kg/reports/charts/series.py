@@ -182,24 +182,6 @@ def intervals(
     return plot.done()
 
 
-def reliability(points: Sequence[tuple[float, float, int]], description: str) -> Markup:
-    """Draw accuracy against confidence; ``points`` are (confidence, accuracy, query count).
-
-    A diagonal shows perfect calibration.
-    """
-    ticks = round_ticks(0, max((max(x, y) for x, y, _ in points), default=1.0))
-    plot = Plot((0, ticks[-1]), (0, ticks[-1]), description)
-    texts = [f"{value:.3g}" for value in ticks]
-    plot.y_axis(ticks, texts)
-    plot.x_axis(ticks, texts)
-    plot.polyline([(0, 0), (ticks[-1], ticks[-1])], "diagonal")
-    plot.polyline(points, "line series-0")
-    for x, y, count in points:
-        plot.circle(x, y, 4, "series-0", f"confidence {x:.3f}, right {y:.3f}, {count} queries")
-    plot.titles("confidence of the best candidate", "share that is right")
-    return plot.done()
-
-
 def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str) -> Markup:
     """Draw observed shares against probabilities on logarithmic axes, with a diagonal for perfect calibration.
 

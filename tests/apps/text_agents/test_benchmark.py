@@ -15,6 +15,7 @@ from wordcraft_kg.agents.players import knowledge_players
 from wordcraft_kg.apps.text_agents import benchmark
 from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter, reproduce
+from wordcraft_kg.apps.text_agents.commands.bench_leaderboard import bench_leaderboard
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
@@ -145,7 +146,7 @@ def test_a_program_keeps_its_messages_and_look_ups_are_offered_and_counted(tmp_p
 
 def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
     folder = submitted()
-    with pytest.raises(ArtefactError, match="'kind' is votes, and the given player has random"):
+    with pytest.raises(ArtefactError, match="'kind' is votes, but the given player has random"):
         reproduce(folder, verify(folder), "random", RunSettings(tmp_path))
     first = submitted(player=PROGRAM)
     with pytest.raises(ArtefactError, match="line 1: the given player plays another game here"):
@@ -164,6 +165,7 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"prompts": "standard", "prompt_hash": OTHER}, "'prompt_hash' is 0000.*declare custom prompts"),
         ({"prompts": "standard"}, "'prompt_hash' is None"),
         ({"prompt_hash": OTHER}, "'prompts' is none"),
+        ({"prompts": "custom"}, "'prompts' is custom"),
         ({"look_ups": 1}, "'look_ups' is 1; expected 0"),
         ({"games_hash": OTHER}, "'games_hash' is"),
         ({"price": float("nan")}, "submission.json is damaged"),
@@ -271,6 +273,8 @@ def test_players_and_tracks_that_do_not_fit_are_refused(submitted, tmp_path):
             enter(open_track(track), player, settings)
     with pytest.raises(ConfigError, match="only players by text look items up"):
         enter(open_track("craft-8-lite"), "random", RunSettings(tmp_path, "partial"))
+    with pytest.raises(ArtefactError, match=r"prompts.txt is missing"):
+        bench_run("craft-8-lite", player="random", out=tmp_path / "out", prompts=tmp_path / "prompts.txt")
     with pytest.raises(OutputExistsError, match="exists"):
         bench_run("craft-8-lite", player="votes", out=submitted())
 
@@ -280,3 +284,27 @@ def test_verification_names_each_folder_and_fails_if_one_is_refused(submitted, t
     first, second = capsys.readouterr().out.splitlines()[-2:]
     assert first.startswith("replayed  craft-8-lite  partial KG, votes  0.")
     assert second.startswith(f"refused  {tmp_path}/submission.json is missing")
+
+
+def test_the_leaderboard_has_a_table_for_each_track_and_refuses_edited_submissions(submitted, copied, tmp_path):
+    page = tmp_path / "page.md"
+    for number, (track, player) in enumerate([("craft-8-lite", "random"), ("craft-8-lite", PROGRAM)]):
+        (tmp_path / "all" / f"{number}").mkdir(parents=True)
+        for file in submitted(track, player).glob("*.json*"):
+            (tmp_path / "all" / f"{number}" / file.name).write_bytes(file.read_bytes())
+    bench_leaderboard(tmp_path / "all", out=page)
+    text = page.read_text()
+    assert re.findall(r"^\| (\S+) .* \| (re\w+) \|", text, re.MULTILINE) == [
+        ("random", "reproduced"),
+        ("python", "replayed"),
+    ]
+    assert re.findall(r"^## (\S+)", text, re.MULTILINE) == ["craft-8-lite", "From"]
+    bench_leaderboard(tmp_path / "all", out=page, check=True)
+    page.write_text(text + " ")
+    with pytest.raises(ArtefactError, match="not up to date"):
+        bench_leaderboard(tmp_path / "all", out=page, check=True)
+    edit(copied(), look_ups=1)
+    with pytest.raises(ArtefactError, match="'look_ups' is 1"):
+        bench_leaderboard(tmp_path / "copy", out=page)
+    with pytest.raises(ArtefactError, match="has no submission"):
+        bench_leaderboard(tmp_path / "nothing", out=page)

@@ -256,7 +256,7 @@ def reproduce(folder: Path, submission: Submission, player: str, settings: RunSe
     path, play = folder / GAMES_FILE, track.play(submission.knowledge)
     for name, value in (("kind", kind), ("weights", dict(entrant.weights))):
         if (given := getattr(submission, name)) != value:
-            raise ArtefactError(f"{folder}: '{name}' is {given}, and the given player has {value}. Use the same one.")
+            raise ArtefactError(f"{folder}: '{name}' is {given}, but the given player has {value}. Play as before.")
     for number, (line, played) in enumerate(zip(read_lines(path, track, play), entrant.games, strict=True), 1):
         if line != replay(play, line.number, played):
             raise ArtefactError(f"{path}, line {number}: the given player plays another game here.")

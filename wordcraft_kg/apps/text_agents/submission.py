@@ -283,12 +283,12 @@ def _check_versions(path: Path, submission: Submission) -> None:
     standard, given = manifest.prompts.values(), submission.prompt_hash
     if submission.prompts == "standard" and given not in standard:
         raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")
-    if submission.prompts == "none" and given is not None:
-        raise _refused(path, "prompts", "none", "standard or custom beside a prompt_hash")
+    if (submission.prompts == "none") != (given is None):
+        raise _refused(path, "prompts", submission.prompts, "none without a 'prompt_hash', else standard or custom")
 
 
 def _refused(path: Path, name: str, value: object, expected: object, remedy: str = "play the track again") -> Exception:
-    return ArtefactError(f"{path}: '{name}' is {value}; expected {expected}. To correct it, {remedy}.")
+    return ArtefactError(f"{path}: '{name}' is {value}; expected {expected}. Please {remedy}.")
 
 
 def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:

@@ -1,5 +1,6 @@
 """``wordcraft-kg bench run``."""
 
+import hashlib
 import shutil
 import time
 from pathlib import Path
@@ -53,7 +54,7 @@ def bench_run(
     from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.submission import MESSAGES, SUBMISSION_FILE, figures_text, write_submission
-    from wordcraft_kg.base.artefacts import check_output, sha256_of
+    from wordcraft_kg.base.artefacts import check_output, read_small_file
     from wordcraft_kg.base.settings import MAX_SIZE, number_in
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
@@ -63,17 +64,18 @@ def bench_run(
         shutil.rmtree(messages, ignore_errors=True)
     if price is not None:
         number_in("price", price, 0, MAX_SIZE, "US dollars, 0 or more")
+    own_prompts = None if prompts is None else hashlib.sha256(read_small_file(prompts)).hexdigest()
     opened, begin = open_track(track), time.perf_counter()
     with sigterm_as_interrupt():
         kind, entrant = enter(opened, player, RunSettings(messages, look_ups, timeout))
     seconds = round(time.perf_counter() - begin, 1)
-    is_standard = prompts is None and entrant.prompt_hash in (None, *read_manifest()[0].prompts.values())
+    is_standard = own_prompts is None and entrant.prompt_hash in (None, *read_manifest()[0].prompts.values())
     about: dict[str, Any] = {
         "player": name or entrant.name,
         "kind": kind,
         "weights": dict(entrant.weights),
         "prompts": "custom" if not is_standard else "none" if entrant.prompt_hash is None else "standard",
-        "prompt_hash": entrant.prompt_hash if prompts is None else sha256_of(prompts),
+        "prompt_hash": own_prompts or entrant.prompt_hash,
         "training_data": training_data or entrant.training_data,
         "tokens": None if entrant.tokens is None else dict(entrant.tokens),
         "price": price,

@@ -1,0 +1,72 @@
+"""The leaderboard: verified submissions by track, as a page in Markdown."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from wordcraft_kg.apps.text_agents.benchmark import read_manifest
+from wordcraft_kg.apps.text_agents.benchmark_players import KINDS, RunSettings, reproduce
+from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Submission, verify
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.evaluation.reference import literature
+
+_TITLES = ("player", "figure", "by plan", "prompts", "look-ups", "training data", "cost", "licence", "mark", "date")
+_Marked = tuple[Submission, str]
+
+
+def leaderboard_page(folder: Path) -> str:
+    """Verify all submissions below a folder; return the page, with a table for each track.
+
+    Players without a model or program play again here, which gives the mark "reproduced". A refused submission, or
+    none at all, is an ArtefactError.
+    """
+    paths = sorted(path.parent for path in folder.rglob(SUBMISSION_FILE))
+    if not paths:
+        raise ArtefactError(f"'{folder}' has no submission; expected folders of `wordcraft-kg bench run`.")
+    marked = [_marked(path) for path in steps("verifying submissions", paths)]
+    return "\n".join(_lines(marked)) + "\n"
+
+
+def _marked(path: Path) -> _Marked:
+    submission = verify(path)
+    if submission.kind not in KINDS or KINDS[submission.kind].argument:
+        return submission, "replayed"
+    with TemporaryDirectory() as messages:
+        reproduce(path, submission, submission.kind, RunSettings(Path(messages), submission.knowledge))
+    return submission, "reproduced"
+
+
+def _lines(marked: Sequence[_Marked]) -> Iterator[str]:
+    manifest, manifest_hash = read_manifest()
+    yield from ("# Leaderboard", "", f"Made by `bench leaderboard` from verified submissions to {manifest.name}")
+    yield f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). Figures: success, or known items if open-ended,"
+    yield "with 95 % intervals."
+    for track in manifest.names:
+        rows = sorted((one for one in marked if one[0].track == track), key=lambda one: -one[0].figures.mean)
+        if rows:
+            yield from ("", f"## {track}", "", _row(_TITLES), _row(["---"] * len(_TITLES)))
+            yield from (_row(_cells(*one)) for one in rows)
+    yield from ("", "## From the literature: other tasks, not comparable", "")
+    yield from (f"- {row.player}: {row.in_words}. {row.reference}" for row in literature(["success"]))
+
+
+def _cells(submission: Submission, mark: str) -> Iterator[str]:
+    figures = submission.figures
+    digits = 1 if figures.by_plan is None else 3
+    yield submission.player
+    yield f"{figures.mean:.{digits}f} [{figures.ci_low:.{digits}f}, {figures.ci_high:.{digits}f}]"
+    yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
+    yield submission.prompts
+    yield "" if submission.knowledge == "none" else f"{submission.look_ups:,} ({submission.knowledge})"
+    yield submission.training_data
+    tokens = "" if submission.tokens is None else f"{sum(submission.tokens.values()):,} tokens"
+    price = "" if submission.price is None else f"${submission.price:,.2f}"
+    yield ", ".join(part for part in (tokens, price) if part)
+    yield submission.licence
+    yield mark
+    yield submission.date or ""
+
+
+def _row(cells: Iterator[str] | Sequence[str]) -> str:
+    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"

@@ -344,24 +344,6 @@ def test_completion_can_be_installed(run, tmp_path, monkeypatch):
     assert "train-complex" in script.read_text()
 
 
-def test_the_cache_is_listed_with_sizes_and_cleared_but_for_what_is_not_ours(printed, run, home, monkeypatch):
-    monkeypatch.setenv("PYSTOW_HOME", str(home / "pystow"))
-    cached = home / "cache" / "wordcraft-kg"
-    for path, size in ((cached / "books/a.json", 1000), (home / "pystow/pykeen/c", 3)):
-        path.parent.mkdir(parents=True)
-        path.write_bytes(b"x" * size)
-    (cached / "notes.txt").touch()
-
-    def sizes(*options):
-        return [(found["files"], found["bytes"]) for found in printed("books", "--cache", *options)["folders"]]
-
-    assert sizes() == [(1, 1000), (1, 3)]
-    assert f"fetched recipe books  1 file, 1.0 kB   {cached / 'books'}\n" in run("books", "--cache").out
-    assert sizes("--clear-cache") == [(0, 0), (1, 3)]
-    assert [path.name for path in cached.iterdir()] == ["notes.txt"]
-    assert sizes("--clear-cache") == [(0, 0), (1, 3)]
-
-
 SHORTER = {
     **{"train-complex": "--dim 8 --epochs 2 --n3 0.1 --folds 0", "train-links": "--dim 8 --epochs 1 --folds 0"},
     **{"train-recipes": "--train-fraction 0.2", "train-agent": "--steps 320", "discover": "--attempts 20"},
@@ -476,7 +458,6 @@ REFUSED = [
     ("train-complex kitchen --seeds 0-1 --seed 3", "--seed 3 and --seeds 0-1 cannot be combined"),
     ("train-complex kitchen --seeds 0,4294967296", "--seed 4294967296"),
     ("train-links", "needs a graph"),
-    ("books --cache --fetch little-alchemy-2", "cannot be combined"),
     ("books --fetch little-alchemy-3", "Did you mean 'little-alchemy-2'?"),
     ("describe kitchen --entity bred", "no entity 'bred' in kitchen. Did you mean 'bread'?"),
     ("score {trained}/one bred componentOf flour", "'bread'"),

@@ -66,7 +66,7 @@ def score(
         out: CSV or TSV file for the scores of --in. Default: print the scores.
     """
     from wordcraft_kg.cli.failures import with_options
-    from wordcraft_kg.evaluation.scores import AnyLabel, ScoringModel, note_of_words, with_new_words
+    from wordcraft_kg.evaluation.scores import ScoringModel, note_of_words, with_new_words
     from wordcraft_kg.models.scorers.queries import parse_query, read_queries
 
     whole("top", top, 1)
@@ -75,13 +75,13 @@ def score(
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
     if loaded.split is None:
         logging.getLogger(__name__).warning("not shown which triples are known: %s", with_options(loaded.missing))
-    entities = AnyLabel(loaded.scorer.entities)
+    entities = frozenset(loaded.scorer.entities)
     if queries is not None:
         read = read_queries(queries, entities)
         loaded = with_new_words(loaded, model, read, queries)
         _score_file(loaded, read, top, new_only, out, force, output)
         return
-    query = parse_query(words, frozenset(loaded.scorer.entities), entities)
+    query = parse_query(words, entities)
     loaded = with_new_words(loaded, model, [query])
     view, scored, lines = _score_query(loaded, query, top, new_only)
     output.result(view, [*lines, *note_of_words(loaded), *_notes(loaded.kg, scored)])

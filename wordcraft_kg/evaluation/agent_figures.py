@@ -1,34 +1,27 @@
-"""Metrics of evaluated agents: success rates with intervals, termination reasons, confusions, and task groups."""
+"""Metrics of evaluated agents: success rates with intervals, termination reasons, and task groups."""
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluation
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
-from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
-from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.bins import OPEN_END, binned
-from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskSet
-from wordcraft_kg.models.policies.sources.pairs import ComponentOf
 
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 _LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
-_CONFUSIONS = 10
 NEVER = "never"
 """Name of the crafting layer for goals that cannot be made."""
-_LINK_RANKS = ((1, 3), (4, 10), (11, 30), (31, 100), (101, OPEN_END))
 Interval = tuple[float, float]
-Slice = Literal["train_recipes", "layer", "link_rank"]
+Slice = Literal["train_recipes", "layer"]
 
 
 class AgainstScorer(Record):
@@ -79,14 +72,6 @@ class SliceSuccess(Record):
     ci: Interval
 
 
-class Confusion(Record):
-    """Number of episodes that ended with a right ingredient and the wrong entity ``action`` instead of ``wanted``."""
-
-    wanted: str
-    action: str
-    episodes: Count
-
-
 def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
     return np.concatenate([result.success for result in results], axis=1)
 
@@ -130,34 +115,10 @@ def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]
     }
 
 
-def confusions_of(world: World, results: Sequence[Evaluation]) -> tuple[Confusion, ...]:
-    """Return the most frequent wrong second ingredients in episodes that ended with a single right ingredient."""
-    graph, code = world.graph, TERMINATION_REASONS.index("one_right_part")
-    pairs = graph.recipes[:, :2].tolist()
-    counts: Counter[tuple[int, int]] = Counter()
-    for result in results:
-        for row, distractor_seed in np.argwhere(result.terminations == code).tolist():
-            plans = world.tasks.plans[int(result.tasks[row])]
-            counts.update(_confused(result.last[row, distractor_seed].tolist(), [pairs[plan[-1]] for plan in plans]))
-    # Ties by id: equal episodes give equal lists.
-    most = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_CONFUSIONS]
-    return tuple(Confusion(graph.entities[wanted], graph.entities[action], times) for (wanted, action), times in most)
-
-
-def _confused(last: list[int], plans: list[list[int]]) -> list[tuple[int, int]]:
-    """Return (wanted, picked) for the first plan with an ingredient in the last pair."""
-    for a, b in plans:
-        for right, wanted in ((a, b), (b, a)):
-            if right in last:
-                action = last[1 - last.index(right)]
-                return [(wanted, action)] if action != wanted else []
-    return []
-
-
 def slices_of(
     agent: OpenedAgent, tasks: TaskSet, results: Sequence[Evaluation]
 ) -> dict[Slice, tuple[SliceSuccess, ...]]:
-    """Return success rates by train recipes for the goal, crafting rounds to the goal, and ingredient score rank."""
+    """Return success rates by train recipes for the goal, and by crafting rounds to the goal."""
     if not results:
         return {}
     played, success = results[0].tasks, _successes(results)
@@ -168,9 +129,6 @@ def slices_of(
         "train_recipes": list(binned(made, _TRAIN_RECIPES)),
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
     }
-    ranks = _link_ranks(agent, tasks, played)
-    if ranks is not None:
-        groups["link_rank"] = list(binned(ranks, _LINK_RANKS))
     rows = {
         name: tuple(
             SliceSuccess(part, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask]))
@@ -180,33 +138,3 @@ def slices_of(
         for name, masks in groups.items()
     }
     return {name: slices for name, slices in rows.items() if slices}
-
-
-def _link_ranks(agent: OpenedAgent, tasks: TaskSet, played: Ids) -> Ids | None:
-    """Return each task's rank by v for the worse ingredient, the best over its plans, from the agent's scores."""
-    if ComponentOf.label.name not in agent.policy.sources:
-        return None
-    source = agent.policy.sources[ComponentOf.label.name]
-    assert isinstance(source, ComponentOf)
-    recipes, size, goals = agent.opened.graph.recipes, agent.opened.graph.num_entities, tasks.goals[played]
-    models = np.zeros_like(goals)
-    by_task = source.reads_task and tasks.part in ("train", "all")
-    if by_task:
-        source.bind(tasks)
-        models = source.model_of_task.cpu().numpy()[played]
-    everything, nothing = torch.arange(size)[None], torch.tensor([size])
-    ranks = np.empty(len(goals))
-    questions = goals * (int(models.max(initial=0)) + 1) + models
-    order = np.argsort(questions, kind="stable")
-    # Goal by goal: scores for all goals from embeddings would not fit into memory.
-    for rows in np.split(order, np.flatnonzero(np.diff(questions[order])) + 1):
-        goal, task = (torch.from_numpy(ids[rows[:1]]) for ids in (goals, played))
-        scores = source(goal, nothing, everything, task if by_task else None)[0].numpy()
-        for row in rows.tolist():
-            parts = (recipes[plan[-1], :2] for plan in tasks.plans[played[row]])
-            ranks[row] = min(max(_mean_rank(scores, scores[part]) for part in pair) for pair in parts)
-    return np.ceil(ranks).astype(np.int64)
-
-
-def _mean_rank(scores: NDArray[np.float32], score: np.float32) -> float:
-    return float((scores > score).sum() + ((scores == score).sum() + 1) / 2)

@@ -54,7 +54,7 @@ class AgentEntry(Record):
         settings: training settings that differ from the defaults.
         kg: training graph for the agent's scorer (full or partial); None for an agent without a scorer.
         cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample scores.
-        success, outcomes: by distractor count; ``confusions`` and ``slices`` are for the report's ``headline`` count.
+        success, outcomes: by distractor count; ``slices`` are for the report's ``headline`` count.
         curves: success during training, by task part (train or test).
     """
 
@@ -71,7 +71,6 @@ class AgentEntry(Record):
     steps_per_second: tuple[float | None, ...]
     success: dict[str, agent_figures.AgentSuccess]
     outcomes: dict[str, dict[TerminationReason, Share]]
-    confusions: tuple[agent_figures.Confusion, ...]
     slices: dict[agent_figures.Slice, tuple[agent_figures.SliceSuccess, ...]]
     curves: dict[str, tuple[training_curves.CurvePoint, ...]]
     lambdas: tuple[training_curves.LambdaCurve, ...]
@@ -318,7 +317,6 @@ def _entry(
             for amount, runs in results.items()
         },
         outcomes={str(amount): agent_figures.outcomes_of(runs) for amount, runs in results.items()},
-        confusions=agent_figures.confusions_of(world, headline),
         slices=agent_figures.slices_of(members[0], world.tasks, headline),
         curves=training_curves.success_curves(members),
         lambdas=tuple(training_curves.lambda_curves(members)),

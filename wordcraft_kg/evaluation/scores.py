@@ -1,6 +1,6 @@
 """Triple scores, also for words outside the graph, and the best entities for a query's open slot."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -20,7 +20,7 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.queries import OPEN, Query, RecipeQuery
+from wordcraft_kg.models.scorers.queries import Query, RecipeQuery
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 Known = Literal["train", "valid", "test", "new"]
@@ -243,26 +243,6 @@ def _labels(query: Query) -> tuple[str, str, str]:
     assert query.head is not None
     assert query.tail is not None
     return query.head, query.relation, query.tail
-
-
-class AnyLabel(Collection[str]):
-    """A collection that contains every text except open slot symbols, for a model that scores any words."""
-
-    def __init__(self, entities: Sequence[str]):
-        """Set the labels for the graph entities, which may include an open slot symbol."""
-        self._entities = frozenset(entities)
-
-    def __contains__(self, label: object) -> bool:
-        """Return whether a text is a label."""
-        return label in self._entities or label not in ("", *OPEN)
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over the graph entities."""
-        return iter(self._entities)
-
-    def __len__(self) -> int:
-        """Return the number of graph entities."""
-        return len(self._entities)
 
 
 def with_new_words(

@@ -3,7 +3,6 @@
 import hashlib
 import os
 import re
-import shutil
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -89,12 +88,6 @@ def cache_folder() -> Path:
     """Return the folder with downloaded books, in ~/.cache or ``XDG_CACHE_HOME``; the folder may not exist yet."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "wordcraft-kg" / "books"
-
-
-def clear_cache() -> None:
-    """Delete all downloaded recipe books."""
-    if (folder := cache_folder()).exists():
-        shutil.rmtree(folder)
 
 
 def known_books() -> list[KnownBook]:

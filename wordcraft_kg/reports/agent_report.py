@@ -16,7 +16,6 @@ _MIN_SEEDS = 5
 _SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
     "layer": ("By crafting layer", "crafting rounds to the goal"),
-    "link_rank": ("By the rank of the recipe’s links", "rank of the worse part by the ingredient score (v)"),
 }
 
 

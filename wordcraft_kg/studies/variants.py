@@ -19,21 +19,13 @@ from wordcraft_kg.base.statistics import (
     wilson_interval,
 )
 from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.evaluation.training_curves import CurvePoint
 from wordcraft_kg.studies.results import RunResult, StudyResults
 from wordcraft_kg.studies.study import SCORER, Values
 
 Interval = tuple[float, float]
 _FEWEST_RESAMPLED = 4
 """Fewest seeds to resample: with three, the bounds would be the extremes."""
-
-
-class StudyCurvePoint(Record, array_like=True):
-    """Mean success on test tasks after a number of environment steps, with the interval over seeds."""
-
-    step: int
-    success: float
-    low: float | None
-    high: float | None
 
 
 class Comparison(Record):
@@ -77,7 +69,7 @@ class VariantFigures(Record):
     comparison: Comparison | None
     reached: Count | None
     reached_interval: tuple[Count | None, Count | None] | None
-    curve: tuple[StudyCurvePoint, ...]
+    curve: tuple[CurvePoint, ...]
     runs: tuple[str, ...]
     seconds: float
     steps: Count
@@ -149,12 +141,12 @@ def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64
     return steps, np.array([[row[step] for step in steps] for row in rows])
 
 
-def _curve(members: Sequence[RunResult]) -> tuple[StudyCurvePoint, ...]:
+def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
     steps, table = _curves(members)
     if not steps:
         return ()
     return tuple(
-        StudyCurvePoint(step, float(column.mean()), *(student_interval(column) or (None, None)))
+        CurvePoint(step, float(column.mean()), *(student_interval(column) or (None, None)))
         for step, column in zip(steps, table.T, strict=True)
     )
 

@@ -9,7 +9,7 @@ import pytest
 from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import map as maps
-from wordcraft_kg.apps.explorer.pages.map import HEIGHT, LETTER, LINE, WIDTH, Map, map_of, view_map
+from wordcraft_kg.apps.explorer.pages.map import HEIGHT, LETTER, LINE, WIDTH, Map, communities_of, map_of, view_map
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph
 
@@ -161,3 +161,18 @@ def test_each_colour_of_layers_is_in_the_legend_with_the_number_of_its_entities(
     assert sum(number for _, _, number in legend) == 80
     assert legend[0] == ("shade-0", "base", len(explored.opened.graph.base))
     assert len(legend) == len({style for style, _, _ in legend}) == 5
+
+
+TWO_CLIQUES = np.array([(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (3, 6), (4, 5), (4, 6), (5, 6), (2, 3)])
+
+
+def test_entities_that_are_linked_among_each_other_are_a_group_with_typical_members_first():
+    group_of, typical = communities_of(7, TWO_CLIQUES)
+    assert group_of.tolist() == [1, 1, 1, 0, 0, 0, 0]
+    # 3 and 2 have a link to the other group, too; of equally typical members, the first come first
+    assert [members.tolist() for members in typical] == [[4, 5, 6, 3], [0, 1, 2]]
+
+
+def test_an_entity_without_links_is_a_group_of_its_own():
+    group_of, _ = communities_of(3, np.array([(0, 1)]))
+    assert group_of.tolist() == [0, 0, 1]

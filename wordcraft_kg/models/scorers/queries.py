@@ -52,7 +52,7 @@ class Query(_Slots):
     def of(cls, head: str, relation: str, tail: str, entities: Collection[str], *, line: int | None = None) -> "Query":
         """Make a query from typed labels; :data:`OPEN` or an empty string leaves a slot open, unless it is a label.
 
-        Raises UnknownEntityError for an unknown name, ConfigError if both head and tail are open.
+        Raises UnknownEntityError for an unknown relation, ConfigError if both head and tail are open.
         """
         slots = _slots((head, tail), entities)
         if slots == [None, None]:
@@ -60,7 +60,6 @@ class Query(_Slots):
         if relation not in RELATIONS:
             hint = nearest(relation, RELATIONS)
             raise UnknownEntityError(f"no relation '{relation}'; expected {' or '.join(RELATIONS)}.{hint}")
-        _check_known(slots, entities)
         return cls(slots[0], relation, slots[1], line)
 
     @property
@@ -85,7 +84,6 @@ class RecipeQuery(_Slots):
         if slots.count(None) > 1:
             shown = f"{slots[0] or '_'} + {slots[1] or '_'} = {slots[2] or '_'}"
             raise ConfigError(f"{shown} has several open slots: leave a single slot open, an ingredient or the result.")
-        _check_known(slots, entities)
         return cls(slots[0], slots[1], slots[2], line)
 
     @property
@@ -94,28 +92,25 @@ class RecipeQuery(_Slots):
         return self.ingredient_a, self.ingredient_b, self.result
 
 
-def parse_query(
-    words: Sequence[str], entities: Collection[str], allowed: Collection[str] | None = None
-) -> Query | RecipeQuery:
+def parse_query(words: Sequence[str], entities: Collection[str]) -> Query | RecipeQuery:
     """Parse a triple or recipe query from command line arguments.
 
     A triple is ``head relation [tail]``; a query without tail ranks all tails. A recipe is ``a + b``, ``a + b c`` or
-    ``a + b = c``, in any number of arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels are never split. A
-    query may name the entities in ``allowed``, by default ``entities``. Raises UnknownEntityError for an unknown name,
+    ``a + b = c``, in any number of arguments; ``->`` and ``→`` mean ``=``. Arguments that are labels in
+    ``entities`` are never split. A query may name other entities. Raises UnknownEntityError for an unknown relation,
     ConfigError if the arguments are neither triple nor recipe, or several entities are open.
     """
-    allowed = entities if allowed is None else allowed
     pieces = [] if any(word in RELATIONS for word in words) else list(_pieces(words, entities))
     if _SIGNS.isdisjoint(pieces):
         if len(words) not in (2, 3):
             raise _unreadable(words, "query", "a head, a relation and perhaps a tail, or a recipe such as a + b")
-        return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", allowed)
+        return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", entities)
     if len(pieces) > 3 and pieces[3] in _MAKES:
         del pieces[3]
     labels = pieces[:1] + pieces[2:]
     if len(labels) not in (2, 3) or pieces[1] != _PLUS or not _SIGNS.isdisjoint(labels):
         raise _unreadable(words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners")
-    return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", allowed)
+    return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", entities)
 
 
 def _pieces(words: Sequence[str], entities: Collection[str]) -> Iterator[str]:
@@ -131,12 +126,6 @@ def _unreadable(words: Sequence[str], what: str, expected: str) -> ConfigError:
 
 def _slots(typed: Sequence[str], entities: Collection[str]) -> list[str | None]:
     return [None if slot in ("", *OPEN) and slot not in entities else slot for slot in typed]
-
-
-def _check_known(slots: Sequence[str | None], entities: Collection[str]) -> None:
-    for slot in slots:
-        if slot is not None and slot not in entities:
-            raise UnknownEntityError(f"no entity '{slot}'.{nearest(slot, list(entities))}")
 
 
 def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[RecipeQuery]:

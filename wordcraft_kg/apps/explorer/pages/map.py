@@ -14,7 +14,6 @@ from wordcraft_kg.apps.explorer.pages import entity
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.evaluation.communities import communities_of
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
@@ -26,6 +25,8 @@ PLACED = 1_000
 GUESTS = 60
 """Maximum number of guests: a chosen entity and neighbours without a place."""
 LISTED = 60
+NAMED = 3
+"""Typical members that name a group."""
 DRAWN = 200
 """Maximum number of drawn links of a kind: more are indistinguishable."""
 ALL_LINKS = 15_000
@@ -120,13 +121,13 @@ def map_of(graph: RecipeGraph) -> MapView:
     combines = combines[combines[:, 0] < combines[:, 1]]
     links = np.unique(np.sort(np.concatenate([combines, components]), axis=1), axis=0)
     uses, layer = graph.use_counts[ids], layers_of(graph)
-    communities = communities_of(graph.labels(ids.tolist()), links, 0)
-    places = _places(len(ids), links, communities.group_of)
-    columns = (ids, *places.T, uses, communities.group_of, layer[ids])
+    group_of, typical = communities_of(len(ids), links)
+    places = _places(len(ids), links, group_of)
+    columns = (ids, *places.T, uses, group_of, layer[ids])
     groups = []
-    for number, (names, size) in enumerate(zip(communities.names, communities.sizes, strict=True)):
-        x, y = np.median(places[communities.group_of == number], axis=0).round().astype(int).tolist()
-        groups.append(Group(names, size, x, y))
+    for number, members in enumerate(typical):
+        x, y = np.median(places[group_of == number], axis=0).round().astype(int).tolist()
+        groups.append(Group(graph.labels(ids[members[:NAMED]]), len(members), x, y))
     is_small = len(combines) + len(components) <= ALL_LINKS
     return MapView(
         graph=graph.name,
@@ -141,6 +142,30 @@ def map_of(graph: RecipeGraph) -> MapView:
         components=tuple(map(tuple, components.tolist())) if is_small else (),
         chosen=None,
     )
+
+
+def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
+    """Find communities in an undirected graph by the Louvain method; ``links`` are pairs of nodes, shape (L, 2).
+
+    Returns each node's group, shape (size,), group 0 the largest, and the nodes of each group, most typical first: the
+    product of the number of links within the group and their share of all links is high.
+
+    Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
+    """
+    import networkx as nx
+
+    plain = nx.Graph()
+    plain.add_nodes_from(range(size))
+    plain.add_edges_from(links.tolist())
+    groups = sorted(nx.community.louvain_communities(plain, seed=0), key=lambda group: (-len(group), min(group)))
+    group_of = np.zeros(size, dtype=np.int64)
+    for number, group in enumerate(groups):
+        group_of[list(group)] = number
+    ends = np.array([(a, b) for a, b in plain.edges if a != b], dtype=np.int64).reshape(-1, 2)
+    is_within = group_of[ends[:, 0]] == group_of[ends[:, 1]]
+    within, degree = (np.bincount(some.ravel(), minlength=size) for some in (ends[is_within], ends))
+    typical = np.argsort(-(within**2) / np.maximum(degree, 1), kind="stable")
+    return group_of, [typical[group_of[typical] == number] for number in range(len(groups))]
 
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:

@@ -20,8 +20,8 @@ TEXTS = [
     ),
     (
         lambda: wk.SplitConfig("by-goals"),
-        "ConfigError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot, by-goal, "
-        "by-goal-terminals, by-kind, none. Did you mean 'by-goal', 'by-goal-terminals'?",
+        "ConfigError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot, by-goal, by-kind, "
+        "none. Did you mean 'by-goal'?",
     ),
     (
         lambda: wk.make_split(wk.RecipeGraph.from_recipes([("a", "b", "c")]), wk.SplitConfig()),

@@ -312,7 +312,7 @@ def test_the_completion_script_is_valid_bash_and_completes_commands_and_options(
     assert {name.split()[0] for name in ALL} <= set(completed("wordcraft-kg", ""))
     assert sorted(completed("wordcraft-kg", "train-")) == sorted(name for name in ALL if name.startswith("train-"))
     assert completed("wordcraft-kg", "build-graph", "--train-r") == ["--train-ratio"]
-    assert completed("wordcraft-kg", "build-graph", "--split", "by-g") == ["by-goal", "by-goal-terminals"]
+    assert completed("wordcraft-kg", "build-graph", "--split", "by-recipe") == ["by-recipe", "by-recipe-plain"]
     for script in (make_app().generate_completion(shell=shell) for shell in ("zsh", "fish")):
         assert all(word in script for name in ALL for word in name.split())
 

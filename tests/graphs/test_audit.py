@@ -71,7 +71,7 @@ def test_nearness_to_train_equals_counts_over_labels(kind, graph, config):
     near = [any(r.result == known.result and {*r[:2]} & {*known[:2]} for known in train) for r in test]
     assert sizes["one_ingredient_away"] == sum(near)
     assert one_ingredient_away(split).tolist() == near
-    if kind in ("by-slot", "by-goal", "by-goal-terminals"):
+    if kind in ("by-slot", "by-goal"):
         assert not any(near)
 
 

@@ -35,7 +35,6 @@ SPLIT_HASHES = {
     "by-recipe-plain": "66473333a27f415d10e124396a3bed46d9c5f17cba65e27ce5d982d634eb6716",
     "by-slot": "fc341139e3aa95fc859fa66cd33341aa833cd507e322e4e509aebf1cac6d506d",
     "by-goal": "566741cd3cbdc0033b8f348f8235d47b31a83120148c1427d230ea1ee9bffe77",
-    "by-goal-terminals": "07c884f04ff290a60d408d5d0cf0029f29c8d8f9ec784ac2bef5c0a69c7e8c20",
     "none": "d598958fe9302c32f980219c352839a17e8b2165f9b4677d49d19c98be8f992d",
 }
 

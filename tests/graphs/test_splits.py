@@ -152,25 +152,6 @@ def test_the_groups_of_a_by_slot_split_are_as_small_as_they_can_be_and_drawn_in_
     assert sides.count({1}) == round(config.valid_ratio * len(groups))
 
 
-@given(splittable_graphs(), configs("by-goal-terminals"))
-def test_a_split_by_goal_with_terminals_keeps_every_terminal_goal_in_train(graph, config):
-    split = drawn(graph, config)
-    used = {label for recipe in graph.recipe_labels() for label in recipe[:2]}
-    parts = parts_by(split, 2)
-    assert all(len(of_goal) == 1 for of_goal in parts.values())
-    assert all(part == {0} for goal, part in parts.items() if goal not in used)
-    assert sum(part == {0} for part in parts.values()) == round(config.train_ratio * len(parts))
-    assert sum(part == {1} for part in parts.values()) == round(config.valid_ratio * len(parts))
-
-
-def test_terminal_goals_exist_where_terminals_are_kept(kitchen):
-    split = make_split(kitchen, SplitConfig("by-goal-terminals"))
-    terminal = (kitchen.use_counts == 0) & (kitchen.recipe_counts > 0)
-    assert np.sum(terminal) > 10
-    assert set(split.parts[terminal[kitchen.recipes[:, 2]]].tolist()) == {0}
-    assert set(split.parts.tolist()) == {0, 2}
-
-
 @pytest.mark.parametrize("kind", HELD_OUT_KINDS)
 def test_another_seed_gives_another_split(kitchen, kind):
     hashes = {make_split(kitchen, SplitConfig(kind, seed=seed)).hash for seed in range(5)}
@@ -218,12 +199,6 @@ def test_a_graph_too_small_for_the_ratios_is_refused(kind):
         SplitError, match=rf"the test part of a {kind} split of 1 recipe in 1 group is empty; .*`kind` none"
     ):
         make_split(graph, SplitConfig(kind))
-
-
-def test_more_held_out_goals_than_there_are_inner_ones_are_refused():
-    graph = RecipeGraph.from_recipes([("a", "b", label) for label in "cdefg"])
-    with refuses("train_ratio", SplitError):
-        make_split(graph, SplitConfig("by-goal-terminals", train_ratio=0.6))
 
 
 def test_a_split_of_another_graph_is_refused(kitchen):

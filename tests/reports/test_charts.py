@@ -1,9 +1,7 @@
 """Charts as inline SVG and pictures as inline PNG: they parse, hold their data, and survive awkward data."""
 
-import io
 import itertools
 import re
-import sys
 import xml.etree.ElementTree as ET
 import xml.etree.ElementTree as ElementTree
 
@@ -14,14 +12,13 @@ from markupsafe import Markup
 from tests.apps.explorer.shown import view_of
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages.path import Path
-from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_pictures import contribution_bar
 from wordcraft_kg.reports.charts import Made, colour_of, layered
 from wordcraft_kg.reports.charts.plot import BOTTOM, COLOURS, DARK, HEIGHT, LIGHT, WIDTH
 from wordcraft_kg.reports.charts.scales import spread
-from wordcraft_kg.reports.charts.standalone import rendered, resolved
+from wordcraft_kg.reports.charts.standalone import resolved
 from wordcraft_kg.reports.pages import chart_style
 
 LABEL = "<b>&\"'</b>"
@@ -462,22 +459,6 @@ def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overla
     assert len(labels) >= 3
     ends = [(float(label.get("x", "")), len(label.text or "") * 5.5) for label in labels]
     assert all(left + width / 2 <= right - other / 2 for (left, width), (right, other) in itertools.pairwise(ends))
-
-
-def test_figures_are_rendered_as_pictures_in_the_colours_of_the_style_and_as_pages():
-    pytest.importorskip("typst", reason="needs the extra figures")
-    image = pytest.importorskip("PIL.Image")
-    chart = charts.curves({"a": [(0, 0.2, 0.1, 0.3), (1, 0.6, 0.5, 0.7)]}, "", "", "", percent=True)
-    svg = charts.figure("A title", [("", chart)], chart_style())
-    assert rendered(svg, "pdf").startswith(b"%PDF")
-    pixels = image.open(io.BytesIO(rendered(svg, "png"))).convert("RGB")
-    assert {(0x00, 0x72, 0xB2), (255, 255, 255)} <= {colour for _, colour in pixels.getcolors(2**24)}
-
-
-def test_without_the_extra_the_error_names_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "typst", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'typst>="):
-        rendered("<svg/>", "png")
 
 
 # Machado, Oliveira and Fernandes 2009, "A physiologically-based model for simulation of color vision deficiency",

@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import re
-import sys
 import xml.etree.ElementTree as ET
 from itertools import product
 
@@ -62,9 +61,8 @@ def test_columns_without_any_figure_are_left_out(view):
 
 
 def test_a_report_is_written_whole(view, tmp_path):
-    pytest.importorskip("typst", reason="needs the extra figures")
     files = write_study_report(view, tmp_path / "report")
-    names = "index.html report.json table.csv figure.svg figure.png figure.pdf"
+    names = "index.html report.json table.csv figure.svg"
     assert [file.name for file in files] == names.split()
     assert sorted(files) == sorted((tmp_path / "report").iterdir())
     values = json.loads((tmp_path / "report" / "report.json").read_text())
@@ -72,16 +70,9 @@ def test_a_report_is_written_whole(view, tmp_path):
     page = files[0].read_text()
     assert "&lt;b&gt;why&lt;/b&gt;" in page
     assert not re.search("<b>why</b>|<i>", page)
-    assert 'href="figure.pdf"' in page
+    assert 'href="figure.svg"' in page
     with pytest.raises(OutputExistsError):
         write_study_report(view, tmp_path / "report")
-
-
-def test_without_the_extra_there_are_svg_files(view, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "typst", None)
-    names = {file.name for file in write_study_report(view, tmp_path / "report")}
-    assert "figure.svg" in names
-    assert not {name for name in names if name.endswith(("png", "pdf"))}
 
 
 def test_equal_results_have_equal_files(view, tmp_path):

@@ -102,7 +102,7 @@ class ShowOptions:
     Attributes:
         metric: success, by-plan (success by a plan's last pair), train (success on train tasks), mrr (scorer),
             or steps (until the reference's final success).
-        plot: write a page with all figures, a table (CSV) and plots (SVG; with the extra figures also PNG and PDF).
+        plot: write a page with all figures, a table (CSV) and plots (SVG).
         report: page folder; implies --plot. Default: reports/<the study's name> in the results folder.
     """
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents import players
 from wordcraft_kg.base.errors import WordCraftKGError
-from wordcraft_kg.base.records import Record, Share
+from wordcraft_kg.base.records import Record
 from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -77,13 +77,6 @@ class ScoredPair(Record):
     relation: Relation
     tail: str
     score: float
-
-
-class SelfEdges(Record):
-    """Share of entities that rank themselves first for combinesWith, and share that combine with themselves."""
-
-    top_answer_is_itself: Share
-    really_combines_with_itself: Share
 
 
 def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
@@ -160,16 +153,6 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
             head, tail = divmod(flat, len(scores))
             pairs.append(ScoredPair(graph.entities[head], name, graph.entities[tail], float(scores[head, tail])))
     return tuple(pair for pair in pairs if np.isfinite(pair.score))
-
-
-def self_edges_of(links: RankedLinks) -> SelfEdges:
-    """Return the share of entities that the model ranks first as their own combinesWith partner, and the true share."""
-    graph, scores = links.graph, links.table[COMBINES_WITH]
-    symmetric = graph.triples[graph.triples[:, 1] == COMBINES_WITH]
-    return SelfEdges(
-        top_answer_is_itself=float(np.mean(scores.argmax(axis=1) == np.arange(len(scores)))),
-        really_combines_with_itself=float(np.sum(symmetric[:, 0] == symmetric[:, 2]) / graph.num_entities),
-    )
 
 
 def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess, ...]:

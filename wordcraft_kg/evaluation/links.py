@@ -122,7 +122,6 @@ class LinkView(Record):
     best: tuple[link_sections.RankedTriple, ...]
     worst: tuple[link_sections.RankedTriple, ...]
     perhaps_missing: tuple[link_sections.ScoredPair, ...]
-    self_edges: link_sections.SelfEdges | None
     kg_play: tuple[PlayerSuccess, ...]
     trace: tuple[TraceRow, ...]
     provenance: dict[str, str]
@@ -168,7 +167,6 @@ def view_links(
         best=link_sections.listed_triples(links, ascending=True),
         worst=link_sections.listed_triples(links, ascending=False),
         perhaps_missing=link_sections.perhaps_missing_of(links) if links.has_table else (),
-        self_edges=link_sections.self_edges_of(links) if links.has_table else None,
         kg_play=link_sections.play_by_scores(links, seed) if links.has_table else (),
         trace=tuple(trace),
         provenance=dict(provenance or {}),

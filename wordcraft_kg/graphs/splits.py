@@ -285,23 +285,6 @@ def _goals(graph: RecipeGraph) -> Ids:
     return graph.recipes[:, 2]
 
 
-def _by_goal_terminals(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out as many goals as by-goal, but only ingredients; terminal entities stay in train."""
-    made = np.unique(_goals(graph))
-    inner = made[graph.use_counts[made] > 0]
-    num_held_out = len(made) - round(config.train_ratio * len(made))
-    num_valid = round(config.valid_ratio * len(made))
-    if num_held_out > len(inner):
-        raise SplitError(
-            f"{num_held_out} goals are to be held out but only {len(inner)} are not terminal; raise `train_ratio`."
-        )
-    held_out = rng.permutation(inner)[:num_held_out]
-    part_of = np.full(graph.num_entities, TRAIN, dtype=np.int8)
-    part_of[held_out[:num_valid]] = VALID
-    part_of[held_out[num_valid:]] = TEST
-    return Draw(part_of[_goals(graph)])
-
-
 def _slots(graph: RecipeGraph) -> Ids:
     """Return each recipe's group: a connected component, where links are shared (ingredient, result) pairs.
 
@@ -341,7 +324,6 @@ SPLITS = {
     "by-recipe-plain": SplitKind(_PAIRS, "pairs are held out, train may lack entities"),
     "by-slot": SplitKind(_slots, "the ingredients of each result are held out"),
     "by-goal": SplitKind(_goals, "goals are held out"),
-    "by-goal-terminals": SplitKind(_goals, "goals that nothing needs stay in train", _by_goal_terminals),
     "by-kind": SplitKind(_kinds, "kinds of reasoning are held out; the book names them", uses_kinds=True),
     "none": SplitKind(_PAIRS, "full graph only", _none),
 }

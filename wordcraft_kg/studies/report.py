@@ -7,10 +7,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.scales import Estimate
-from wordcraft_kg.reports.charts.standalone import rendered
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.tables import as_csv, notes, origin_in_words, tables_of, with_bounds
@@ -21,7 +19,7 @@ _SUCCESS = "greedy success on test tasks"
 
 
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
-    """Write page, report.json, table and pictures (the extra ``figures`` adds PNG and PDF); return the paths."""
+    """Write page, report.json, table and picture; return the paths."""
     report = make_study_report(view)
     write_report(report, folder, force=force)
     return [folder / name for name in ("index.html", "report.json", *report.files)]
@@ -42,20 +40,13 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "words": in_words,
             "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
         },
-        files={"table.csv": as_csv(view), **_in_all_formats("figure", study_figure(view))},
+        files={"table.csv": as_csv(view), "figure.svg": study_figure(view)},
     )
 
 
 def study_figure(view: StudyView) -> str:
     """Return a study's picture as the text of an SVG file, with a chart for each grid point."""
     return charts.figure(view.title, list(panels_of(view)), chart_style())
-
-
-def _in_all_formats(name: str, svg: str) -> dict[str, str | bytes]:
-    try:
-        return {f"{name}.svg": svg, f"{name}.png": rendered(svg, "png"), f"{name}.pdf": rendered(svg, "pdf")}
-    except MissingExtraError:
-        return {f"{name}.svg": svg}
 
 
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:

@@ -1,13 +1,9 @@
-"""Charts in separate files: SVG, PNG and PDF."""
+"""Charts in separate SVG files."""
 
 import re
 from collections.abc import Sequence
 from html import escape
-from importlib import import_module
-from typing import Literal
 
-from wordcraft_kg.base.errors import MissingExtraError
-from wordcraft_kg.base.extras import pip_install
 from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 
@@ -16,8 +12,6 @@ _FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 _PANEL, MARGIN, HEAD, _CAPTION = 460, 16, 40, 22
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
 """Invisible points that carry a tooltip."""
-_PIXELS = 200
-"""Pixels per inch in a PNG; a panel is 460 points wide."""
 
 
 def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
@@ -65,14 +59,3 @@ def _mixed(match: re.Match[str]) -> str:
     share = int(match[2]) / 100
     pairs = zip(bytes.fromhex(match[1][1:]), bytes.fromhex(match[3][1:]), strict=True)
     return "#" + "".join(f"{round(share * one + (1 - share) * other):02x}" for one, other in pairs)
-
-
-def rendered(svg: str, kind: Literal["png", "pdf"]) -> bytes:
-    """Render an SVG file as PNG or vector PDF; MissingExtraError without the extra ``figures``."""
-    try:
-        typst = import_module("typst")
-    except ImportError:
-        needed = f"figures as PNG and PDF need Typst: {pip_install('typst')}. SVG files need nothing."
-        raise MissingExtraError(needed) from None
-    page = b'#set page(width: auto, height: auto, margin: 0pt)\n#image("figure.svg")'
-    return bytes(typst.compile({"main.typ": page, "figure.svg": svg.encode()}, format=kind, ppi=float(_PIXELS)))

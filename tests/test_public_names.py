@@ -62,7 +62,6 @@ LIGHT = {
     "import gymnasium as gym; gym.make('WordCraft-v0', graph='kitchen').reset()": {"torch", "pykeen"},
     VECTOR: {"torch", "pykeen"},
     "from wordcraft_kg.models.scorers.features import make_features as m; m('glove', ['sea'])": {"torch"},
-    "import wordcraft_kg.studies.ray_workers": {"ray"},
 }
 """Steps of one process, and what is not imported after each."""
 

@@ -3,7 +3,6 @@
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -22,13 +21,11 @@ if TYPE_CHECKING:
     from wordcraft_kg.studies.plan import Plan
     from wordcraft_kg.studies.results import StudyResults
     from wordcraft_kg.studies.study import Study
-    from wordcraft_kg.studies.tasks import Workers
 
 EXAMPLES = (
     "wordcraft-kg reproduce --list",
     "wordcraft-kg reproduce embeddings --out results",
     "wordcraft-kg reproduce all --book everyday --steps 300000 --seeds 3 --jobs 2",
-    "wordcraft-kg reproduce study.toml --engine ray --address auto",
     "wordcraft-kg reproduce knowledge-everyday --show",
     "wordcraft-kg reproduce --show --plot",
 )
@@ -59,9 +56,7 @@ class EngineOptions:
 
     Attributes:
         out: results folder; finished tasks are kept. After Ctrl-C, repeat the command to continue.
-        engine: local (processes on this machine) or ray (a cluster; needs the extra ray).
-        jobs: parallel trainings of the local engine. Default: the number of cores.
-        address: Ray cluster: auto, or host:port. Default: a new cluster on this machine.
+        jobs: parallel trainings. Default: the number of cores.
         keep: all run files, or figures: without weights and episodes (tens of megabytes).
         store: folder of finished cells (docs/results/cells in the repository): its results are taken, missing cells are
             trained and added.
@@ -69,30 +64,10 @@ class EngineOptions:
     """
 
     out: Path = Path("results")
-    engine: Literal["local", "ray"] = "local"
     jobs: int | None = None
-    address: str | None = None
     keep: Literal["all", "figures"] = "all"
     store: Path | None = None
     dry_run: Flag = False
-
-    def make_workers(self, plan: "Plan") -> "Callable[[], Workers]":
-        """Return a function that starts the processes for a plan's tasks; a ConfigError for options without effect."""
-        from wordcraft_kg.studies.perform import perform
-
-        work = partial(perform, keep_all=self.keep == "all")
-        if self.engine == "ray":
-            if self.jobs is not None:
-                raise ConfigError("`jobs` is for the local engine; a cluster uses all cores. Leave `jobs` out.")
-            from wordcraft_kg.studies.ray_workers import RayWorkers
-
-            return lambda: RayWorkers(self.out, self.address, work)
-        if self.address is not None:
-            raise ConfigError("`address` is for a Ray cluster; add `engine` ray.")
-        from wordcraft_kg.studies.local_workers import LocalWorkers
-
-        jobs = plan.jobs(self.jobs)  # an error is raised before the workers start
-        return lambda: LocalWorkers(self.out, jobs, work, plan.threads)
 
 
 @dataclass(frozen=True)
@@ -236,6 +211,8 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
     """Run studies, write the reports, print the outcome and return the exit code; ``studies`` maps names to studies."""
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
     from wordcraft_kg.studies.engine import run_plan
+    from wordcraft_kg.studies.local_workers import LocalWorkers
+    from wordcraft_kg.studies.perform import perform
     from wordcraft_kg.studies.plan import make_plan
 
     values: dict[str, Any] = {}
@@ -247,9 +224,10 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
         else:
             command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
             with sigterm_as_interrupt():
-                workers = options.make_workers(plan)
+                work, jobs = partial(perform, keep_all=options.keep == "all"), plan.jobs(options.jobs)
+                make_workers = partial(LocalWorkers, options.out, jobs, work, plan.threads)
                 watch = _watch(plan, output)
-                state = run_plan(plan, options.out, workers, command=command, watch=watch, store=options.store)
+                state = run_plan(plan, options.out, make_workers, command=command, watch=watch, store=options.store)
             values[plan.name], lines = _reported(plan, state, options)
             failed |= bool(state.failed) or values[plan.name]["report"] is None
         text += lines

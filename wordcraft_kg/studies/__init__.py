@@ -2,7 +2,6 @@
 
 ``plan`` turns a study into tasks: each makes a graph, a scorer or an agent's run. A task's folder name (its address) is
 a hash over non-default settings and input addresses, so studies share finished tasks. ``figures.json``, with a task's
-results, is written last and marks the task as done. The engine uses :class:`~wordcraft_kg.studies.tasks.Workers`:
-processes on this machine, or a Ray cluster with a shared results folder. All tables, pictures, claims and pages derive
-from one record, ``StudyResults``.
+results, is written last and marks the task as done. The engine uses processes on this machine. All tables, pictures,
+claims and pages derive from one record, ``StudyResults``.
 """

@@ -21,7 +21,7 @@ from wordcraft_kg.studies.plan import Plan, make_plan
 from wordcraft_kg.studies.results import StudyResults, read_figures
 from wordcraft_kg.studies.store import collect_study, forget_failure, note_failure, own_results, write_plan
 from wordcraft_kg.studies.study import Study, check_study
-from wordcraft_kg.studies.tasks import Outcome, Task, Workers
+from wordcraft_kg.studies.tasks import Outcome, Task
 
 _TICK = 0.5
 """Seconds between checks for finished tasks."""
@@ -53,7 +53,7 @@ class FullDiskError(WordCraftKGError, OSError):
 def run_plan(
     plan: Plan,
     root: Path,
-    make_workers: Callable[[], Workers],
+    make_workers: Callable[[], LocalWorkers],
     *,
     command: str = "",
     watch: Watch | None = None,
@@ -84,7 +84,7 @@ class _Engine:
         self._present: set[str] = set()
         self._waiting: dict[str, Task] = {}
 
-    def run(self, make_workers: Callable[[], Workers]) -> State:
+    def run(self, make_workers: Callable[[], LocalWorkers]) -> State:
         tasks = self.plan.tasks
         self._waiting = self._missing()
         self._present = tasks.keys() - self._waiting.keys()
@@ -124,7 +124,7 @@ class _Engine:
             logging.getLogger(__name__).warning("%s The task is repeated now.", error)
             return False
 
-    def _work(self, workers: Workers) -> None:
+    def _work(self, workers: LocalWorkers) -> None:
         is_full = False
         while self.state.running or (self._waiting and not is_full):
             while not is_full and len(self.state.running) < workers.places and (task := self._next()):

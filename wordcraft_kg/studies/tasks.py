@@ -1,11 +1,11 @@
-"""Tasks in a study, each with a folder named after inputs and settings, and the interface for workers."""
+"""Tasks in a study, each with a folder named after inputs and settings, and its outcome."""
 
 import hashlib
 import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 Kind = Literal["graphs", "scorers", "runs"]
 """Kind of result that a task makes, and subfolder in the results folder."""
@@ -47,20 +47,3 @@ class Outcome:
     error: str = ""
     detail: str = ""
     disk_full: bool = False
-
-
-class Workers(Protocol):
-    """Interface for processes that perform tasks; a task's files are written before its outcome is returned."""
-
-    @property
-    def places(self) -> int:
-        """Greatest number of parallel tasks; may change with the cluster size."""
-
-    def start(self, task: Task) -> None:
-        """Start a task and return at once."""
-
-    def wait(self, seconds: float) -> list[Outcome]:
-        """Return the outcomes since the last call; wait for the first one at most ``seconds``."""
-
-    def stop(self) -> None:
-        """End running tasks; trainings keep their last checkpoint."""

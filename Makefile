@@ -69,6 +69,7 @@ lint: install
 	$(BIN)/python docs/make_partial_graph.py --check
 	$(BIN)/python docs/make_results.py --check
 	$(BIN)/python data/make_benchmark.py --check
+	$(BIN)/wordcraft-kg bench leaderboard leaderboard --out docs/leaderboard.md --check
 	$(BIN)/python docs/check_prose.py
 
 format: install

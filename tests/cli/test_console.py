@@ -402,7 +402,7 @@ BAD_VALUES = {
     "compare {world}/plain": ["--resamples=3"],
     "reference kitchen": ["--distractors=x", "--distractors=79", "--depth=0", "--base=water"],
     "reproduce knowledge": ["--seeds=0", "--metric=mrr"],
-    "reproduce embeddings --book kitchen": ["--jobs=0", "--address=auto"],
+    "reproduce embeddings --book kitchen": ["--jobs=0"],
     "reproduce study.toml": ["--book=kitchen"],
     "reproduce --list": ["--book=kitchen"],
     "reproduce --show": ["--seeds=2"],

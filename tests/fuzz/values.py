@@ -30,6 +30,7 @@ GIVEN = {
     **{"features": "random", "format": "tsv", "mcp transport": "http", "model": "distmult", "player": "cat"},
     **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
     **{"elicit model": "in/model", "encoder": "in/model"},
+    **{"track": "craft-8-lite", "bench run player": "random", "bench leaderboard folder folder": "in/study"},
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",
 }

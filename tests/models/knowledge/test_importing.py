@@ -17,6 +17,7 @@ from wordcraft_kg.models.knowledge.paths import hops
 from wordcraft_kg.models.knowledge.readers import read_conceptnet, read_triples
 from wordcraft_kg.models.knowledge.surroundings import Surroundings
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
+from wordcraft_kg.models.scorers import config
 
 SYNSETS = [
     # offset, field, words, pointers (symbol, offset), gloss
@@ -150,14 +151,15 @@ def test_large_graphs_are_bounded(triples, opened, monkeypatch):
     assert [*around.facts()] == [("dough", "makes", "breads"), ("flour", "makes", "dough")]
 
 
-def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path):
+def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path, monkeypatch):
     graph = RecipeGraph.from_recipes([("flour", "wn:1", "dough")])
     opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
     with pytest.raises(KnowledgeFileError, match="'wn:1' looks like the name of a node"):
         import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
-    graph = RecipeGraph.from_recipes([("flour", "water", f"thing {number}") for number in range(4_000)])
+    graph = RecipeGraph.from_recipes([("flour", "water", "dough")])
     opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
-    with pytest.raises(ConfigError, match="4,002 entities"):
+    monkeypatch.setattr(config, "memory", lambda: config.dense_bytes(2))
+    with pytest.raises(ConfigError, match="3 entities"):
         import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
 
 

@@ -40,8 +40,6 @@ def people_pairs(
 
     opened = open_graph(graph).graph
     judgements = read_judgements(judgements_file(fetch=fetch), opened)
-    if recipes is not None:
-        write_file(recipes, recipe_table(judged_recipes(judgements, opened)), force=force)
     loaded = None
     if model is not None:
         scorer = load_scorer(model, graph=opened).whole
@@ -49,6 +47,8 @@ def people_pairs(
             raise ConfigError(f"{model} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`.")
         loaded = model.name, scorer
     view = view_pairs(judgements, opened, loaded)
+    if recipes is not None:
+        write_file(recipes, recipe_table(judged_recipes(judgements, opened)), force=force)
     rows = [
         ("", "is it a recipe (AUC)", "which of four results"),
         ("one person", _cell(view.auc_people, view.auc_people_ci), _cell(view.right_people, view.right_people_ci)),

@@ -147,10 +147,10 @@ def test_a_program_keeps_its_messages_and_look_ups_are_offered_and_counted(tmp_p
 def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
     folder = submitted()
     with pytest.raises(ArtefactError, match="'kind' is votes, but the given player has random"):
-        reproduce(folder, verify(folder), "random", RunSettings(tmp_path))
+        reproduce(folder, verify(folder), "random")
     first = submitted(player=PROGRAM)
     with pytest.raises(ArtefactError, match="line 1: the given player plays another game here"):
-        reproduce(first, verify(first), PROGRAM.replace("1 + 2", "3 + 4"), RunSettings(tmp_path))
+        reproduce(first, verify(first), PROGRAM.replace("1 + 2", "3 + 4"))
 
 
 @pytest.mark.parametrize(

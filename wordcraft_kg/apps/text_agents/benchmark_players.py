@@ -6,6 +6,7 @@ A kind plays all games of a track, and returns the decisions with facts about th
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,9 @@ from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE, PlayedSettings, PlayedTask, PlayedWorld
 from wordcraft_kg.apps.text_agents.results import play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
-from wordcraft_kg.apps.text_agents.submission import Played, Submission, read_lines, replay
+from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.base.records import as_lines
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
@@ -249,17 +251,19 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
     return name, kind.enter(track, argument, settings)
 
 
-def reproduce(folder: Path, submission: Submission, player: str, settings: RunSettings) -> None:
+def reproduce(folder: Path, submission: Submission, player: str, timeout: float = TIMEOUT) -> None:
     """Let the player of a verified submission play again; an ArtefactError unless kind, weights and games are equal."""
     track = open_track(submission.track)
-    kind, entrant = enter(track, player, settings)
+    with TemporaryDirectory() as messages:
+        kind, entrant = enter(track, player, RunSettings(Path(messages), submission.knowledge, timeout))
     path, play = folder / GAMES_FILE, track.play(submission.knowledge)
     for name, value in (("kind", kind), ("weights", dict(entrant.weights))):
         if (given := getattr(submission, name)) != value:
             raise ArtefactError(f"{folder}: '{name}' is {given}, but the given player has {value}. Play as before.")
-    for number, (line, played) in enumerate(zip(read_lines(path, track, play), entrant.games, strict=True), 1):
-        if line != replay(play, line.number, played):
-            raise ArtefactError(f"{path}, line {number}: the given player plays another game here.")
+    lines = path.read_bytes().splitlines(keepends=True)
+    for number, (line, played) in enumerate(zip(lines, entrant.games, strict=True)):
+        if [line.decode()] != as_lines([replay(play, number, played)]):
+            raise ArtefactError(f"{path}, line {number + 1}: the given player plays another game here.")
 
 
 TEXT_PLAYERS = ("program", "inspect", "mcp")

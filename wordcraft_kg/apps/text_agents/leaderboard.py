@@ -2,11 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
-from wordcraft_kg.apps.text_agents.benchmark_players import KINDS, RunSettings, reproduce
-from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Submission, verify
+from wordcraft_kg.apps.text_agents.benchmark_players import KINDS, reproduce
+from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Submission, figures_text, verify
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.evaluation.reference import literature
@@ -32,8 +31,7 @@ def _marked(path: Path) -> _Marked:
     submission = verify(path)
     if submission.kind not in KINDS or KINDS[submission.kind].argument:
         return submission, "replayed"
-    with TemporaryDirectory() as messages:
-        reproduce(path, submission, submission.kind, RunSettings(Path(messages), submission.knowledge))
+    reproduce(path, submission, submission.kind)
     return submission, "reproduced"
 
 
@@ -53,9 +51,8 @@ def _lines(marked: Sequence[_Marked]) -> Iterator[str]:
 
 def _cells(submission: Submission, mark: str) -> Iterator[str]:
     figures = submission.figures
-    digits = 1 if figures.by_plan is None else 3
     yield submission.player
-    yield f"{figures.mean:.{digits}f} [{figures.ci_low:.{digits}f}, {figures.ci_high:.{digits}f}]"
+    yield figures_text(submission)
     yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
     yield submission.prompts
     yield "" if submission.knowledge == "none" else f"{submission.look_ups:,} ({submission.knowledge})"

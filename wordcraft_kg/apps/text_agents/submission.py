@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
+from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import Pair, TaskGame
@@ -27,8 +28,6 @@ SUBMISSION_FILE = "submission.json"
 MESSAGES = "messages"
 """Folder in a submission with a text player's prompts and answers, which verification ignores."""
 SCHEMA = Path(__file__).parent / "data" / "submission.schema.json"
-MARKS = (1, 10, 20, 50, 100, 200, 300, 400, 500)
-"""Numbers of attempts at which open-ended results give the known entities."""
 _DIGITS = 6
 _Amount = Annotated[float, msgspec.Meta(ge=0)]
 
@@ -171,11 +170,11 @@ def _check_counts(play: Play, played: Played) -> None:
 
 
 def figures_text(submission: Submission) -> str:
-    """Return the mean with its interval as text, such as ``0.360 [0.270, 0.450] over 100 games``."""
+    """Return the mean with its interval as text, such as ``0.360 [0.270, 0.450]``."""
     figures = submission.figures
     digits = 3 if figures.by_plan is not None else 1
     mean, low, high = (f"{value:.{digits}f}" for value in (figures.mean, figures.ci_low, figures.ci_high))
-    return f"{mean} [{low}, {high}] over {counted(figures.games, 'game')}"
+    return f"{mean} [{low}, {high}]"
 
 
 def figures_of(track: Track, lines: Sequence[GameLine]) -> Figures:
@@ -183,8 +182,8 @@ def figures_of(track: Track, lines: Sequence[GameLine]) -> Figures:
     known: dict[int, float] = {}
     by_plan = None
     if track.is_open_ended:
-        base, marks = len(track.frozen.orders[0]), {mark for mark in MARKS if mark <= track.frozen.attempts}
-        for mark in sorted(marks | {track.frozen.attempts}):
+        base, last = len(track.frozen.orders[0]), track.frozen.attempts
+        for mark in sorted({last, *(mark for mark in (*MARKS, *LATER_MARKS) if mark < last)}):
             known[mark] = _rounded(np.mean([base + sum(map(len, line.made[:mark])) for line in lines]))
         final = [line.known or 0 for line in lines]
         mean, interval = float(np.mean(final)), student_interval(final, within=(0, track.opened.graph.num_entities))

@@ -132,10 +132,9 @@ def fit_recipe_scorer(
     """Fit a recipe scorer: link rankers (networks that score triples), then a recipe ranker that uses their scores.
 
     The ``folds`` of train recipes, except those with numbers in ``left_out``, are held out in turn; in a large book,
-    only the first of them, because each takes minutes. ``text`` holds
-    cosines between word vectors of entities, shape (E, E), zeros without words; ``outside`` adds link features that are
-    the same in all folds. ``seed`` is for initial weights and the sampled tables with distractors. ``after`` is called
-    after each fold, and may raise to end the fit.
+    only the first of them, because each takes minutes. ``text`` holds cosines between word vectors of entities, shape
+    (E, E), zeros without words; ``outside`` adds link features that are the same in all folds. ``seed`` is for initial
+    weights and the sampled tables with distractors. ``after`` is called after each fold, and may raise to end the fit.
 
     Returns the feature arrays with the recipe ranker's weights, and the link rankers.
     """

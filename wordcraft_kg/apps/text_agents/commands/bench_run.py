@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Force
 
@@ -87,7 +88,7 @@ def bench_run(
     output.result(
         {"out": str(out), "submission": written},
         [
-            f"{track}  {written.player}  {figures_text(written)}",
+            f"{track}  {written.player}  {figures_text(written)} over {counted(written.figures.games, 'game')}",
             f"wrote {out}/   next: wordcraft-kg bench verify {out}",
         ],
     )

@@ -1,11 +1,11 @@
 """``wordcraft-kg bench verify``."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT
 from wordcraft_kg.base.errors import ConfigError, WordCraftKGError
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output
 
 GROUP = "Text agents"
@@ -37,13 +37,13 @@ def bench_verify(*folders: Path, player: str | None = None, timeout: float = TIM
         try:
             checked, mark = verify(folder), "replayed"
             if player is not None:
-                from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, reproduce  # loads torch
+                from wordcraft_kg.apps.text_agents.benchmark_players import reproduce  # loads torch
 
-                with TemporaryDirectory() as messages:
-                    reproduce(folder, checked, player, RunSettings(Path(messages), checked.knowledge, timeout))
+                reproduce(folder, checked, player, timeout)
                 mark = "reproduced"
             marks.append({"folder": str(folder), "mark": mark, "submission": checked})
-            lines.append(f"{mark}  {checked.track}  {checked.player}  {figures_text(checked)}   {folder}")
+            games = counted(checked.figures.games, "game")
+            lines.append(f"{mark}  {checked.track}  {checked.player}  {figures_text(checked)} over {games}   {folder}")
         except WordCraftKGError as error:
             marks.append({"folder": str(folder), "mark": "refused", "reason": str(error)})
             lines.append(f"refused  {error}")

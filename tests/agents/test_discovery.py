@@ -93,11 +93,9 @@ def test_curves_begin_with_the_base_and_never_fall_and_only_the_plain_random_pla
         assert run["known"].max() <= Discovery(kitchen).reachable
 
 
-def test_when_everything_is_known_the_curve_stays_there_and_progress_counts_all_runs():
-    graph, calls = RecipeGraph.from_recipes([("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"]), []
-    curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2, progress=lambda *call: calls.append(call))
-    number_of_runs = 2 * len(PLAYERS)
-    assert calls == [(number, number_of_runs, {"known": 3}) for number in range(1, number_of_runs + 1)]
+def test_when_everything_is_known_the_curve_stays_there():
+    graph = RecipeGraph.from_recipes([("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"])
+    curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2)
     at_end = curves[curves["attempt"] == 40]
     assert (at_end["known"] == 3).all()
     assert not at_end["repeated"].any()

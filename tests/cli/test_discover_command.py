@@ -38,6 +38,9 @@ def test_a_scorer_adds_a_player_and_another_base_is_where_play_begins(printed, t
     values = printed("discover", "kitchen", *QUICK, "--scorer", trained / "one", "--base", ",".join(base))
     assert list(values["players"])[-1] == "empowerment-scorer"
     assert (values["scorer"], values["base"]) == ("one", list(base))
+    assert "note: one was trained on recipes of kitchen" in text_of(
+        "discover", "kitchen", *QUICK, "--scorer", trained / "one"
+    )
 
 
 def test_a_single_run_has_no_interval(printed, run):
@@ -82,7 +85,10 @@ def test_a_recipe_scorer_of_another_book_explores_and_published_figures_stand_be
     book = tmp_path / "other.csv"
     book.write_text("ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed wine\nfire,water,steam\n")
     start = ("discover", book, "--base", "seed,water,fire", "--scorer", recipes_folder)
-    assert list(printed(*start, *QUICK)["players"])[-1] == "recipe-learner"
+    unseen = printed(*start, *QUICK)
+    assert list(unseen["players"])[-1] == "recipe-learner"
+    book.write_text(book.read_text() + "Eggs,animal,chicken\n")  # a train recipe of the scorer
+    assert ("knows_recipes" in unseen, printed(*start, *QUICK).get("knows_recipes")) == (False, True)
     text = text_of(*start, "--runs", 1, "--attempts", 500, "--players", "recipe-learner")
     rows = {line.split("  ")[0]: line.split() for line in text.splitlines()}
     assert rows["entities known after"][-6:-1] == ["100", "200", "300", "400", "500"]

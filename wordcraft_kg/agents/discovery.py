@@ -328,13 +328,11 @@ def discovery_curves(
     runs: int = 100,
     seed: int = 0,
     base: Iterable[Entity] | None = None,
-    progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> "pd.DataFrame":
     """Let players discover entities and count the known entities after each attempt.
 
     Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses ``np.random.default_rng([seed,
-    i])``, so curves do not depend on the choice of players. After each run, ``progress`` receives the numbers of
-    finished runs, all runs, and known entities.
+    i])``, so curves do not depend on the choice of players.
 
     Returns a table with a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known
     entities, and ``repeated``, whether the pair was tried earlier in the run. Runs stop when all reachable entities are
@@ -362,8 +360,6 @@ def discovery_curves(
                 known[number, run, attempt:] = len(game.known)
                 if game.is_complete:
                     break
-            if progress:
-                progress(number * runs + run + 1, len(players) * runs, {"known": len(game.known)})
     index = pd.MultiIndex.from_product(
         [list(players), range(runs), range(attempts + 1)], names=["player", "run", "attempt"]
     )

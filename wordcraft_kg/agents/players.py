@@ -17,6 +17,7 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.settings import memory, whole
 from wordcraft_kg.base.statistics import task_bootstrap
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
 from wordcraft_kg.envs.evaluation_tables import default_seeds
 from wordcraft_kg.envs.world import World
@@ -252,26 +253,23 @@ def play_all(
     *,
     distractor_seeds: int | None = None,
     seed: int = 0,
-    progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
     """Evaluate players on all tasks of a world with each number of distractors; a record each per number and player.
 
     Success does not depend on reward settings. ``distractor_seeds`` are tables per task, equal for all players,
     as for :class:`~wordcraft_kg.agents.evaluation.Evaluator`; ``seed`` draws distractors and players' choices.
-    ``progress`` receives finished records, total records, and the last success rate.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
     if distractor_seeds is None:
         distractor_seeds = default_seeds(len(world.tasks))
-    amounts = list(dict.fromkeys(distractors))
-    for amount in amounts:
+    for amount in dict.fromkeys(distractors):
         tasks = np.arange(len(world.tasks))
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks))
-        for name, player in steps(f"playing with {amount} distractor{'s' * (amount != 1)}", players.items()):
+        for name, player in players.items():
             success, by_plan = (np.zeros((len(tasks), distractor_seeds), dtype=bool) for _ in range(2))
             rng = np.random.default_rng([seed, amount])
-            for distractor_seed in range(distractor_seeds):
+            for distractor_seed in steps(f"playing {name}, {counted(amount, 'distractor')}", range(distractor_seeds)):
                 state = engine.pose(tasks, distractor_seed, seed=seed)
                 while (state.attempts_left > 0).any():
                     state, step = engine.step_once(state, player(state, rng))
@@ -279,8 +277,6 @@ def play_all(
                     by_plan[:, distractor_seed] |= step.by_plan
             rates, interval = (float(success.mean()), float(by_plan.mean())), task_bootstrap(success)
             rows.append(PlayerSuccess(name, amount, success.size, rates[0], *interval, rates[1]))
-            if progress:
-                progress(len(rows), len(amounts) * len(players), {"success": rows[-1].success})
     return tuple(rows)
 
 

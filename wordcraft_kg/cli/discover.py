@@ -62,16 +62,7 @@ def discover(
     if not chosen:
         raise ConfigError(f"`players`: expected at least one of {', '.join(DISCOVERERS)}.")
     labels = split_labels(base) if base else None
-    view, curves = view_discovery(
-        played,
-        chosen,
-        attempts=attempts,
-        runs=runs,
-        seed=seed,
-        base=labels,
-        scorer=guides,
-        progress=output.progress("discovery", unit="run"),
-    )
+    view, curves = view_discovery(played, chosen, attempts=attempts, runs=runs, seed=seed, base=labels, scorer=guides)
     if out is not None:
         from wordcraft_kg.reports.discovery_report import discovery_page
 
@@ -99,5 +90,7 @@ def _text(view: "DiscoveryView") -> Iterator[str]:
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
     yield from ("", *aligned(rows), "", f"people: {view.people_source}")
     yield from (f"{row.player}: {row.source}. {row.notes}" for row in shown if row.notes)
+    if view.knows_recipes:
+        yield f"note: {view.scorer} was trained on recipes of {view.graph}: it has seen these combinations"
     if view.out:
         yield f"wrote {view.out}"

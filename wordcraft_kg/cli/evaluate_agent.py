@@ -99,8 +99,7 @@ def evaluate_agent(
             from wordcraft_kg.models.folder import open_model
 
             model = scripted.scorer.name, open_model(scripted.scorer, run)
-        seeds, progress = (distractor_seeds, scripted.seed), output.progress("baselines", unit="row")
-        baselines = view_baselines(graph, run, config, amounts, model, *seeds, progress=progress)
+        baselines = view_baselines(graph, run, config, amounts, model, distractor_seeds, scripted.seed)
         output.result(baselines, _table(baselines, amounts))
 
 

@@ -1,6 +1,6 @@
 """Entities that players discover in open-ended play (crafting without a goal)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,6 +15,7 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, literature, pack_of
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.triples import is_in
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,11 +31,13 @@ class Guides(NamedTuple):
         name: the folder's name.
         links: scorer for ``empowerment-scorer``; None if the model belongs to another book.
         recipes: scorer for ``recipe-learner``; None if the model is not a recipe scorer.
+        knows_recipes: whether the model was trained on recipes of the explored book.
     """
 
     name: str
     links: "Scorer | None"
     recipes: "LabelledScorer | None"
+    knows_recipes: bool
 
     @property
     def players(self) -> tuple[str, ...]:
@@ -56,11 +59,14 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
     scorer = load_scorer(folder)
-    is_recipes, is_own = isinstance(scorer.whole, RecipeScorer), scorer.graph_hash == graph.hash
-    if not is_recipes:
+    if not isinstance(scorer.whole, RecipeScorer):
         check_scorer(scorer, graph)
-    recipes = for_labels(folder, scorer, graph.entities) if is_recipes else None
-    return Guides(Path(folder).name, scorer if is_own else None, recipes)
+        return Guides(Path(folder).name, scorer, None, knows_recipes=True)
+    links, recipes = scorer if scorer.graph_hash == graph.hash else None, for_labels(folder, scorer, graph.entities)
+    own = recipes.rows[graph.recipes]
+    own[:, :2].sort(axis=1)
+    known = is_in(own, recipes.scorer.recipes.numpy(), len(recipes.scorer.entities))
+    return Guides(Path(folder).name, links, recipes, bool(known.any()))
 
 
 class Known(Record):
@@ -78,6 +84,7 @@ class DiscoveryView(Record, omit_defaults=True):
     Attributes:
         players: number of known entities by player and attempt count (the numbers in ``marks``, as text).
         people: number of entities known to people in a different crafting game, by attempt count.
+        knows_recipes: whether the scorer was trained on recipes of the graph.
     """
 
     graph: str
@@ -95,6 +102,7 @@ class DiscoveryView(Record, omit_defaults=True):
     people_source: str
     references: tuple[ReferenceRow, ...] = ()
     out: str | None = None
+    knows_recipes: bool = False
 
 
 def view_discovery(
@@ -106,7 +114,6 @@ def view_discovery(
     seed: int = 0,
     base: Sequence[str] | None = None,
     scorer: Guides | None = None,
-    progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
     """Let players craft without a goal; return the results and all runs' curves.
 
@@ -120,7 +127,7 @@ def view_discovery(
 
         learner = RecipeDiscoverer(scorer.recipes)
     discoverers = make_discoverers(players, graph, None if scorer is None else scorer.links, learner)
-    curves = discovery_curves(graph, discoverers, attempts, runs, seed, start.base, progress)
+    curves = discovery_curves(graph, discoverers, attempts, runs, seed, start.base)
     table = summarise_curves(curves)
     view = DiscoveryView(
         graph=graph.name,
@@ -137,6 +144,7 @@ def view_discovery(
         people={str(attempt): known for attempt, known in HUMAN_CURVE.items()},
         people_source=HUMAN_SOURCE,
         references=_references(graph, graph.labels(start.base), players),
+        knows_recipes=scorer is not None and scorer.knows_recipes,
     )
     return view, curves
 

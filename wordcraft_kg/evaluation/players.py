@@ -1,6 +1,6 @@
 """Success of an agent or of scripted players on all tasks of a split part, and explained episodes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -128,8 +128,6 @@ def view_baselines(
     model: "tuple[str, Model] | None" = None,
     distractor_seeds: int | None = None,
     seed: int = 0,
-    *,
-    progress: Callable[[int, int, dict[str, float]], None] | None = None,
 ) -> Baselines:
     """Evaluate scripted players and, if a model is given with its name, players that follow the model's scores."""
     players = knowledge_players(opened.split)
@@ -140,7 +138,7 @@ def view_baselines(
         named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
         oracle = players.pop("recipe oracle")
         players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
-    rows = play_all(world, players, distractors, distractor_seeds=distractor_seeds, seed=seed, progress=progress)
+    rows = play_all(world, players, distractors, distractor_seeds=distractor_seeds, seed=seed)
     return Baselines(
         graph=graph,
         part=config.part,

@@ -63,15 +63,14 @@ LEGEND = (
 DEPTHS = {"chance": "#8c959f", "w": "#0969da", "planner, train recipes": "#bf8700", "planner": "#1a7f37"}
 """Players in the panels by depth, and their colours."""
 COLOURS = {8: "#0072b2", 1: "#d55e00"}
-IN_STUDY = {
-    "no graph": "no graph",
-    "ComplEx in-sample, u v": "partial, in-sample, u v",
-    "ComplEx, u v": "partial, u v",
-    "recipes in-sample, u v w": "",
-    "recipes, u v w": "partial, u v w",
+IN_README = {
+    "nearest words": "the two items with the nearest words, nothing learned",
+    "no graph": "agent without a graph",
+    "ComplEx in-sample, u v": "agent with ComplEx, as in the paper",
+    "recipe scorer alone, w": "recipe scorer alone: its best pair",
+    "recipes, u v w": "agent with the recipe scorer",
 }
-"""Variants in README, and their names in the study on full and partial graphs."""
-STUDY = HERE / "results" / "knowledge-little-alchemy-2.json"
+"""Players and agents in README, and their names there."""
 Row = dict[str, Any]
 
 
@@ -152,35 +151,23 @@ def agents(book: str, split: str, steps: int, of: list[Row], players: list[Row])
     yield ""
 
 
-def short(rows: list[Row], alone: list[Row], runs: list[Row]) -> Iterator[str]:
-    """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and agents.
+def short(rows: list[Row], alone: list[Row]) -> Iterator[str]:
+    """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and agents."""
+    yield "| Little Alchemy 2, 8 distractors | unseen recipes | unseen goals |"
+    yield "|---|---|---|"
+    for player, name in IN_README.items():
+        cells = []
+        for split, splits in (("by-recipe", 3), ("by-goal", 1)):
+            means = [_mean(row["success"][:splits]) for row in alone if _key(row, "player") == (player, split, 8)]
+            means += [row["success"] for row in rows if _key(row, "variant") == (player, split, 8)]
+            cells.append(_figure(means[0]))
+        yield f"| {name} | {' | '.join(cells)} |"
 
-    ``runs`` are the trainings of the study on full and partial graphs, for success by the own recipe.
-    """
-    yield "| Little Alchemy 2, 8 distractors | unseen recipes | own recipe | unseen goals |"
-    yield "|---|---|---|---|"
 
-    def of(player: str, figure: str, split: str, splits: int) -> str:
-        for row in alone:
-            if (row["player"], row["split"], row["distractors"]) == (player, split, 8):
-                return _figure(_mean(row[figure][:splits]))
-        return ""
-
-    def success(variant: str, split: str) -> str:
-        for row in rows:
-            key = (BOOKS[row["book"]], row["variant"], row["split"], row["distractors"])
-            if key == ("Little Alchemy 2", variant, split, 8):
-                return _figure(row["success"])
-        return ""
-
-    for player, name in ALONE.items():
-        recipes, own = (of(player, figure, "by-recipe", 3) for figure in ("success", "own"))
-        yield f"| {name} | {recipes} | {own} | {of(player, 'success', 'by-goal', 1)} |"
-    for variant, studied in IN_STUDY.items():
-        won = [run["by_plan"]["test"] for run in runs if (run["variant"], run["values"]["distractors"]) == (studied, 8)]
-        figures = [success(variant, split) for split in ("by-recipe", "by-goal")]
-        own = _figure(_mean(won)) if won else ""
-        yield f"| agent, {NAMES[variant].strip('*')} | {figures[0]} | {own} | {figures[1]} |"
+def _key(row: Row, player: str) -> tuple[str, str, int] | None:
+    """Return what a row is about, or None for other books."""
+    is_own = BOOKS[row["book"]] == "Little Alchemy 2"
+    return (row[player], row["split"], row["distractors"]) if is_own else None
 
 
 def _mean(values: list[float]) -> float:
@@ -307,10 +294,9 @@ def _filled(path: Path, lines: Iterator[str]) -> str:
 if __name__ == "__main__":
     trained, untrained_rows = (json.loads(path.read_text(encoding="utf-8")) for path in (SOURCE, UNTRAINED))
     by_depth = json.loads(PLANNING.read_text(encoding="utf-8"))
-    runs = json.loads(STUDY.read_text(encoding="utf-8"))["runs"]
     for path, text in (
         (PAGE, _filled(PAGE, tables(trained, untrained_rows))),
-        (README, _filled(README, short(trained, untrained_rows, runs))),
+        (README, _filled(README, short(trained, untrained_rows))),
         (RESULTS, _filled(RESULTS, alone_tables(untrained_rows))),
         (PICTURE, picture(trained, by_depth)),
     ):

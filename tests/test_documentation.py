@@ -4,10 +4,13 @@ import ast
 import importlib
 import re
 import runpy
+import shlex
 import shutil
 from pathlib import Path
 
 import pytest
+
+from wordcraft_kg.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction", "text-agents"))]
@@ -39,8 +42,6 @@ def test_what_a_page_or_an_example_imports_is_there(source):
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     """A folder as it is after the commands of README and guides, but with small trainings."""
-    from wordcraft_kg.cli import main
-
     home = tmp_path_factory.mktemp("world")
     commands = (
         f"build-graph {ROOT / 'examples/my-book.csv'} --out {home}/graphs/mine",
@@ -68,6 +69,16 @@ def test_the_python_of_a_page_runs_as_printed(page, world, tmp_path, monkeypatch
     for block in blocks(page):
         if "pipeline(" not in block:  # minutes; PyKEEN's pipeline has tests of its own
             exec(compile(block, page, "exec"), names)
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_readme_print_what_it_shows(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (block,) = re.findall(r"```console\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    for command, shown in re.findall(r"^\$ wordcraft-kg (.*)\n((?:[^$].*\n)*)", block, re.MULTILINE):
+        assert main(shlex.split(command)) == 0
+        printed = capsys.readouterr().out
+        assert shown in ("", printed)
 
 
 @pytest.mark.parametrize(

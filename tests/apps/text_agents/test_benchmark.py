@@ -3,6 +3,7 @@ import re
 import runpy
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -10,10 +11,21 @@ import msgspec
 import numpy as np
 import pytest
 
-from wordcraft_kg.agents.evaluation import Evaluator
-from wordcraft_kg.agents.players import knowledge_players
-from wordcraft_kg.apps.text_agents import benchmark
-from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
+from wordcraft_kg import (
+    AgentConfig,
+    ImpalaConfig,
+    TaskConfig,
+    load_scorer,
+    open_book,
+    open_graph,
+    open_model,
+    train_agent,
+)
+from wordcraft_kg.agents.agent_folder import open_agent
+from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
+from wordcraft_kg.agents.players import knowledge_players, scorer_players
+from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission
+from wordcraft_kg.apps.text_agents.benchmark import FrozenTask, FrozenTrack, Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter, reproduce
 from wordcraft_kg.apps.text_agents.commands.bench_leaderboard import bench_leaderboard
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
@@ -23,8 +35,12 @@ from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema, 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.splits import SplitConfig
+from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.training import train_recipes
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
 PYTHON = shlex.quote(sys.executable)
@@ -277,6 +293,57 @@ def test_players_and_tracks_that_do_not_fit_are_refused(submitted, tmp_path):
         bench_run("craft-8-lite", player="random", out=tmp_path / "out", prompts=tmp_path / "prompts.txt")
     with pytest.raises(OutputExistsError, match="exists"):
         bench_run("craft-8-lite", player="votes", out=submitted())
+
+
+@pytest.fixture
+def kitchen_track(opened_kitchen, monkeypatch):
+    """The kitchen's test tasks, in place of any track."""
+    world = World(opened_kitchen, WordCraftConfig("test", 1, 3))
+    tables = EvaluationTables(world)
+    tasks = tuple(FrozenTask(plans, tuple(tables.table(task))) for task, plans in enumerate(world.tasks.plans))
+    track = Track("craft-8", "everyday-v2", "kitchen", FrozenTrack("", "by-recipe", 1, 1, 3, tasks), opened_kitchen)
+    for module in (benchmark, benchmark_players, submission):
+        monkeypatch.setattr(module, "open_track", lambda name: track)
+    return track
+
+
+def test_models_and_agents_play_as_in_the_evaluation_and_only_their_weights_reproduce(
+    kitchen_track, recipes_folder, tmp_path, capsys
+):
+    trainer = ImpalaConfig(steps=64, batch_size=8, unroll=2, log_every=64, eval_every=64, checkpoint_every=64)
+    tasks = TaskConfig(distractors=3)
+    train_agent(AgentConfig("kitchen", str(recipes_folder), tasks, trainer=trainer), tmp_path / "run")
+    model = open_model(recipes_folder)
+    scripted = scorer_players(model.opened.graph, load_scorer(recipes_folder), model.triples, plans=True)
+    evaluate = Evaluator(kitchen_track.world, distractor_seeds=1)
+    learned = r"train recipes of this book, \w+ words"
+    for player, expected in (
+        (f"scorer:{recipes_folder}", scripted["w, best pair"]),
+        (f"planner:{recipes_folder}", scripted["planner"]),
+        (f"agent:{tmp_path / 'run'}", PolicyPlayer(open_agent(tmp_path / "run").policy)),
+    ):
+        folder = tmp_path / player.partition(":")[0]
+        bench_run("craft-8", player=player, out=folder)
+        success = [json.loads(line)["success"] for line in lines_in(folder)]
+        assert success == evaluate(expected).success[:, 0].tolist()
+        assert bench_verify(folder, player=player) == 0
+        record = edit(folder, weights=dict.fromkeys(verify(folder).weights, OTHER))
+        assert re.fullmatch(learned, record["training_data"])
+        assert bench_verify(folder, player=player) == 1
+        assert "'weights' is" in capsys.readouterr().out
+        other_split = replace(kitchen_track, opened=open_graph("kitchen", SplitConfig("by-goal")))
+        with pytest.raises(GraphMismatchError, match="was trained on split"):
+            enter(other_split, player, RunSettings(tmp_path))
+
+
+def test_a_model_declares_the_knowledge_from_outside_its_recipes(kitchen_track, tmp_path):
+    other = tmp_path / "other.csv"
+    rows = (f"{a},{b},{result}\n" for a, b, result in open_book("kitchen").recipes[:100])
+    other.write_text("ingredient_a,ingredient_b,result\n" + "".join(rows))
+    settings = RecipeScorerConfig(kg="none", folds=2, with_=(str(other),))
+    train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model")
+    _, entrant = enter(kitchen_track, f"scorer:{tmp_path / 'model'}", RunSettings(tmp_path))
+    assert re.match(r"no recipe of this book, \w+ words, outside knowledge: other \(book\)", entrant.training_data)
 
 
 def test_verification_names_each_folder_and_fails_if_one_is_refused(submitted, tmp_path, capsys):

@@ -7,15 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.discovery import Discoverer, make_discoverers
-from wordcraft_kg.agents.evaluation import PolicyPlayer
-from wordcraft_kg.agents.players import NEAREST_WORDS, Player, knowledge_players, scorer_players
-from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track
 from wordcraft_kg.apps.text_agents.games import Pair
 from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
@@ -32,8 +28,10 @@ from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.evaluation.discovery import open_guides
 from wordcraft_kg.graphs.arrays import padded
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.scorers.folder import WEIGHTS, load_scorer
+
+if TYPE_CHECKING:
+    from wordcraft_kg.agents.players import Player
+    from wordcraft_kg.models.model import Model
 
 _TRAINED_ON = {
     "none": "no recipe of this book",
@@ -42,13 +40,13 @@ _TRAINED_ON = {
 }
 _SCRIPTED = {
     "random": ("random", "random"),
-    "nearest-words": (NEAREST_WORDS, "nearest-words"),
+    "nearest-words": ("nearest words", "nearest-words"),
     "votes": ("partial KG, votes", ""),
     "graph": ("partial KG, u+v", ""),
     "oracle": ("recipe oracle", "greedy"),
 }
 """Names of scripted players by kind: on tasks, and in open-ended games."""
-_USES_TRAIN = ("votes", "graph")
+_USES = {"votes": "partial", "graph": "partial", "oracle": "full"}
 _OWN_LICENCE = "Apache-2.0"
 
 
@@ -83,7 +81,7 @@ class Kind:
     enter: Callable[[Track, str, RunSettings], Entrant]
 
 
-def decisions(track: Track, player: Player) -> list[Played]:
+def decisions(track: Track, player: "Player") -> list[Played]:
     """Return the decisions of a scripted player or policy in all tasks of a track, played together."""
     world, size = track.world, len(track)
     engine = BatchEngine(world, size)
@@ -119,12 +117,14 @@ def discoveries(track: Track, player: Discoverer) -> list[Played]:
 def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
     def enter(track: Track, argument: str, settings: RunSettings) -> Entrant:
         on_tasks, name = _SCRIPTED[kind]
-        knows = _TRAINED_ON["partial" if kind in _USES_TRAIN else "full" if kind == "oracle" else "none"]
+        knows = _TRAINED_ON[_USES.get(kind, "none")] + ", glove words" * (kind == "nearest-words")
         if track.is_open_ended and name:
             (player,) = make_discoverers([name], track.opened.graph).values()
             return Entrant(name, discoveries(track, player), knows, _OWN_LICENCE)
-        world = track.world
-        return Entrant(on_tasks, decisions(track, knowledge_players(world.split)[on_tasks]), knows, _OWN_LICENCE)
+        from wordcraft_kg.agents.players import knowledge_players  # loads torch
+
+        players = knowledge_players(track.world.split)
+        return Entrant(on_tasks, decisions(track, players[on_tasks]), knows, _OWN_LICENCE)
 
     return enter
 
@@ -138,12 +138,17 @@ def _planner(track: Track, argument: str, settings: RunSettings) -> Entrant:
 
 
 def _with_model(track: Track, folder: str, names: Sequence[str]) -> Entrant:
+    from wordcraft_kg.agents.players import scorer_players  # these load torch
+    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.scorers.folder import WEIGHTS, load_scorer
+
     model, graph = open_model(folder), track.opened.graph
     own, name = model.opened, Path(folder).name
     if own.graph.hash == graph.hash:
         _check_split(folder, own.split.hash, track)
     about: dict[str, Any] = {
-        "training_data": _TRAINED_ON[model.kg] if own.graph.hash == graph.hash else "recipes of another book",
+        "training_data": _learned_from(model, track, model.kg),
         "weights": {WEIGHTS: model.run.outputs[WEIGHTS]},
     }
     if track.is_open_ended:
@@ -159,13 +164,34 @@ def _with_model(track: Track, folder: str, names: Sequence[str]) -> Entrant:
     return Entrant(f"{name}, {best}", decisions(track, players[best]), **about)
 
 
+def _learned_from(model: "Model", track: Track, kg: str) -> str:
+    """Return a model's training recipes, word vectors and outside knowledge, as its folder records them."""
+    book, words = model.opened.graph, getattr(model.metrics, "features", "")
+    known = [_TRAINED_ON[kg] if book.hash == track.opened.graph.hash else f"recipes of {book.name}"]
+    known += [f"{Path(words).name} words"] * bool(words)
+    if outside := model.history.facts.get("outside knowledge"):
+        known.append(f"outside knowledge: {outside}")
+    return ", ".join(known)
+
+
 def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
+    from wordcraft_kg.agents.agent_folder import open_agent  # these load torch
+    from wordcraft_kg.agents.evaluation import PolicyPlayer
+    from wordcraft_kg.models.folder import open_model
+    from wordcraft_kg.models.scorers.folder import WEIGHTS
+
     agent = open_agent(argument)
     _check_split(argument, agent.opened.split.hash, track)
     weights = {name: agent.run.outputs[name] for name in ("policy.safetensors",) if name in agent.run.outputs}
     if not weights:
         raise ConfigError(f"'{argument}' is unfinished; expected a finished run of train-agent.")
-    knows = _TRAINED_ON["full" if agent.run.kg == "full" else "partial"]
+    kg = "full" if agent.run.kg == "full" else "partial"  # agents train on the train tasks
+    knows = _TRAINED_ON[kg]
+    if agent.config.scorer is not None:
+        model = open_model(agent.config.scorer)
+        if model.run.outputs[WEIGHTS] != agent.run.inputs["scorer"]:
+            raise ArtefactError(f"'{agent.config.scorer}' is not the scorer of '{argument}'. Restore a copy.")
+        knows = _learned_from(model, track, kg)
     return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
 
 

@@ -103,6 +103,7 @@ def test_prompts_and_schema_are_those_of_the_manifest():
     # Other prompts are another experiment, and need another version of the benchmark.
     assert read_manifest()[0].prompts["text"] == prompt_hash()
     assert json.loads(SCHEMA.read_text()) == submission_schema()
+    assert read_manifest()[0].canary in (Path(__file__).parents[3] / "docs/benchmark.md").read_text()
 
 
 @pytest.mark.parametrize("name", ["craft-8", "goal-8"])

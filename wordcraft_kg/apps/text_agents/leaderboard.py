@@ -11,6 +11,8 @@ from wordcraft_kg.base.progress import steps
 from wordcraft_kg.evaluation.reference import literature
 
 _TITLES = ("player", "figure", "by plan", "prompts", "look-ups", "training data", "cost", "licence", "mark", "date")
+SENSIBLE = 0.98
+"""Share of sensible recipes in the book `everyday`: 392 of 400, by the stricter of two readers (data/everyday)."""
 _Marked = tuple[Submission, str]
 
 
@@ -39,7 +41,8 @@ def _lines(marked: Sequence[_Marked]) -> Iterator[str]:
     manifest, manifest_hash = read_manifest()
     yield from ("# Leaderboard", "", f"Made by `bench leaderboard` from verified submissions to {manifest.name}")
     yield f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). Figures: success, or known items if open-ended,"
-    yield "with 95 % intervals."
+    yield f"with 95 % intervals. † marks a success above {SENSIBLE:.0%}, the share of sensible recipes in the book:"
+    yield "such a player knows the book, not only common sense."
     for track in manifest.names:
         rows = sorted((one for one in marked if one[0].track == track), key=lambda one: -one[0].figures.mean)
         if rows:
@@ -51,7 +54,7 @@ def _lines(marked: Sequence[_Marked]) -> Iterator[str]:
 
 def _cells(submission: Submission, mark: str) -> Iterator[str]:
     figures = submission.figures
-    yield submission.player
+    yield submission.player + " †" * (figures.by_plan is not None and figures.mean > SENSIBLE)
     yield figures_text(submission)
     yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
     yield submission.prompts

@@ -89,7 +89,7 @@ results: install
 
 site: install
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	$(BIN)/wordcraft-kg build-graph everyday --out build/explorer/everyday --force
 	$(BIN)/wordcraft-kg train-recipes build/explorer/everyday --out build/explorer/everyday-recipes --force
 	$(BIN)/wordcraft-kg train-complex build/explorer/everyday --out build/explorer/everyday-complex --force

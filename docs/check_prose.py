@@ -56,7 +56,7 @@ def texts() -> Iterator[tuple[str, Path, str]]:
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
         text = path.read_text(encoding="utf-8")
         if path.name == "commands.md":
-            yield "help", path, re.sub(r"--?[a-z-]+|[│╭╮╰╯─]|\[default:[^]]*\]", " ", text)
+            yield "help", path, re.sub(r"```.*?```|`[^`\n]*`|<[^>]*>|\]\([^)]*\)", " ", text, flags=re.S)
         else:
             yield "guides", path, re.sub(r"```.*?```|`[^`\n]*`|^\|[^\n]*$|\]\([^)]*\)", " ", text, flags=re.S | re.M)
 

@@ -1,27 +1,59 @@
 """Write docs/commands.md from the commands' own help; ``--check`` only compares."""
 
-import contextlib
-import io
-import os
+import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
-from wordcraft_kg.cli import commands_by_group, main
+from wordcraft_kg.cli import commands_by_group, make_app, manual_of
 
 PAGE = Path(__file__).with_name("commands.md")
+OPTION = re.compile(r"^\* `(.+?)`: (.*)$")
+DEFAULT = re.compile(r" \*\[default: (.*?)\]\*$")
+NAMED = re.compile(r"\b([A-Z_]+), --[\w-]+")
+EVERY_COMMAND = re.compile(r"\*\*Output and configuration\*\*:\n\n(.*?)(?=\n\*\*|\Z)", re.DOTALL)
 
 
 def page() -> str:
-    """Return the page: the help of every command, as a terminal of 80 columns shows it."""
-    os.environ |= {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
-    parts = ["# Commands\n", "Made by `make docs` from `wordcraft-kg COMMAND --help`.\n"]
-    for arguments in [[], *(name.split() for names in commands_by_group().values() for name in names)]:
-        buffer = io.StringIO()
-        with contextlib.redirect_stdout(buffer):
-            main([*arguments, "--help"])
-        text = "\n".join(line.rstrip() for line in buffer.getvalue().splitlines())
-        parts.append(f"## {' '.join(['wordcraft-kg', *arguments])}\n\n```text\n{text.strip()}\n```\n")
-    return "\n".join(parts)
+    """Return the page: a list of commands by group, then usage, description, options and examples of each command."""
+    text = make_app().generate_docs(flatten_commands=True)
+    sections = dict(re.findall(r"^# wordcraft-kg ([\w -]+)\n\n(.*?)(?=^# |\Z)", text, re.MULTILINE | re.DOTALL))
+    lines = [
+        "# Commands",
+        "",
+        "Made by `make docs` from the help. Options of every command are [at the end](#options-of-every-command).",
+    ]
+    for group, names in commands_by_group().items():
+        lines += ["", f"**{group}**: " + " · ".join(f"[{name}](#{_anchor(name)})" for name in names)]
+    shared = set()
+    for name in (name for names in commands_by_group().values() for name in names):
+        own = sections[name].replace(f"{name} {name} ", f"{name} ", 1)  # the usage repeats the command
+        shared |= {found.strip() for found in EVERY_COMMAND.findall(own)}
+        own = EVERY_COMMAND.sub("", own)
+        lines += ["", f"## {name}", "", *_tables(own, name), "", "```", *manual_of(name).module.EXAMPLES, "```"]
+    (common,) = shared
+    return "\n".join([*lines, "", "## Options of every command", "", *_tables(common, "all")]) + "\n"
+
+
+def _anchor(name: str) -> str:
+    return name.replace(" ", "-")
+
+
+def _tables(text: str, command: str) -> Iterator[str]:
+    """Yield the lines with lists of options as tables; each option has an anchor such as ``train-agent--steps``."""
+    in_table = False
+    for line in re.sub(r"\n +", " ", text).strip().splitlines():
+        if option := OPTION.match(line):
+            if not in_table:
+                yield from ("| option | meaning | default |", "|---|---|---|")
+            names, about = NAMED.sub(r"\1", option[1]), option[2].replace("|", "\\|")
+            default = DEFAULT.search(about)
+            anchor = re.sub(r"[^\w-]", "", f"{_anchor(command)}{names.split()[0]}")
+            cells = (f'<a id="{anchor}"></a>`{names}`', DEFAULT.sub("", about), f"`{default[1]}`" if default else "")
+            yield f"| {' | '.join(cells)} |"
+        else:
+            yield line
+        in_table = bool(option)
 
 
 if __name__ == "__main__":

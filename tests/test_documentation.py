@@ -14,7 +14,7 @@ from wordcraft_kg.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction", "text-agents"))]
-ELSEWHERE = {"chat_player", "line_player", "impala_single_file"}
+ELSEWHERE = {"chat_player", "line_player", "impala_single_file", "transformers_player"}
 """Examples with tests of their own."""
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELSEWHERE)
 LONG = ("first_steps", "own_tracker", "pykeen_model", "stable_baselines")

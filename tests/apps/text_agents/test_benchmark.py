@@ -161,6 +161,21 @@ def test_a_program_keeps_its_messages_and_look_ups_are_offered_and_counted(tmp_p
         verify(tmp_path / "out")
 
 
+def test_declared_weights_are_hashed_before_the_games_and_compared_in_reproduction(tmp_path, capsys):
+    weights, out = tmp_path / "model.gguf", tmp_path / "out"
+    with pytest.raises(ArtefactError, match=r"model.gguf is missing"):
+        bench_run("craft-1-lite", player=PROGRAM, out=out, weights=weights)
+    weights.write_text("weights")
+    with pytest.raises(ConfigError, match="`weights` are for players by text, and 'random' is none"):
+        bench_run("craft-1-lite", player="random", out=out, weights=weights)
+    assert not out.exists()
+    bench_run("craft-1-lite", player=PROGRAM, out=out, weights=weights)
+    assert verify(out).weights == {"model.gguf": sha256_of(weights)}
+    assert bench_verify(out, player=PROGRAM, weights=weights) == 0
+    assert bench_verify(out, player=PROGRAM) == 1
+    assert "'weights' is {'model.gguf'" in capsys.readouterr().out
+
+
 def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
     folder = submitted()
     with pytest.raises(ArtefactError, match="'kind' is votes, but the given player has random"):
@@ -288,7 +303,7 @@ def test_players_and_tracks_that_do_not_fit_are_refused(submitted, tmp_path):
     ):
         with pytest.raises(ConfigError, match=reason):
             enter(open_track(track), player, settings)
-    with pytest.raises(ConfigError, match="only players by text look items up"):
+    with pytest.raises(ConfigError, match="are for players by text"):
         enter(open_track("craft-8-lite"), "random", RunSettings(tmp_path, "partial"))
     with pytest.raises(ArtefactError, match=r"prompts.txt is missing"):
         bench_run("craft-8-lite", player="random", out=tmp_path / "out", prompts=tmp_path / "prompts.txt")

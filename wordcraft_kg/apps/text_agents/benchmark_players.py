@@ -5,6 +5,7 @@ A kind plays all games of a track, and returns the decisions with facts about th
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from wordcraft_kg.apps.text_agents.records import GAMES_FILE, PlayedSettings, Pl
 from wordcraft_kg.apps.text_agents.results import play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
+from wordcraft_kg.base.artefacts import check_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_lines
 from wordcraft_kg.base.registry import Registry
@@ -47,16 +49,18 @@ _SCRIPTED = {
 }
 """Names of scripted players by kind: on tasks, and in open-ended games."""
 _USES = {"votes": "partial", "graph": "partial", "oracle": "full"}
+_BEST_PAIR = ("w, best pair", "u+v, self edges dropped")
 _OWN_LICENCE = "Apache-2.0"
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Settings for players: look-ups, seconds for an answer, and the folder for a text player's messages."""
+    """Settings for text players: folder for messages, look-ups, seconds for an answer, and file with the weights."""
 
     messages: Path
     look_ups: LookUps = "none"
     timeout: float = TIMEOUT
+    weights: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -129,15 +133,7 @@ def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
     return enter
 
 
-def _scorer(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    return _with_model(track, argument, ("w, best pair", "u+v, self edges dropped"))
-
-
-def _planner(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    return _with_model(track, argument, ("planner",))
-
-
-def _with_model(track: Track, folder: str, names: Sequence[str]) -> Entrant:
+def _with_model(track: Track, folder: str, settings: RunSettings, names: Sequence[str] = ("planner",)) -> Entrant:
     from wordcraft_kg.agents.players import scorer_players  # these load torch
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
     from wordcraft_kg.models.folder import open_model
@@ -250,8 +246,8 @@ KINDS: Registry[Kind] = Registry(
         "votes": Kind("votes of the train recipes on pairs", "", _scripted("votes")),
         "graph": Kind("links of the train recipes, without learning", "", _scripted("graph")),
         "oracle": Kind("knows all recipes", "", _scripted("oracle")),
-        "scorer": Kind("the best pair by a model's scores", "MODEL", _scorer),
-        "planner": Kind("the first pair of a model's best plan", "MODEL", _planner),
+        "scorer": Kind("the best pair by a model's scores", "MODEL", partial(_with_model, names=_BEST_PAIR)),
+        "planner": Kind("the first pair of a model's best plan", "MODEL", _with_model),
         "agent": Kind("a trained agent", "RUN", _agent),
         "program": Kind("a program that plays by the line protocol", "COMMAND", _program),
         "inspect": Kind("a language model in Inspect AI, by its log", "LOG", _inspect),
@@ -272,16 +268,22 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
     kind = KINDS[name]
     if bool(argument) != bool(kind.argument):
         raise ConfigError(f"`player` '{player[:100]}': expected {name}{':' * bool(kind.argument)}{kind.argument}.")
-    if settings.look_ups != "none" and name not in TEXT_PLAYERS:
-        raise ConfigError(f"`look_ups` {settings.look_ups}: only players by text look items up; leave it out.")
-    return name, kind.enter(track, argument, settings)
+    if name not in TEXT_PLAYERS and (settings.look_ups != "none" or settings.weights):
+        raise ConfigError(f"`look_ups` and `weights` are for players by text, and '{name}' is none; leave them out.")
+    if not settings.weights:
+        return name, kind.enter(track, argument, settings)
+    check_file(settings.weights)
+    weights = {settings.weights.name: sha256_of(settings.weights)}
+    return name, replace(kind.enter(track, argument, settings), weights=weights)
 
 
-def reproduce(folder: Path, submission: Submission, player: str, timeout: float = TIMEOUT) -> None:
+def reproduce(
+    folder: Path, submission: Submission, player: str, timeout: float = TIMEOUT, weights: Path | None = None
+) -> None:
     """Let the player of a verified submission play again; an ArtefactError unless kind, weights and games are equal."""
     track = open_track(submission.track)
     with TemporaryDirectory() as messages:
-        kind, entrant = enter(track, player, RunSettings(Path(messages), submission.knowledge, timeout))
+        kind, entrant = enter(track, player, RunSettings(Path(messages), submission.knowledge, timeout, weights))
     path, play = folder / GAMES_FILE, track.play(submission.knowledge)
     for name, value in (("kind", kind), ("weights", dict(entrant.weights))):
         if (given := getattr(submission, name)) != value:

@@ -26,6 +26,7 @@ def bench_run(
     out: Path,
     name: str | None = None,
     look_ups: LookUps = "none",
+    weights: Path | None = None,
     prompts: Path | None = None,
     training_data: str | None = None,
     licence: str | None = None,
@@ -45,6 +46,7 @@ def bench_run(
         out: folder for submission.json, games.jsonl, and a program's prompts and answers (messages).
         name: player's name in tables.
         look_ups: look-up source for players by text: none, or partial (train recipes).
+        weights: file with a text player's weights; the submission holds the hash.
         prompts: file with the prompts, if they differ from the standard prompts; the submission holds the hash.
         training_data: data on which the player was trained, in words.
         licence: licence of the player or its weights.
@@ -68,7 +70,7 @@ def bench_run(
     own_prompts = None if prompts is None else hashlib.sha256(read_small_file(prompts)).hexdigest()
     opened, begin = open_track(track), time.perf_counter()
     with sigterm_as_interrupt():
-        kind, entrant = enter(opened, player, RunSettings(messages, look_ups, timeout))
+        kind, entrant = enter(opened, player, RunSettings(messages, look_ups, timeout, weights))
     seconds = round(time.perf_counter() - begin, 1)
     is_standard = own_prompts is None and entrant.prompt_hash in (None, *read_manifest()[0].prompts.values())
     about: dict[str, Any] = {

@@ -15,7 +15,13 @@ EXAMPLES = (
 )
 
 
-def bench_verify(*folders: Path, player: str | None = None, timeout: float = TIMEOUT, output: Output = Output()) -> int:
+def bench_verify(
+    *folders: Path,
+    player: str | None = None,
+    weights: Path | None = None,
+    timeout: float = TIMEOUT,
+    output: Output = Output(),
+) -> int:
     """Verify submissions: play all games again by the rules, and compute figures and intervals again.
 
     Each folder is marked as replayed, or refused with the reason. With --player, the player plays the track again:
@@ -25,6 +31,7 @@ def bench_verify(*folders: Path, player: str | None = None, timeout: float = TIM
     Args:
         folders: folders of `bench run`.
         player: the player of the submissions, as for `bench run`.
+        weights: file with a text player's weights.
         timeout: seconds for an answer of a program.
     """
     from wordcraft_kg.apps.text_agents.submission import figures_text, verify
@@ -39,7 +46,7 @@ def bench_verify(*folders: Path, player: str | None = None, timeout: float = TIM
             if player is not None:
                 from wordcraft_kg.apps.text_agents.benchmark_players import reproduce  # loads torch
 
-                reproduce(folder, checked, player, timeout)
+                reproduce(folder, checked, player, timeout, weights)
                 mark = "reproduced"
             marks.append({"folder": str(folder), "mark": mark, "submission": checked})
             games = counted(checked.figures.games, "game")

@@ -1,0 +1,163 @@
+"""A player for `wordcraft-kg bench run` and `evaluate-text`: a language model of `transformers` on this machine.
+
+    wordcraft-kg bench run craft-8-lite --out submission --weights model.gguf --timeout 600 \
+        --player "program:python examples/transformers_player.py model.gguf --by probabilities"
+
+The model is a folder, a .gguf file or a name on the Hugging Face hub, with a chat template. By generation, the model
+writes an answer of a few tokens, each the most probable. By probabilities, the answer is the text "first + second"
+with the highest probability, over all pairs of items that were not tried in this game; if look-ups are offered, the
+goal is looked up first (the first item in open-ended games). The rules and, while they fit, all turns are the context.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import torch
+from transformers import AutoModelForCausalLM, AutoTokenizer, DynamicCache
+from transformers.utils import logging
+
+Message = dict[str, str]
+
+
+class Reader:
+    """A language model that has read a text, which stays in the key-value cache.
+
+    ``next`` holds the log-probabilities of the next token.
+    """
+
+    def __init__(self, name: str):
+        """Load a model folder, a .gguf file, or a model on the hub."""
+        path = Path(name)
+        where, options = (str(path.parent), {"gguf_file": path.name}) if path.is_file() else (name, {})
+        self.tokenizer = AutoTokenizer.from_pretrained(where, **options)
+        self.model = AutoModelForCausalLM.from_pretrained(where, dtype=torch.float32, **options).eval()
+        self.end: int = self.tokenizer.eos_token_id
+        self.ids: list[int] = []
+        self.cache = DynamicCache(config=self.model.config)
+        self.next = torch.zeros(0)
+        self.counts = {"prompts": 0, "input tokens": 0, "output tokens": 0}
+
+    def tokens(self, text: str) -> list[int]:
+        """Return the tokens of a part of an answer."""
+        return list(self.tokenizer(text, add_special_tokens=False).input_ids)
+
+    def chat(self, messages: list[Message], is_asked: bool) -> list[int]:
+        """Return the tokens of a conversation, with the beginning of an answer if the model is asked for one."""
+        text = self.tokenizer.apply_chat_template(messages, add_generation_prompt=is_asked, tokenize=False)
+        return self.tokens(text)
+
+    def cut(self, length: int) -> None:
+        """Forget the text after the first ``length`` tokens."""
+        if forgotten := len(self.ids) - length:
+            self.cache.crop(-forgotten)
+        self.ids = self.ids[:length]
+
+    def read(self, ids: list[int]) -> None:
+        """Read a text in place of the last text; an equal beginning stays in the cache."""
+        both = zip(self.ids, ids[:-1], strict=False)
+        self.cut(next((n for n, (old, new) in enumerate(both) if old != new), min(len(self.ids), len(ids) - 1)))
+        new = torch.tensor([ids[len(self.ids) :]])
+        logits = self.model(input_ids=new, past_key_values=self.cache, logits_to_keep=1).logits
+        self.ids, self.next = ids, logits[0, -1].log_softmax(-1)
+
+    def log_probs(self, texts: list[list[int]]) -> list[float]:
+        """Return the log-probability of each text (tokens) as the continuation, all in one forward pass."""
+        fed = [(number, place, token) for number, text in enumerate(texts) for place, token in enumerate(text[:-1])]
+        number, place, tokens = torch.tensor(fed).T
+        seen = (number[:, None] == number) & (place[:, None] >= place)
+        seen = torch.cat([torch.ones(len(fed), len(self.ids), dtype=torch.bool), seen], 1)
+        logits = self.model(
+            input_ids=tokens[None],
+            attention_mask=torch.zeros(seen.shape).masked_fill(~seen, -torch.inf)[None, None],
+            position_ids=len(self.ids) + place[None],
+            past_key_values=self.cache,
+        ).logits[0]
+        self.cache.crop(-len(fed))
+        rows, start, sums = torch.cat([self.next[None], logits.log_softmax(-1)]), 1, []
+        for text in texts:
+            before = [0, *range(start, start + len(text) - 1)]
+            sums.append(float(rows[before, text].sum()))
+            start += len(text) - 1
+        return sums
+
+
+def by_generation(reader: Reader, prompt: list[int], most: int) -> str:
+    """Return the model's answer of at most ``most`` tokens, each the most probable."""
+    answer: list[int] = []
+    reader.read(prompt)
+    while len(answer) < most and (token := int(reader.next.argmax())) != reader.end:
+        answer.append(token)
+        reader.read([*prompt, *answer])
+    reader.counts["output tokens"] += len(answer)
+    return str(reader.tokenizer.decode(answer, skip_special_tokens=True))
+
+
+def by_probabilities(reader: Reader, prompt: list[int], items: list[str], tried: set[frozenset[str]]) -> str:
+    """Return the most probable answer "first + second" whose pair was not tried.
+
+    No answer is more probable than its first half, so the search may end before it has read all halves.
+    """
+    halves = [reader.tokens(f"{item} +") for item in items]
+    reader.read(prompt)
+    best, answer = -torch.inf, ""
+    for score, place in sorted(zip(reader.log_probs(halves), range(len(items)), strict=True), reverse=True):
+        first, seconds = items[place], [item for item in items if frozenset((items[place], item)) not in tried]
+        if score <= best:
+            break
+        if seconds:
+            reader.read(prompt + halves[place])
+            scores = reader.log_probs([[*reader.tokens(f" {second}"), reader.end] for second in seconds])
+            more, second = max(zip(scores, seconds, strict=True))
+            best, answer = max((best, answer), (score + more, f"{first} + {second}"))
+    tried.add(frozenset(answer.split(" + ")))
+    return answer
+
+
+@torch.inference_mode()
+def play(reader: Reader, by: str, context: int, most: int) -> None:
+    """Answer the lines on stdin."""
+    messages: list[Message] = []
+    tried: set[frozenset[str]] = set()
+    for line in sys.stdin:
+        message = json.loads(line)
+        text = message["text"]
+        if message["new"]:
+            rules, _, text = text.partition("\n\n")
+            messages, tried = [{"role": "system", "content": rules}], set()
+            # The rules are the same in all games. Nothing else stays, so no game depends on the games before.
+            if reader.ids[: len(kept := reader.chat(messages, False))] == kept:
+                reader.cut(len(kept))
+            else:
+                reader.read(kept)
+        messages.append({"role": "user", "content": text})
+        if len(prompt := reader.chat(messages, True)) > context - most:
+            del messages[1:-1]
+            prompt = reader.chat(messages, True)
+        if by == "probabilities" and message["new"] and "look up" in messages[0]["content"]:
+            answer = f"look up {message['goal'] or message['table'][0]}"
+        else:
+            reader.counts["prompts"] += 1
+            reader.counts["input tokens"] += len(prompt)
+            if by == "generation":
+                answer = by_generation(reader, prompt, most)
+            else:
+                answer = by_probabilities(reader, prompt, message["table"], tried)
+        messages.append({"role": "assistant", "content": answer})
+        # Only the last line counts, and an answer is one line.
+        print(answer.strip().splitlines()[-1] if answer.strip() else "", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="A language model of transformers as a player of the line protocol.")
+    parser.add_argument("model", help="model folder, .gguf file, or a name on the Hugging Face hub")
+    parser.add_argument("--by", choices=["generation", "probabilities"], default="generation")
+    parser.add_argument("--context", type=int, default=2048, help="tokens of a conversation, before it begins anew")
+    parser.add_argument("--new-tokens", type=int, default=12, help="most tokens of an answer")
+    options = parser.parse_args()
+    logging.set_verbosity_error()
+    logging.disable_progress_bar()
+    player = Reader(options.model)
+    play(player, options.by, options.context, options.new_tokens)
+    print(", ".join(f"{count:,} {name}" for name, count in player.counts.items()), file=sys.stderr)

@@ -6,9 +6,11 @@ import re
 import runpy
 import shlex
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from wordcraft_kg.cli import main
 
@@ -98,3 +100,12 @@ def test_the_readme_names_the_size_of_the_example_book():
 
     book = open_book(ROOT / "examples/my-book.csv")
     assert f"{len(book.recipes)} recipes of a farm" in (ROOT / "README.md").read_text()
+
+
+def test_the_citation_has_the_fields_of_a_release_and_those_of_the_package():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    package = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert {"cff-version", "message", "title", "abstract", "type", "date-released", "references"} <= cited.keys()
+    assert (cited["version"], cited["license"]) == (package["version"], package["license"])
+    assert cited["authors"] == package["authors"]
+    assert set(package["keywords"]) <= set(cited["keywords"])

@@ -2,17 +2,16 @@
 
 import json
 
-import msgspec
 import pytest
 from graph_folders import write_graph
 
 from wordcraft_kg import TaskConfig, WordCraftConfig, World, open_graph
-from wordcraft_kg.agents.outcomes import Success
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers
 from wordcraft_kg.apps.text_agents import result_reader
-from wordcraft_kg.apps.text_agents.records import RESULT_FILE, PlayedSettings, TextResult
-from wordcraft_kg.base.records import read_record
+from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GamesHeader, PlayedSettings, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, result_of
+from wordcraft_kg.base.records import as_lines
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.evaluation import reference
 from wordcraft_kg.evaluation.reference import Figure, OpenPlay, PlayedGraph, ReferencePack, ReferenceRow, TaskPlay
@@ -157,26 +156,35 @@ def settings_of(world, **others):
     return PlayedSettings.of(world, world.split, **others)
 
 
-def success(mean):
-    return Success(mean=mean, ci_low=0.2, ci_high=0.6, tasks=63, distractor_seeds=1, by_plan=0.3, actions=2.0)
-
-
-def result(folder, settings, success=None, known=None):
-    """Write the result of a text agent."""
-    counts = {"games": 10, "outcomes": {}, "invalid_actions": 3, "lost_attempts": 2, "look_ups": 0}
-    result = TextResult(player="parrot", settings=settings, success=success, known=known or {}, **counts)
+def result(folder, settings, played):
+    """Write the games of a text agent."""
     folder.mkdir()
-    (folder / "result.json").write_bytes(msgspec.json.encode(result))
+    lines = as_lines([GamesHeader(player="parrot", settings=settings), *played])
+    (folder / GAMES_FILE).write_text("".join(lines), encoding="utf-8")
     return folder
 
 
+COUNTS = {"invalid_actions": 4, "lost_attempts": 1, "look_ups": 0, "messages": ()}
+
+
+def tasks_made(number, world, most=None):
+    """Games on tasks in which the first goals are made."""
+    about = {"goal": "", "table": (), "actions": 2, "distractor_seed": 0, "last": None, **COUNTS}
+    return [
+        PlayedTask(task=task, success=made, by_plan=made, termination="goal" if made else "no_recipe", **about)
+        for place, task in enumerate(chosen_tasks(world, most).tolist())
+        for made in [place < number]
+    ]
+
+
 def test_results_of_text_agents_are_one_row_by_distractors(printed, refused, run, pack, kitchen_world, tmp_path):
-    four = result(tmp_path / "four", settings_of(kitchen_world), success(0.3))
-    one = result(tmp_path / "one", settings_of(kitchen_world.variant(num_distractors=1)), success(0.5))
+    four = result(tmp_path / "four", settings_of(kitchen_world), tasks_made(21, kitchen_world))
+    other = settings_of(kitchen_world.variant(num_distractors=1))
+    one = result(tmp_path / "one", other, tasks_made(42, kitchen_world))
     (row,) = own(printed(*TWO, "--external-results", four, "--external-results", one))
-    assert figures(row) == {"4": 0.3, "1": 0.5}
+    assert figures(row) == {"4": 0.333333, "1": 0.666667}
     assert (row["player"], row["tasks"], row["distractor_seeds"]) == ("parrot", 63, 1)
-    assert "2 attempts lost by invalid actions" in run(*TWO, "--external-results", four).out
+    assert "63 attempts lost by invalid actions" in run(*TWO, "--external-results", four).out
     refused(*TWO[:3], "2", "--external-results", four, says="has 4 distractors, but the columns are 2")
     refused(*TWO, "--depth", "2", "--external-results", four, says="add --part test --depth 1, or remove")
     refused("reference", "everyday", *TWO[2:], "--external-results", four, kind="GraphMismatchError")
@@ -185,37 +193,41 @@ def test_results_of_text_agents_are_one_row_by_distractors(printed, refused, run
 
 def test_results_with_several_attempts_are_compared_with_as_many_only(refused, run, pack, kitchen_world, tmp_path):
     settings = settings_of(kitchen_world.variant(max_attempts=3), tasks=50)
-    tries = result(tmp_path / "tries", settings, success(0.3))
+    tries = result(tmp_path / "tries", settings, tasks_made(15, kitchen_world, 50))
     refused(*TWO, "--external-results", tries, says="add --part test --depth 1 --attempts 3")
     text = run(*TWO, "--attempts", 3, "--external-results", tries).out
     assert "test tasks of depth 1, 3 attempts" in text
-    assert "an even sample of 63 tasks, 2 attempts lost" in text
+    assert "an even sample of 50 tasks, 50 attempts lost" in text
 
 
 def test_a_player_that_has_played_the_same_twice_has_two_rows(printed, pack, kitchen_world, tmp_path):
     settings = settings_of(kitchen_world)
     other = settings_of(kitchen_world.variant(num_distractors=1))
-    played = {"first": (settings, 0.3), "second": (settings, 0.35), "other": (other, 0.3)}
-    folders = [result(tmp_path / name, one, success(mean)) for name, (one, mean) in played.items()]
+    played = {"first": (settings, 7), "second": (settings, 9), "other": (other, 7)}
+    folders = [result(tmp_path / name, one, tasks_made(made, kitchen_world)) for name, (one, made) in played.items()]
     rows = own(printed(*TWO, *(option for folder in folders for option in ("--external-results", folder))))
-    assert [figures(row) for row in rows] == [{"4": 0.3, "1": 0.3}, {"4": 0.35}]
+    assert [figures(row) for row in rows] == [{"4": 0.111111, "1": 0.111111}, {"4": 0.142857}]
 
 
 def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(printed, refused, pack, tmp_path, monkeypatch):
-    known = {1: 5.5, 10: 7.25, 20: 9.0}
     env = OpenEndedEnv("kitchen", max_attempts=20)
-    folder = result(tmp_path / "open", PlayedSettings.of(env, open_graph("kitchen").split), known=known)
+    played = [
+        PlayedWorld(game=game, known_after=(9 + game,) * 9 + (11,) * 2, repeated=0, **COUNTS) for game in range(2)
+    ]
+    settings = PlayedSettings.of(env, open_graph("kitchen").split, distractor_seeds=2)
+    folder = result(tmp_path / "open", settings, played)
     (row,) = own(printed(*OPEN, "--external-results", folder))
-    assert (figures(row), row["runs"]) == ({"1": 5.5, "10": 7.25, "20": 9.0}, 10)
+    assert (figures(row), row["runs"]) == ({"1": 9.5, "10": 11, "20": 11}, 2)
     other = ",".join(pack.rows[-1].play.base[1:])
     refused(*OPEN, "--base", other, "--external-results", folder, says="expected open-ended mode from")
     refused("reference", "kitchen", "--external-results", folder, says="add --open-ended")
     log = tmp_path / "log.eval"
     log.write_bytes(b"")
     # Logs have their own tests, which need Inspect AI.
-    monkeypatch.setattr(result_reader, "read_inspect_log", {log: read_record(folder / RESULT_FILE, TextResult)}.get)
+    header, played, _ = read_games(folder / GAMES_FILE)
+    monkeypatch.setattr(result_reader, "read_inspect_log", {log: result_of("", header.settings, played)}.get)
     (row,) = own(printed(*OPEN, "--external-results", log))
-    assert (row["kind"], row["source"], figures(row)["10"]) == ("language model", str(log), 7.25)
+    assert (row["kind"], row["source"], figures(row)["1"]) == ("language model", str(log), 9.5)
 
 
 @pytest.mark.parametrize(

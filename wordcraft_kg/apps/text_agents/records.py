@@ -13,7 +13,7 @@ from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskPart
 
 GamesFormat = Literal["wordcraft-kg text games 1"]
-RESULT_FILE, GAMES_FILE = "result.json", "games.jsonl"
+GAMES_FILE = "games.jsonl"
 
 
 class PlayedSettings(Record, frozen=True, kw_only=True):
@@ -120,19 +120,16 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
 
 
 class TextResult(Record, frozen=True, kw_only=True):
-    """A text agent's result (``result.json``): metrics over all games.
+    """A text agent's result: metrics over all games.
 
     Attributes:
-        games_hash: SHA-256 of the ``games.jsonl`` file beside the result; None for results from other files.
         success: mean success on tasks with interval; None in the open-ended world, where ``outcomes`` are empty.
         known: mean number of known entities by attempts; empty for tasks.
     """
 
-    format: Literal["wordcraft-kg text result 1"] = "wordcraft-kg text result 1"
     player: str
     settings: PlayedSettings
     games: Count
-    games_hash: Hash | None = None
     success: Success | None
     outcomes: dict[TerminationReason, Share]
     known: dict[Count, float]

@@ -10,13 +10,12 @@ import msgspec
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
-    RESULT_FILE,
     GamesFormat,
     PlayedSettings,
     PlayedTask,
     TextResult,
 )
-from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, read_result, result_of
+from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, result_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import counted
@@ -32,15 +31,16 @@ def _is_log(path: Path) -> bool:
     return path.is_file() and path.suffix in _LOGS
 
 
+def _games_file(path: Path) -> Path:
+    return path / GAMES_FILE if path.is_dir() else path
+
+
 def _knows(path: Path) -> bool:
-    return (path / RESULT_FILE).is_file() or _is_log(path) or begins_with(path, *get_args(GamesFormat))
+    return _is_log(path) or begins_with(_games_file(path), *get_args(GamesFormat))
 
 
 def _result(path: Path, opened: OpenedGraph) -> TextResult:
-    if (path / RESULT_FILE).is_file():
-        result = read_result(path)
-    else:
-        result = read_inspect_log(path) if _is_log(path) else read_games_result(path, opened)
+    result = read_inspect_log(path) if _is_log(path) else read_games_result(_games_file(path), opened)
     if result.settings.track is not None:
         raise ConfigError(
             f"--external-results: '{path}' has the games of {result.settings.track}, not all tasks; see `bench run`."
@@ -50,7 +50,7 @@ def _result(path: Path, opened: OpenedGraph) -> TextResult:
 
 
 def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
-    """Read the result from a games file that the command ``wordcraft-kg mcp --out`` wrote.
+    """Read the result from a games file of the commands ``evaluate-text`` and ``mcp``.
 
     If a task was played several times, the first game counts. A task that was not played is a ConfigError, because the
     other tasks may be easier.
@@ -135,7 +135,6 @@ def _row(
         f"{counted(result.lost_attempts, 'attempt')} lost by invalid actions" if result.lost_attempts else "",
         f"its scorer {SEEN}" if settings.kg == "full" else "",
         "look-ups in other games name the recipes of the task" if is_remembered else "",
-        f"{GAMES_FILE} is missing" if (path / RESULT_FILE).is_file() and not (path / GAMES_FILE).is_file() else "",
     )
     look_ups = {"knowledge": settings.knowledge, "look-ups a game": str(settings.look_ups)}
     return ReferenceRow(
@@ -152,7 +151,7 @@ def _row(
 
 
 READER = ResultReader(
-    "an 'evaluate-text' result, an 'mcp --out' file, or an Inspect AI log (.eval, .json)",
+    "a folder of 'evaluate-text', an 'mcp --out' file, or an Inspect AI log (.eval, .json)",
     _knows,
     _task_rows,
     _open_rows,

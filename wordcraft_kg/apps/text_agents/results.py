@@ -16,17 +16,16 @@ from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, conve
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame, TaskGames
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
-    RESULT_FILE,
     GamesHeader,
     PlayedSettings,
     PlayedTask,
     PlayedWorld,
     TextResult,
 )
-from wordcraft_kg.base.artefacts import dump_json, read_large_file, sha256_of, write_atomically
+from wordcraft_kg.base.artefacts import read_large_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
-from wordcraft_kg.base.records import as_lines, as_values, parse_lines, parse_record, read_record
+from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
@@ -139,26 +138,12 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
     return header, parse_lines(rest, kind, f"{path} (after line 1)"), torn
 
 
-def read_result(folder: Path) -> TextResult:
-    """Read a text agent's metrics from an output folder; ArtefactError unless its games give the same metrics."""
-    result, path = read_record(folder / RESULT_FILE, TextResult), folder / GAMES_FILE
-    if path.is_file():
-        header, played, _ = read_games(path)
-        try:
-            expected = result_of(header.player, header.settings, played)
-        except ValueError as error:
-            raise ArtefactError(f"{path} was edited: {error}. Restore a copy.") from None
-        if result != msgspec.structs.replace(expected, games_hash=sha256_of(path)):
-            raise ArtefactError(f"'{folder}': {RESULT_FILE} is not the result of {GAMES_FILE}. Restore a copy.")
-    return result
-
-
 _HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
 _Speaker = Callable[[Conversation], Callable[[str], str]]
 
 
 def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResult:
-    """Evaluate a player in all games, and write games and result to a folder; continue an interrupted evaluation.
+    """Evaluate a player in all games, and write the games to a folder; continue an interrupted evaluation.
 
     ``speak`` maps a conversation to the function that answers the prompts. Damaged or changed games, or a folder in use
     by another process, are an ArtefactError; for other players or settings see :func:`open_games`.
@@ -181,17 +166,11 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
                     "Remove the line."
                 )
             del missing[key]
-        if (kept := folder / RESULT_FILE).is_file() and read_record(kept, TextResult).games_hash != sha256_of(path):
-            raise ArtefactError(
-                f"{path} was changed after {RESULT_FILE} was written. Restore a copy, or play again with --force."
-            )
         for task, distractor_seed in steps("playing", missing):
             talk = play.begin(task, distractor_seed)
             played.append(record_of(talk, converse(talk, speak(talk)), distractor_seed))
             append_game(path, played[-1])
-        result = msgspec.structs.replace(result_of(player, settings, played), games_hash=sha256_of(path))
-        write_atomically(folder / RESULT_FILE, dump_json(as_values(result)))
-    return result
+    return result_of(player, settings, played)
 
 
 def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:

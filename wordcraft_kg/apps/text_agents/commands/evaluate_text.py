@@ -48,7 +48,7 @@ def evaluate_text(
         settings: the games.
         timeout: seconds for an answer.
         name: player's name in results. Default: script or program name.
-        out: folder for games and result. Default: text-agents/<name>.
+        out: folder for the games. Default: text-agents/<name>.
         force: delete the games in the folder and start again.
     """
     from wordcraft_kg.apps.text_agents.conversation import Play
@@ -72,7 +72,7 @@ def evaluate_text(
 
 
 def _prepare(folder: Path, force: bool) -> None:
-    from wordcraft_kg.apps.text_agents.records import GAMES_FILE, RESULT_FILE
+    from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.runs.folder import locked
 
     if folder.exists() and not folder.is_dir():
@@ -81,8 +81,7 @@ def _prepare(folder: Path, force: bool) -> None:
         raise OutputExistsError(f"'{folder}' exists without {GAMES_FILE}; nothing was changed. Choose another --out.")
     if force and folder.is_dir():
         with locked(folder, "written"):
-            for name in (RESULT_FILE, GAMES_FILE):
-                (folder / name).unlink(missing_ok=True)
+            (folder / GAMES_FILE).unlink(missing_ok=True)
 
 
 def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:

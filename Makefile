@@ -98,6 +98,8 @@ site: install
 		--out build/explorer/guided --force
 	$(BIN)/wordcraft-kg explore build/explorer/everyday --model build/explorer/everyday-recipes --model build/explorer/everyday-complex \
 		--run build/explorer/guided --run build/explorer/no-kg --export site/everyday --force
+	$(BIN)/wordcraft-kg explain build/explorer/guided --episodes 60 --json > build/explorer/explained.json
+	$(BIN)/python docs/make_play.py build/explorer/explained.json build/explorer/everyday site/play/tasks.js
 
 clean:
 	rm -rf $(DEMO) build site dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

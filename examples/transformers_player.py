@@ -19,6 +19,8 @@ from transformers import AutoModelForCausalLM, AutoTokenizer, DynamicCache
 from transformers.utils import logging
 
 Message = dict[str, str]
+ANSWERS = 200
+"""Answers in a forward pass."""
 
 
 class Reader:
@@ -63,24 +65,26 @@ class Reader:
         self.ids, self.next = ids, logits[0, -1].log_softmax(-1)
 
     def log_probs(self, texts: list[list[int]]) -> list[float]:
-        """Return the log-probability of each text (tokens) as the continuation, all in one forward pass."""
-        fed = [(number, place, token) for number, text in enumerate(texts) for place, token in enumerate(text[:-1])]
-        number, place, tokens = torch.tensor(fed).T
-        seen = (number[:, None] == number) & (place[:, None] >= place)
-        seen = torch.cat([torch.ones(len(fed), len(self.ids), dtype=torch.bool), seen], 1)
+        """Return the log-probability of each text (tokens) as the continuation: one forward pass over a tree of texts.
+
+        Equal beginnings are read once, and a token sees only its own beginning.
+        """
+        begun = list(dict.fromkeys(tuple(text[:size]) for text in texts for size in range(1, len(text))))
+        row = {beginning: number for number, beginning in enumerate(begun, 1)} | {(): 0}
+        unseen = torch.full((len(begun), len(self.ids) + len(begun)), -torch.inf)
+        unseen[:, : len(self.ids)] = 0
+        for beginning in begun:
+            before = [len(self.ids) + row[beginning[:size]] - 1 for size in range(1, len(beginning) + 1)]
+            unseen[row[beginning] - 1, before] = 0
         logits = self.model(
-            input_ids=tokens[None],
-            attention_mask=torch.zeros(seen.shape).masked_fill(~seen, -torch.inf)[None, None],
-            position_ids=len(self.ids) + place[None],
+            input_ids=torch.tensor([[beginning[-1] for beginning in begun]]),
+            attention_mask=unseen[None, None],
+            position_ids=torch.tensor([[len(self.ids) + len(beginning) - 1 for beginning in begun]]),
             past_key_values=self.cache,
         ).logits[0]
-        self.cache.crop(-len(fed))
-        rows, start, sums = torch.cat([self.next[None], logits.log_softmax(-1)]), 1, []
-        for text in texts:
-            before = [0, *range(start, start + len(text) - 1)]
-            sums.append(float(rows[before, text].sum()))
-            start += len(text) - 1
-        return sums
+        self.cache.crop(-len(begun))
+        rows = torch.cat([self.next[None], logits.log_softmax(-1)])
+        return [float(rows[[row[tuple(text[:size])] for size in range(len(text))], text].sum()) for text in texts]
 
 
 def by_generation(reader: Reader, prompt: list[int], most: int) -> str:
@@ -97,22 +101,22 @@ def by_generation(reader: Reader, prompt: list[int], most: int) -> str:
 def by_probabilities(reader: Reader, prompt: list[int], items: list[str], tried: set[frozenset[str]]) -> str:
     """Return the most probable answer "first + second" whose pair was not tried.
 
-    No answer is more probable than its first half, so the search may end before it has read all halves.
+    No answer is more probable than its first half, so the search may end before it has read all answers.
     """
-    halves = [reader.tokens(f"{item} +") for item in items]
     reader.read(prompt)
-    best, answer = -torch.inf, ""
-    for score, place in sorted(zip(reader.log_probs(halves), range(len(items)), strict=True), reverse=True):
-        first, seconds = items[place], [item for item in items if frozenset((items[place], item)) not in tried]
-        if score <= best:
+    halves = reader.log_probs([reader.tokens(f"{item} +") for item in items])
+    order = sorted(zip(halves, items, strict=True), reverse=True)
+    best, chosen = -torch.inf, ""
+    some = max(1, ANSWERS // len(items))
+    for start in range(0, len(order), some):
+        if order[start][0] <= best:
             break
-        if seconds:
-            reader.read(prompt + halves[place])
-            scores = reader.log_probs([[*reader.tokens(f" {second}"), reader.end] for second in seconds])
-            more, second = max(zip(scores, seconds, strict=True))
-            best, answer = max((best, answer), (score + more, f"{first} + {second}"))
-    tried.add(frozenset(answer.split(" + ")))
-    return answer
+        firsts = [first for _, first in order[start : start + some]]
+        answers = [f"{one} + {other}" for one in firsts for other in items if frozenset((one, other)) not in tried]
+        scores = reader.log_probs([[*reader.tokens(answer), reader.end] for answer in answers])
+        best, chosen = max((best, chosen), *zip(scores, answers, strict=True))
+    tried.add(frozenset(chosen.split(" + ")))
+    return chosen
 
 
 @torch.inference_mode()

@@ -65,6 +65,7 @@ LIGHT = {
     "import wordcraft_kg.models": {"torch", "pykeen"},
     "import gymnasium as gym; gym.make('WordCraft-v0', graph='kitchen').reset()": {"torch", "pykeen"},
     VECTOR: {"torch", "pykeen"},
+    "from wordcraft_kg.apps.text_agents.benchmark_players import KINDS; list(KINDS)": {"torch"},
     "from wordcraft_kg.models.scorers.features import make_features as m; m('glove', ['sea'])": {"torch"},
 }
 """Steps of one process, and what is not imported after each."""

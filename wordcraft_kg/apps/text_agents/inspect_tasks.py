@@ -215,7 +215,7 @@ def discovery_figures() -> Metric:
             return {}
         about = scores[0].sample_metadata or {}
         played = [_played(one, PlayedWorld) for one in scores]
-        known = mean_known(played, about["attempts"], about["known_at_start"])
+        known = mean_known([(about["known_at_start"], *one.known_after) for one in played], about["attempts"])
         return {
             **{f"known_{attempts}": value for attempts, value in known.items()},
             "stderr": float(stderr()(scores)),  # type: ignore[arg-type]

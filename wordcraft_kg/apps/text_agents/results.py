@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from wordcraft_kg.agents.discovery import MARKS
+from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play, converse
 from wordcraft_kg.apps.text_agents.games import DiscoveryGame, TaskGame, TaskGames
@@ -102,20 +102,20 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
     )
 
 
-def mean_known(played: Sequence[PlayedWorld], attempts: int, base: int) -> dict[int, float]:
-    """Return the mean number of known entities by number of attempts; all games start with ``base`` known entities.
+def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, float]:
+    """Return the mean number of known entities by number of attempts.
 
-    Games that ended early keep the last number.
+    ``curves`` are the known entities at the start of each game and after each attempt; games that ended early keep the
+    last number.
     """
-    marks = sorted({mark for mark in (*MARKS, attempts) if mark <= attempts})
-    after = {mark: [(base, *one.known_after[:mark])[-1] for one in played] for mark in marks}
-    return {mark: float(np.mean(known)) for mark, known in after.items()}
+    marks = sorted({attempts, *(mark for mark in (*MARKS, *LATER_MARKS) if mark < attempts)})
+    return {mark: float(np.mean([curve[: mark + 1][-1] for curve in curves])) for mark in marks}
 
 
 def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]) -> TextResult:
     """Return a player's result: metrics and counts over all recorded games."""
     counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
-    worlds = [one for one in played if isinstance(one, PlayedWorld)]
+    curves = [(len(settings.base), *one.known_after) for one in played if isinstance(one, PlayedWorld)]
     tasks = [one for one in played if isinstance(one, PlayedTask)]
     evaluation = None if settings.is_open_ended else evaluation_of(tasks)
     return TextResult(
@@ -124,7 +124,7 @@ def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask
         games=len(played),
         success=evaluation.figures() if evaluation else None,
         outcomes=evaluation.shares() if evaluation else {},
-        known={} if evaluation else mean_known(worlds, settings.attempts, len(settings.base)),
+        known={} if evaluation else mean_known(curves, settings.attempts),
         **counts,
     )
 

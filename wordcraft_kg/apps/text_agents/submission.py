@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from wordcraft_kg.agents.discovery import LATER_MARKS, MARKS
 from wordcraft_kg.apps.text_agents.benchmark import Track, open_track, read_manifest
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import Pair, TaskGame
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base.artefacts import dump_json, read_small_file, sha256_of, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, EpisodeError
@@ -182,10 +182,10 @@ def figures_of(track: Track, lines: Sequence[GameLine]) -> Figures:
     known: dict[int, float] = {}
     by_plan = None
     if track.is_open_ended:
-        base, last = len(track.frozen.orders[0]), track.frozen.attempts
-        for mark in sorted({last, *(mark for mark in (*MARKS, *LATER_MARKS) if mark < last)}):
-            known[mark] = _rounded(np.mean([base + sum(map(len, line.made[:mark])) for line in lines]))
-        final = [line.known or 0 for line in lines]
+        base = len(track.frozen.orders[0])
+        curves = [np.cumsum([base, *map(len, line.made)]).tolist() for line in lines]
+        known = {mark: _rounded(mean) for mark, mean in mean_known(curves, track.frozen.attempts).items()}
+        final = [curve[-1] for curve in curves]
         mean, interval = float(np.mean(final)), student_interval(final, within=(0, track.opened.graph.num_entities))
     else:
         success = np.array([bool(line.success) for line in lines])

@@ -28,8 +28,9 @@ def single():
     return gym.make("WordCraft-v0", **SETTINGS)
 
 
-def vector(num_envs=5):
-    return gym.make_vec("WordCraft-v0", num_envs=num_envs, vectorization_mode="vector_entry_point", **SETTINGS)
+def vector(num_envs=5, **more):
+    settings = {**SETTINGS, **more}
+    return gym.make_vec("WordCraft-v0", num_envs=num_envs, vectorization_mode="vector_entry_point", **settings)
 
 
 def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets():
@@ -51,6 +52,45 @@ def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets()
     assert ended > 50
     for key, value in begun.items():
         np.testing.assert_array_equal(value, copy[key])
+
+
+def test_without_autoreset_the_caller_begins_the_same_episodes():
+    same, other = vector(), vector(autoreset_mode="Disabled")
+    assert (same.reset(seed=3)[0]["table"] == other.reset(seed=3)[0]["table"]).all()
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        actions = rng.integers(same.single_action_space.n, size=5)
+        seen, rewards, over, _, infos = same.step(actions)
+        shown, paid, ended, _, told = other.step(actions)
+        np.testing.assert_array_equal(over, ended)
+        np.testing.assert_array_equal(rewards, paid)
+        np.testing.assert_array_equal(infos["outcome"], told["outcome"])
+        assert (shown["attempts_left"][ended] == 0).all()
+        if ended.any():
+            with pytest.raises(EpisodeError, match="has ended"):
+                other.step(actions)
+            shown, _ = other.reset(options={"reset_mask": ended})
+        for name, values in seen.items():
+            np.testing.assert_array_equal(values, shown[name])
+
+
+def test_with_next_step_an_ended_environment_ignores_the_action_and_begins():
+    envs, alone = vector(autoreset_mode="NextStep"), vector(1, autoreset_mode="NextStep")
+    seen, _ = envs.reset(seed=3)
+    shown, _ = alone.reset(seed=3)
+    before, rng = np.zeros(5, dtype=bool), np.random.default_rng(0)
+    for _ in range(60):
+        actions = rng.integers(envs.single_action_space.n, size=5)
+        seen, rewards, over, _, infos = envs.step(actions)
+        shown, paid, ended, _, told = alone.step(actions[:1])
+        assert (seen["attempts_left"][before] == 2).all()
+        assert (seen["selection"][before] == envs.world.nothing).all()
+        assert not rewards[before].any()
+        assert not over[before].any()
+        for name, values in shown.items():  # an environment does not depend on the others
+            np.testing.assert_array_equal(values[0], seen[name][0])
+        assert (paid[0], ended[0], told["task"][0]) == (rewards[0], over[0], infos["task"][0])
+        before = over
 
 
 def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_on():

@@ -212,6 +212,10 @@ class BatchEngine:
         begun = self._begun(tables, tasks)
         return State._make((self, keys, Ahead(self._draws, keys, number + 1), 0, *begun, number + 1))
 
+    def begin_where(self, state: State, over: Array) -> State:
+        """Begin the next episode in the environments where ``over``, shape (N,), is True."""
+        return self._begin_where(over, state, state)
+
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
 

@@ -164,7 +164,7 @@ def _learned_from(model: "Model", track: Track, kg: str) -> str:
     """Return a model's training recipes, word vectors and outside knowledge, as its folder records them."""
     book, words = model.opened.graph, getattr(model.metrics, "features", "")
     known = [_TRAINED_ON[kg] if book.hash == track.opened.graph.hash else f"recipes of {book.name}"]
-    known += [f"{Path(words).name} words"] * bool(words)
+    known += [f"{Path(words).name} words"] * (words not in ("", "one-hot"))
     if outside := model.history.facts.get("outside knowledge"):
         known.append(f"outside knowledge: {outside}")
     return ", ".join(known)

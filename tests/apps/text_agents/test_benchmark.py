@@ -166,7 +166,9 @@ def test_declared_weights_are_hashed_before_the_games_and_compared_in_reproducti
     with pytest.raises(ArtefactError, match=r"model.gguf is missing"):
         bench_run("craft-1-lite", player=PROGRAM, out=out, weights=weights)
     weights.write_text("weights")
-    with pytest.raises(ConfigError, match="`weights` are for players by text, and 'random' is none"):
+    with pytest.raises(
+        ConfigError, match=r"`weights`: expected a player by text \(program, inspect, mcp\), but got random"
+    ):
         bench_run("craft-1-lite", player="random", out=out, weights=weights)
     assert not out.exists()
     bench_run("craft-1-lite", player=PROGRAM, out=out, weights=weights)
@@ -303,7 +305,7 @@ def test_players_and_tracks_that_do_not_fit_are_refused(submitted, tmp_path):
     ):
         with pytest.raises(ConfigError, match=reason):
             enter(open_track(track), player, settings)
-    with pytest.raises(ConfigError, match="are for players by text"):
+    with pytest.raises(ConfigError, match="expected a player by text"):
         enter(open_track("craft-8-lite"), "random", RunSettings(tmp_path, "partial"))
     with pytest.raises(ArtefactError, match=r"prompts.txt is missing"):
         bench_run("craft-8-lite", player="random", out=tmp_path / "out", prompts=tmp_path / "prompts.txt")

@@ -269,7 +269,9 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
     if bool(argument) != bool(kind.argument):
         raise ConfigError(f"`player` '{player[:100]}': expected {name}{':' * bool(kind.argument)}{kind.argument}.")
     if name not in TEXT_PLAYERS and (settings.look_ups != "none" or settings.weights):
-        raise ConfigError(f"`look_ups` and `weights` are for players by text, and '{name}' is none; leave them out.")
+        raise ConfigError(
+            f"`look_ups` or `weights`: expected a player by text ({', '.join(TEXT_PLAYERS)}), but got {name}."
+        )
     if not settings.weights:
         return name, kind.enter(track, argument, settings)
     check_file(settings.weights)

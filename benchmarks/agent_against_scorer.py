@@ -5,8 +5,8 @@
 
 The agent of each run in the results folder plays all test tasks on 5 tables each, and so does w alone, the pair with
 the highest recipe score. Prints a row for each book, split kind and number of distractors: means over runs, then over
-splits, with Student's t over splits. For other books change ``book`` in the study; ``reached_first`` in small_books.py
-shows how a large book is cut.
+splits, with Student's t over splits. For other books change ``book`` in the study, and ``scorer_cost`` for small ones;
+``reached_first`` in small_books.py shows how a large book is cut.
 """
 
 import argparse

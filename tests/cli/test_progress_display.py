@@ -142,7 +142,7 @@ def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
         (["check-book", "kitchen"], ["checking the book"]),
         (["tasks", "kitchen", "--depth", "2"], ["finding tasks"]),
         (["discover", "kitchen", "--runs", "2", "--attempts", "5"], ["playing random: 1 of 2", "playing greedy"]),
-        (["evaluate-agent", "kitchen", "--distractor-seeds", "2"], ["playing recipe oracle, 8 distractors: 1 of 2"]),
+        (["evaluate-agent", "kitchen"], ["playing recipe oracle, 8 distractors, table 5 of 5, action: 1 of 2"]),
     ],
     ids=lambda value: value[0],
 )

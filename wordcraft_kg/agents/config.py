@@ -74,7 +74,8 @@ class ImpalaConfig:
         entropy_cost: entropy weight; 0.01 in the paper.
         baseline_cost: value loss weight; 0.5 in the paper's released code.
         scorer_cost: weight of the divergence from the softmax of w, the policy of the scorer alone, which limits
-            attention that remembers train tasks; only with w, and at depth 1, where w is the probability of success.
+            attention that remembers train tasks (3 for small books split by goal); only with w, and at depth 1, where
+            w is the probability of success.
         clip: maximum gradient norm; 40 in the paper's released code.
         seed: root seed for initialisation, environments and actions.
         device: torch device for environments, actor and learner: cpu or cuda.

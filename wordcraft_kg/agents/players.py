@@ -269,9 +269,12 @@ def play_all(
         for name, player in players.items():
             success, by_plan = (np.zeros((len(tasks), distractor_seeds), dtype=bool) for _ in range(2))
             rng = np.random.default_rng([seed, amount])
-            for distractor_seed in steps(f"playing {name}, {counted(amount, 'distractor')}", range(distractor_seeds)):
+            for distractor_seed in range(distractor_seeds):
                 state = engine.pose(tasks, distractor_seed, seed=seed)
-                while (state.attempts_left > 0).any():
+                table = f"{counted(amount, 'distractor')}, table {distractor_seed + 1} of {distractor_seeds}"
+                for _ in steps(f"playing {name}, {table}, action", range(2 * int(state.attempts_left.max()))):
+                    if not (state.attempts_left > 0).any():
+                        break
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan

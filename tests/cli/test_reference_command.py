@@ -117,6 +117,7 @@ def test_open_ended_play_stands_beside_people_and_language_models(printed, run, 
     people = next(line for line in text.splitlines() if "people, Little Alchemy 2" in line)
     assert people.split()[-5:] == ["5", "9.95", "14.05", "23.47", "35.96"]
     assert "192 new combinations after 500 attempts" in text
+    assert "o1 [5], language model: 177 entities known after 500 attempts\n" in text  # no column is at 500
     assert "Success" not in text
 
 

@@ -103,14 +103,15 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     titles = ["", ""]
     for column in view.columns:
         titles += [counted(column, unit), "own"] if has_own else [counted(column, unit)]
-    cells = ((name(row), row.kind, *figures(row)) for row in everything if row.fits(view.measure))
+    cells = ((name(row), row.kind, *figures(row)) for row in everything if row.fits(view.measure, view.columns))
     lines = iter(aligned([titles, *cells]))
     yield f"{graph.name} {graph.hash[:12]}, split {graph.kind} {graph.split[:12]}: {_played(view.play)}"
     yield f"  {next(lines)}"
     for title, rows in ((OURS, view.rows), (THEIRS, view.literature)):
         yield from ("", title)
         for row in rows:
-            yield f"  {next(lines) if row.fits(view.measure) else f'{name(row)}, {row.kind}: {row.in_words}'}"
+            fits = row.fits(view.measure, view.columns)
+            yield f"  {next(lines) if fits else f'{name(row)}, {row.kind}: {row.in_words}'}"
     yield ""
     yield from (f"[{number}] {note}" for number, note in enumerate(notes, 1))
     if has_own:

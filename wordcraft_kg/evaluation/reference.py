@@ -134,9 +134,10 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
             return ", ".join(f"{shown} with {counted(column, 'distractor')}" for column, shown in figures.items())
         return ", ".join(f"{shown} {self.measure} after {counted(at, 'attempt')}" for at, shown in figures.items())
 
-    def fits(self, measure: Measure) -> bool:
-        """Return whether the results fit the columns of a table for ``measure``; success in the literature does not."""
-        return self.measure == measure and (self.origin != "literature" or measure != "success")
+    def fits(self, measure: Measure, columns: Sequence[int]) -> bool:
+        """Return whether a table of ``measure`` with these columns shows a result; published success never fits."""
+        is_comparable = self.measure == measure and (self.origin != "literature" or measure != "success")
+        return is_comparable and any(map(self.shown, columns))
 
     @property
     def remark(self) -> str:

@@ -146,7 +146,7 @@ class SlowImpala:
             baseline = baseline + 0.5 * (vs[t, b] - value) ** 2
             entropy = entropy - sum(log_prob.exp() * log_prob for log_prob in log_probs.values())
         loss = pg_loss + config.baseline_cost * baseline - config.entropy_cost * entropy
-        loss = loss + config.scorer_cost * divergence
+        loss = loss + (3.0 if config.scorer_cost is None else config.scorer_cost) * divergence  # kitchen is small
         gradients = torch.autograd.grad(loss, list(self.policy.parameters()))
         norm = math.sqrt(sum((gradient**2).sum().item() for gradient in gradients))
         gradients = [gradient * min(1, config.clip / norm) for gradient in gradients]

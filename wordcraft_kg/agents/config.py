@@ -74,8 +74,8 @@ class ImpalaConfig:
         entropy_cost: entropy weight; 0.01 in the paper.
         baseline_cost: value loss weight; 0.5 in the paper's released code.
         scorer_cost: weight of the divergence from the softmax of w, the policy of the scorer alone, which limits
-            attention that remembers train tasks (3 for small books split by goal); only with w, and at depth 1, where
-            w is the probability of success.
+            attention that remembers train tasks; only with w, and at depth 1, where w is the probability of success.
+            Default: 0.3, or 3 with fewer than 1,000 train tasks.
         clip: maximum gradient norm; 40 in the paper's released code.
         seed: root seed for initialisation, environments and actions.
         device: torch device for environments, actor and learner: cpu or cuda.
@@ -101,7 +101,7 @@ class ImpalaConfig:
     momentum: float = 0.0
     entropy_cost: float = 0.01
     baseline_cost: float = 0.5
-    scorer_cost: float = 0.3
+    scorer_cost: float | None = None
     clip: float = 40.0
     seed: int = 0
     device: str = "cpu"
@@ -122,7 +122,7 @@ class ImpalaConfig:
             whole(name, getattr(self, name), 0)
         for name in ("learning_rate", "rms_epsilon", "clip"):
             number_in(name, getattr(self, name), SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
-        for name in ("entropy_cost", "baseline_cost", "scorer_cost"):
+        for name in ("entropy_cost", "baseline_cost", *(["scorer_cost"] if self.scorer_cost is not None else [])):
             number_in(name, getattr(self, name), 0, _LARGE, f"0 or more, at most {_LARGE:g}")
         for name in ("discount", "rms_decay", "momentum"):
             number_in(name, getattr(self, name), 0, 1, "0 to 1")

@@ -69,6 +69,10 @@ class Impala:
         self.device = torch.device(config.device)
         policy.to(self.device)
         self.update_number = 0
+        cost = config.scorer_cost
+        if cost is None:  # attention sees each of a few tasks more often, and remembers it
+            cost = 3.0 if len(envs.world.tasks) < 1_000 else 0.3
+        self._scorer_cost = cost if W.name in policy.sources and envs.world.config.depth == 1 else 0.0
         self._parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         # The parameters are views of a flat tensor, so that an optimiser step takes a few calls, not hundreds.
         self._flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters]))
@@ -277,11 +281,11 @@ class Impala:
         of_baseline = baseline_loss(values[:time], targets.vs)
         spread = entropy(log_policies)
         loss = of_policy + config.baseline_cost * of_baseline - config.entropy_cost * spread
-        if config.scorer_cost and W.name in self.policy.sources and self.envs.world.config.depth == 1:
+        if self._scorer_cost:
             assert external_scores is not None
             scores = external_scores[:acted, list(self.policy.sources).index(W.name)]
             alone = log_policy(scores.masked_fill(output.logits[:acted] == -torch.inf, -torch.inf))
-            loss = loss + config.scorer_cost * divergence(log_policies, alone)
+            loss = loss + self._scorer_cost * divergence(log_policies, alone)
         lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
         return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 

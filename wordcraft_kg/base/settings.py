@@ -54,6 +54,12 @@ def number_in(name: str, value: Any, low: float, high: float, expected: str) -> 
         raise refuse(name, value, expected)
 
 
+def one_line(name: str, text: str, most: int = 500) -> None:
+    """Raise a :class:`ConfigError` unless a text has 1 to ``most`` characters on one line, as for a table."""
+    if not text.strip() or not text.isprintable() or len(text) > most:
+        raise refuse(name, text[:100], f"1 to {most} characters on one line")
+
+
 def positive(name: str, value: Any) -> float:
     """Return a setting with a positive number that a 32-bit float can hold, or raise a :class:`ConfigError`."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not SMALLEST <= value < LARGEST:

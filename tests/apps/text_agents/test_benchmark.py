@@ -33,7 +33,7 @@ from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema, verify
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, PlayerError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
@@ -178,6 +178,31 @@ def test_declared_weights_are_hashed_before_the_games_and_compared_in_reproducti
     assert "'weights' is {'model.gguf'" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"player": "A language model"},
+        {"training_data": "no recipe of this book"},
+        {"licence": "MIT"},
+        {"prompts": "standard", "prompt_hash": prompt_hash()},
+        {"prompts": "custom", "prompt_hash": OTHER},
+        {"tokens": {"input": 1}},
+    ],
+)
+def test_other_facts_about_a_player_that_plays_here_are_replayed_but_not_reproduced(copied, values):
+    folder = copied()
+    edit(folder, **values)
+    with pytest.raises(ArtefactError, match="but the given player has"):
+        reproduce(folder, verify(folder), "votes")
+
+
+def test_a_record_of_games_cannot_reproduce_them(copied):
+    folder = copied()
+    edit(folder, kind="mcp")
+    with pytest.raises(ConfigError, match="expected a player that plays here"):
+        reproduce(folder, verify(folder), "mcp:games.jsonl")
+
+
 def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
     folder = submitted()
     with pytest.raises(ArtefactError, match="'kind' is votes, but the given player has random"):
@@ -205,6 +230,7 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"price": float("nan")}, "submission.json is damaged"),
         ({"price": -1.0}, r"Expected `float` >= 0.0|'float' >= 0.0"),
         ({"notes": ""}, "unknown field"),
+        ({"player": "a\n\n## b"}, "player.*expected 1 to 500 characters on one line"),
     ],
 )
 def test_a_submission_that_the_benchmark_contradicts_is_refused(copied, values, reason):
@@ -280,6 +306,7 @@ def test_every_mutation_of_the_games_is_refused(copied, track, amount):
     original = path.read_bytes()
     for _ in range(amount):
         path.write_bytes(changed := mutated(rng, original))
+        seal(folder)  # else the hash of the games alone refuses all
         assert changed != original
         with pytest.raises(ArtefactError):
             verify(folder)
@@ -311,6 +338,38 @@ def test_players_and_tracks_that_do_not_fit_are_refused(submitted, tmp_path):
         bench_run("craft-8-lite", player="random", out=tmp_path / "out", prompts=tmp_path / "prompts.txt")
     with pytest.raises(OutputExistsError, match="exists"):
         bench_run("craft-8-lite", player="votes", out=submitted())
+
+
+@pytest.mark.parametrize(
+    ("files", "force", "reason"),
+    [
+        (["games.jsonl", "messages/mail"], False, "does not look like an output"),
+        (["messages/games.jsonl"], False, "does not look like an output"),
+        (["run.json", "messages/mail"], True, "not a submission"),
+        (["submission.json", "messages/mail"], True, "expected one of random"),
+    ],
+)
+def test_no_other_file_is_changed(tmp_path, files, force, reason):
+    (tmp_path / "messages").mkdir()
+    for name in files:
+        (tmp_path / name).write_text("mine")
+    with pytest.raises((ConfigError, OutputExistsError), match=reason):
+        bench_run("craft-8-lite", player="unknown", out=tmp_path, force=force)
+    assert all((tmp_path / name).read_text() == "mine" for name in files)
+
+
+def test_a_forced_run_that_stopped_continues_without_force(submitted, tmp_path):
+    out, three = tmp_path / "out", FIRST_TWO.replace("sys.stdin", "(sys.stdin.readline() for _ in range(3))")
+    player, stops = (f"program:{PYTHON} -c {shlex.quote(code)}" for code in (FIRST_TWO, three))
+    bench_run("craft-8-lite", player=player, out=out)
+    with pytest.raises(PlayerError, match="repeat the command without --force"):
+        bench_run("craft-8-lite", player=stops, out=out, force=True)
+    assert not (out / "submission.json").exists()
+    kept = (out / "messages" / "games.jsonl").read_bytes()
+    assert kept.count(b"\n") > 1
+    bench_run("craft-8-lite", player=player, out=out)
+    assert (out / "messages" / "games.jsonl").read_bytes().startswith(kept)
+    assert verify(out) == verify(submitted(player=PROGRAM))
 
 
 @pytest.fixture
@@ -346,7 +405,8 @@ def test_models_and_agents_play_as_in_the_evaluation_and_only_their_weights_repr
         assert success == evaluate(expected).success[:, 0].tolist()
         assert bench_verify(folder, player=player) == 0
         record = edit(folder, weights=dict.fromkeys(verify(folder).weights, OTHER))
-        assert re.fullmatch(learned, record["training_data"])
+        assert re.match(learned, record["training_data"])
+        assert record["training_data"].endswith("glove words") or "agent" not in player  # the policy has words too
         assert bench_verify(folder, player=player) == 1
         assert "'weights' is" in capsys.readouterr().out
         other_split = replace(kitchen_track, opened=open_graph("kitchen", SplitConfig("by-goal")))

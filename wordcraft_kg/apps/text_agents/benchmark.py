@@ -203,13 +203,5 @@ def task_set(graph: RecipeGraph, depth: int, tasks: Sequence[FrozenTask]) -> Tas
 
     starts = [sorted(set[int]().union(*map(needed, task.plans))) for task in tasks]
     goals = np.array([recipes[task.plans[0][-1]][2] for task in tasks])
-    return TaskSet(
-        graph,
-        depth,
-        "test",
-        goals,
-        padded(starts, graph.num_entities, depth + 1),
-        tuple(task.plans for task in tasks),
-        False,
-        0,
-    )
+    table, plans = padded(starts, graph.num_entities, depth + 1), tuple(task.plans for task in tasks)
+    return TaskSet(graph, depth, "test", goals, table, plans, False, 0)

@@ -3,6 +3,7 @@
 A kind plays all games of a track, and returns the decisions with facts about the player.
 """
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,7 +21,7 @@ from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE, PlayedSettings, PlayedTask, PlayedWorld
 from wordcraft_kg.apps.text_agents.results import play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
-from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
+from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Played, Submission, replay
 from wordcraft_kg.base.artefacts import check_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_lines
@@ -55,12 +56,13 @@ _OWN_LICENCE = "Apache-2.0"
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Settings for text players: folder for messages, look-ups, seconds for an answer, and file with the weights."""
+    """Settings for text players: folder for messages, look-ups, seconds for an answer, weights, and a new beginning."""
 
     messages: Path
     look_ups: LookUps = "none"
     timeout: float = TIMEOUT
     weights: Path | None = None
+    restart: bool = False
 
 
 @dataclass(frozen=True)
@@ -188,6 +190,8 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
         if model.run.outputs[WEIGHTS] != agent.run.inputs["scorer"]:
             raise ArtefactError(f"'{agent.config.scorer}' is not the scorer of '{argument}'. Restore a copy.")
         knows = _learned_from(model, track, kg)
+    words = f", {Path(agent.config.policy.features).name} words"
+    knows += words * (words not in knows and agent.config.policy.features not in ("learned", "one-hot", "random"))
     return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
 
 
@@ -202,6 +206,9 @@ def _check_split(folder: str, split: str, track: Track) -> None:
 def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     play = track.play(settings.look_ups)
     with LinePlayer(argument, timeout=settings.timeout) as program:
+        if settings.restart:
+            (settings.messages.parent / SUBMISSION_FILE).unlink(missing_ok=True)  # else no game could be continued
+            shutil.rmtree(settings.messages, ignore_errors=True)
         play_all(program.name, program.speaker, play, settings.messages)
     played = read_games(settings.messages / GAMES_FILE)[1]
     return _recorded(track, settings, program.name, play.settings, played)
@@ -282,12 +289,24 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
 def reproduce(
     folder: Path, submission: Submission, player: str, timeout: float = TIMEOUT, weights: Path | None = None
 ) -> None:
-    """Let the player of a verified submission play again; an ArtefactError unless kind, weights and games are equal."""
+    """Let the player of a verified submission play again.
+
+    An ArtefactError unless the games and all facts that the player itself gives are equal; a ConfigError for a record.
+    """
+    if player.partition(":")[0] in ("inspect", "mcp"):
+        raise ConfigError("expected a player that plays here; a record of games (inspect, mcp) cannot play.")
     track = open_track(submission.track)
     with TemporaryDirectory() as messages:
         kind, entrant = enter(track, player, RunSettings(Path(messages), submission.knowledge, timeout, weights))
     path, play = folder / GAMES_FILE, track.play(submission.knowledge)
-    for name, value in (("kind", kind), ("weights", dict(entrant.weights))):
+    facts: dict[str, Any] = {"kind": kind, "weights": dict(entrant.weights)}
+    if entrant.training_data != Entrant.training_data:
+        facts["training_data"] = entrant.training_data
+    if not KINDS[kind].argument:
+        facts |= {"player": entrant.name, "licence": entrant.licence, "tokens": None, "price": None}
+    if entrant.prompt_hash is None or submission.prompts != "custom":
+        facts["prompt_hash"] = entrant.prompt_hash
+    for name, value in facts.items():
         if (given := getattr(submission, name)) != value:
             raise ArtefactError(f"{folder}: '{name}' is {given}, but the given player has {value}. Play as before.")
     lines = path.read_bytes().splitlines(keepends=True)

@@ -69,4 +69,4 @@ def _cells(submission: Submission, mark: str) -> Iterator[str]:
 
 
 def _row(cells: Iterator[str] | Sequence[str]) -> str:
-    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
+    return f"| {' | '.join(cell.replace('|', '/').replace('<', '&lt;') for cell in cells)} |"

@@ -21,6 +21,7 @@ from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base.artefacts import dump_json, read_small_file, sha256_of, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, EpisodeError
 from wordcraft_kg.base.records import Count, Hash, Record, Share, as_lines, as_values, parse_record, schema_of
+from wordcraft_kg.base.settings import one_line
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
 from wordcraft_kg.base.wording import counted
 
@@ -139,7 +140,7 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
         else:
             for label in pair:
                 if label not in before:
-                    raise EpisodeError(f"attempt {attempt} combines '{label}', which is not on the table")
+                    raise EpisodeError(f"attempt {attempt} combines '{label[:100]}', which is not on the table")
             game.combine(*map(before.index, pair))
         made.append(game.labels[len(before) :])
     _check_counts(play, played)
@@ -163,10 +164,8 @@ def _check_counts(play: Play, played: Played) -> None:
         raise EpisodeError(f"the game has {counted(played.look_ups, 'look-up')}; expected at most {most}")
     lost, each = list(played.pairs).count(None), play.settings.max_invalid + 1
     if played.invalid_actions < lost * each:
-        raise EpisodeError(
-            f"{counted(lost, 'attempt')} were lost with {counted(played.invalid_actions, 'invalid answer')}; "
-            f"expected {each} or more for each lost attempt"
-        )
+        few = counted(played.invalid_actions, "invalid answer")
+        raise EpisodeError(f"{counted(lost, 'attempt')} were lost with {few}; expected {each} or more for each")
 
 
 def figures_text(submission: Submission) -> str:
@@ -261,24 +260,19 @@ def verify(folder: Path) -> Submission:
     for name, value in {**_totals(track, lines), "games_hash": sha256_of(folder / GAMES_FILE)}.items():
         if (given := getattr(submission, name)) != value:
             raise _refused(path, name, *(json.dumps(as_values(each)) for each in (given, value)))
-    try:
-        is_canonical = dump_json(as_values(submission)).encode() == data
-    except ValueError:
-        is_canonical = False
-    if not is_canonical:
+    if dump_json(as_values(submission)).encode() != data:
         raise ArtefactError(f"{path} was edited: expected the form in which `bench run` writes it.")
     return submission
 
 
 def _check_versions(path: Path, submission: Submission) -> None:
     manifest, manifest_hash = read_manifest()
-    for name, value in (
-        ("benchmark", manifest.name),
-        ("benchmark_hash", manifest_hash),
-        ("scoring", manifest.scoring),
-    ):
+    versions = {"benchmark": manifest.name, "benchmark_hash": manifest_hash, "scoring": manifest.scoring}
+    for name, value in versions.items():
         if getattr(submission, name) != value:
             raise _refused(path, name, getattr(submission, name), value)
+    for name in ("player", "kind", "training_data", "licence"):
+        one_line(f"{path}: {name}", getattr(submission, name))
     standard, given = manifest.prompts.values(), submission.prompt_hash
     if submission.prompts == "standard" and given not in standard:
         raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")
@@ -309,6 +303,8 @@ def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:
         except EpisodeError as error:
             raise ArtefactError(f"{where}: {error}. Play the track again.") from None
         if as_lines([again])[0].encode() != text + b"\n":
-            raise ArtefactError(f"{where}: the replay gives {as_lines([again])[0].strip()}. Play the track again.")
+            raise ArtefactError(
+                f"{where}: the replay gives {as_lines([again])[0].strip()[:200]}. Play the track again."
+            )
         lines.append(line)
     return lines

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
+from wordcraft_kg.base.artefacts import check_output, read_small_file, what_is
+from wordcraft_kg.base.errors import OutputExistsError, PlayerError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Force
@@ -56,21 +58,33 @@ def bench_run(
     """
     from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
+    from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.apps.text_agents.submission import MESSAGES, SUBMISSION_FILE, figures_text, write_submission
-    from wordcraft_kg.base.artefacts import check_output, read_small_file
-    from wordcraft_kg.base.settings import MAX_SIZE, number_in
+    from wordcraft_kg.base.settings import MAX_SIZE, number_in, one_line
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
     messages = out / MESSAGES
-    if force or (out / SUBMISSION_FILE).exists() or not messages.is_dir():  # else unfinished
+    is_finished, is_program = (out / SUBMISSION_FILE).exists(), player.startswith("program:")
+    if is_finished or not (is_program and (messages / GAMES_FILE).is_file()):
         check_output(out, force=force)
-        shutil.rmtree(messages, ignore_errors=True)
+        if out.is_dir() and not is_finished and any(out.iterdir()):
+            raise OutputExistsError(f"'{out}' {what_is(out)}, not a submission. Choose another `out`.")
+    for option, text in (("name", name), ("training_data", training_data), ("licence", licence)):
+        if text is not None:
+            one_line(option, text)
     if price is not None:
         number_in("price", price, 0, MAX_SIZE, "US dollars, 0 or more")
     own_prompts = None if prompts is None else hashlib.sha256(read_small_file(prompts)).hexdigest()
     opened, begin = open_track(track), time.perf_counter()
     with sigterm_as_interrupt():
-        kind, entrant = enter(opened, player, RunSettings(messages, look_ups, timeout, weights))
+        try:
+            kind, entrant = enter(opened, player, RunSettings(messages, look_ups, timeout, weights, force))
+        except (KeyboardInterrupt, PlayerError) as error:
+            why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
+            kept = f" Finished games are kept; to continue, repeat the command{' without --force' * force}."
+            raise type(error)(f"{why}{kept * (messages.is_dir() and not (out / SUBMISSION_FILE).exists())}") from None
+    if not is_program:
+        shutil.rmtree(messages, ignore_errors=True)
     seconds = round(time.perf_counter() - begin, 1)
     is_standard = own_prompts is None and entrant.prompt_hash in (None, *read_manifest()[0].prompts.values())
     about: dict[str, Any] = {

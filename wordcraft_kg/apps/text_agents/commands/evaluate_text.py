@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, EvaluationSettings
-from wordcraft_kg.base.errors import ConfigError, OutputExistsError, PlayerError
+from wordcraft_kg.base.errors import OutputExistsError, PlayerError
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, aligned
 from wordcraft_kg.cli.options import Book
@@ -23,7 +23,6 @@ EXAMPLES = (
     'wordcraft-kg evaluate-text everyday --player "python my_player.py" --distractors 8 --knowledge partial',
     'wordcraft-kg evaluate-text everyday --player "python my_player.py" --open-ended --attempts 100',
 )
-_LONGEST_NAME = 100
 
 
 def evaluate_text(
@@ -54,10 +53,11 @@ def evaluate_text(
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
     from wordcraft_kg.apps.text_agents.results import play_all
+    from wordcraft_kg.base.settings import one_line
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
-    if name is not None and (not name.strip() or not name.isprintable() or len(name) > _LONGEST_NAME):
-        raise ConfigError(f"--name {name[:_LONGEST_NAME]!r}: expected 1 to {_LONGEST_NAME} characters on one line.")
+    if name is not None:
+        one_line("name", name, 100)
     play = Play.open(graph, settings)
     with sigterm_as_interrupt(), LinePlayer(player, timeout=timeout) as program:
         called = name or program.name

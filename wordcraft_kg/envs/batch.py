@@ -212,10 +212,6 @@ class BatchEngine:
         begun = self._begun(tables, tasks)
         return State._make((self, keys, Ahead(self._draws, keys, number + 1), 0, *begun, number + 1))
 
-    def begin_where(self, state: State, over: Array) -> State:
-        """Begin the next episode in the environments where ``over``, shape (N,), is True."""
-        return self._begin_where(over, state, state)
-
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
@@ -234,14 +230,15 @@ class BatchEngine:
         tried = full((*size, self.config.attempts, 2), self.nothing)
         return self._goals[tasks], tasks, full(size, self.nothing), full(size, self.config.attempts), wide, count, tried
 
-    def _begin_where(self, over: Array, before: State, now: State) -> State:
+    def begin_where(self, now: State, over: Array, before: State | None = None) -> State:
+        """Begin the next episode where ``over``, shape (N,), is True; arrays not in ``before`` may be written to."""
         on_device = self.arrays.on_device
         rows = self._rows if on_device else over.nonzero()[0]
         if not len(rows):
             return now
         begun = self._begun(*now.ahead.take(rows, now.episode[rows]))
         current: Any = now[_GOAL:-1]
-        earlier: Any = before[_GOAL:-1]
+        earlier: Any = (before or now)[_GOAL:-1]
         episode, ahead, age = now.episode + over, now.ahead, now.age
         if on_device:
             # Without reading from the device: every environment is written, with the old state or the next episode.
@@ -251,7 +248,6 @@ class BatchEngine:
             if age == ahead.size:
                 ahead, age = Ahead(self._draws, now.keys, episode), 0
         elif len(rows) < self.num_envs:
-            # Arrays that were made in this step may be written to.
             own = [old.copy() if old is was else old for old, was in zip(current, earlier, strict=True)]
             for array, new in zip(own, begun, strict=True):
                 array[rows] = new
@@ -267,7 +263,7 @@ class BatchEngine:
         for a number that is not a slot, or for an empty slot if ``illegal_action`` is ``raise``.
         """
         now, done = self._step(state, actions, is_replaced=True)
-        return self._begin_where(done.over, state, now), done
+        return self.begin_where(now, done.over, state), done
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
         """Like :meth:`step`, but an environment without attempts left stays unchanged."""

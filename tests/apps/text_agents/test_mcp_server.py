@@ -89,6 +89,8 @@ def test_the_games_of_a_benchmark_track_become_a_submission_that_verifies(tmp_pa
         with pytest.raises(ConfigError, match=f"{len(opened) - 1} of {len(opened)} games"):
             bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
         host.begin(0 if opened.is_open_ended else len(opened) - 1).end()
+        with pytest.raises(EpisodeError, match="is played once"):
+            host.begin(0)
     bench_run(track, player=f"mcp:{path}", out=tmp_path / "out")
     submission = verify(tmp_path / "out")
     assert (submission.figures.games, submission.prompts) == (len(opened), "standard")

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
-from wordcraft_kg.apps.text_agents.games import DiscoveryGames
 from wordcraft_kg.apps.text_agents.records import GamesHeader
 from wordcraft_kg.apps.text_agents.results import append_game, open_games, record_of
 from wordcraft_kg.base.artefacts import check_file
@@ -94,20 +93,24 @@ class HostedGames:
         """Prepare to host games; at most ``most`` games are remembered."""
         self.play, self._most = play, most
         self.keep: Callable[[HostedGame], None] = lambda game: None
-        self._begun = 0
+        self._begun: set[tuple[int, int]] = set()
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
-        """Begin a game, see :meth:`Play.begin`; games of an open-ended track are begun in turn.
+        """Begin a game, see :meth:`Play.begin`; of a track each game once, and open-ended games in turn.
 
         If there are too many games, end and forget a game: finished games first, then the least recent. An EpisodeError
-        if this game cannot be recorded.
+        if this game cannot be recorded, or was begun before on a track.
         """
-        if isinstance(self.play.games, DiscoveryGames) and self.play.games.orders:
-            distractor_seed = self._begun % len(self.play.games.orders)
-            self._begun += 1
+        settings = self.play.settings
+        if settings.track and settings.is_open_ended:
+            distractor_seed = len(self._begun)
+        key = task, distractor_seed
+        if settings.track and (key in self._begun or distractor_seed >= settings.distractor_seeds):
+            raise EpisodeError(f"Each game of {settings.track} is played once, and this game was begun before.")
         name = secrets.token_urlsafe(9)  # unguessable
         hosted = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
+        self._begun.add(key)
         if len(self._hosted) >= self._most:
             oldest = min(self._hosted, key=lambda name: not self._hosted[name].talk.is_over)
             try:

@@ -45,6 +45,7 @@ def book(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_square_of_the_entities(book):
     outcome = subprocess.run(
         [sys.executable, "-c", MEASURE, str(book), repr(COMMANDS)],

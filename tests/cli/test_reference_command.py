@@ -192,6 +192,7 @@ def test_results_of_text_agents_are_one_row_by_distractors(printed, refused, run
     refused(*OPEN, "--external-results", four, says="was recorded on tasks")
 
 
+@pytest.mark.slow
 def test_results_with_several_attempts_are_compared_with_as_many_only(refused, run, pack, kitchen_world, tmp_path):
     settings = settings_of(kitchen_world.variant(max_attempts=3), tasks=50)
     tries = result(tmp_path / "tries", settings, tasks_made(15, kitchen_world, 50))

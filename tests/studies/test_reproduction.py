@@ -80,6 +80,7 @@ def now(was, tmp_path_factory):
     return remade(was.study, tmp_path_factory.mktemp("results"))
 
 
+@pytest.mark.slow
 def test_a_cell_that_is_made_again_has_the_same_inputs_and_figures(was, now):
     assert untimed(now).keys() == untimed(was).keys()
     assert now.graphs == was.graphs

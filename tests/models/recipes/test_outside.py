@@ -156,6 +156,7 @@ def test_tables_that_know_another_split_are_an_error(opened, tmp_path):
     open_outside([folder], open_graph(opened.source, SplitConfig(seed=4)), "one-hot")
 
 
+@pytest.mark.slow
 def test_a_model_with_outside_knowledge_is_trained_and_found_again(opened, knowledge, tmp_path):
     other = write_book(tmp_path / "other.csv", [("sand", opened.graph.entities[0], "sandcastle")])
     settings = replace(SMALL, with_=(str(knowledge), other, "random"))

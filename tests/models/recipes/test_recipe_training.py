@@ -56,6 +56,7 @@ def spoilt(small, tmp_path):
 # --- the same again --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_same_settings_give_the_same_bytes(book, small):
     config, state = RecipesConfig(str(book), SMALL), torch.get_rng_state()
     assert same_files(small, train_recipes(config, small.parent / "again").folder)
@@ -76,6 +77,7 @@ def test_parallel_fits_equal_sequential_fits(book, small, monkeypatch):
     assert started == [4]
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_continues_with_the_fits_that_are_missing(book, small, monkeypatch):
     steps = SMALL.folds + 3
     folder = small.parent / "interrupted"  # so that the path to the book is the same

@@ -211,6 +211,7 @@ def test_the_record_is_an_output_and_a_folder_without_it_loads_as_before(folder,
         before.result_probabilities(0, 1)
 
 
+@pytest.mark.slow
 def test_shares_of_results_are_a_softmax_with_the_best_temperature(tmp_path):
     config = RecipesConfig("kitchen", RecipeScorerConfig(folds=3, features="one-hot"))
     scorer = load_scorer(train_recipes(config, tmp_path / "model").folder)

@@ -66,7 +66,7 @@ COLOURS = {8: "#0072b2", 1: "#d55e00"}
 IN_README = {
     "nearest words": "the two items with the nearest words, nothing learned",
     "no graph": "agent without a graph",
-    "ComplEx in-sample, u v": "agent with ComplEx, as in the paper",
+    "ComplEx in-sample, u v": "agent with ComplEx, scores in-sample",
     "recipe scorer alone, w": "recipe scorer alone: its best pair",
     "recipes, u v w": "agent with the recipe scorer",
 }

@@ -122,7 +122,7 @@ class ImpalaConfig:
             whole(name, getattr(self, name), 0)
         for name in ("learning_rate", "rms_epsilon", "clip"):
             number_in(name, getattr(self, name), SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
-        for name in ("entropy_cost", "baseline_cost", *(["scorer_cost"] if self.scorer_cost is not None else [])):
+        for name in ("entropy_cost", "baseline_cost") + ("scorer_cost",) * (self.scorer_cost is not None):
             number_in(name, getattr(self, name), 0, _LARGE, f"0 or more, at most {_LARGE:g}")
         for name in ("discount", "rms_decay", "momentum"):
             number_in(name, getattr(self, name), 0, 1, "0 to 1")

@@ -40,14 +40,16 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     ):
         if render_mode is not None:
             raise ConfigError(f"`render_mode` {render_mode!r}: expected None; many environments are not rendered.")
-        if autoreset_mode not in (modes := {one.value: one for one in AutoresetMode}).keys() | {*AutoresetMode}:
-            raise ConfigError(f"`autoreset_mode` {autoreset_mode!r}: expected one of {', '.join(modes)}.")
+        try:
+            self._mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            modes = ", ".join(mode.value for mode in AutoresetMode)
+            raise ConfigError(f"`autoreset_mode` {autoreset_mode!r}: expected one of {modes}.") from None
         self.render_mode = None
         self.world = world = World.of(graph, settings)
         self.config = world.config
         self.engine = BatchEngine(world, num_envs)
         self.num_envs = self.engine.num_envs
-        self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": self._mode}
         self.single_observation_space = observation_space(world.nothing, world.num_slots, self.config.attempts)
         self.single_action_space = spaces.Discrete(world.num_slots)

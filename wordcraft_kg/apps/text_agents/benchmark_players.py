@@ -139,7 +139,7 @@ def _with_model(track: Track, folder: str, settings: RunSettings, names: Sequenc
     from wordcraft_kg.agents.players import scorer_players  # these load torch
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
     from wordcraft_kg.models.folder import open_model
-    from wordcraft_kg.models.scorers.folder import WEIGHTS, load_scorer
+    from wordcraft_kg.models.scorers.folder import WEIGHTS
 
     model, graph = open_model(folder), track.opened.graph
     own, name = model.opened, Path(folder).name
@@ -155,7 +155,7 @@ def _with_model(track: Track, folder: str, settings: RunSettings, names: Sequenc
         (kind,) = guides.players[-1:]
         (player,) = make_discoverers([kind], graph, guides.links, learner).values()
         return Entrant(f"{name}, {kind}", discoveries(track, player), **about)
-    players = scorer_players(graph, load_scorer(folder), model.triples, plans=True)
+    players = scorer_players(graph, model.scorer, model.triples, plans=True)
     best = next((each for each in names if each in players), None)
     if best is None:
         raise ConfigError(f"'{folder}' cannot plan; expected a model of train-recipes.")

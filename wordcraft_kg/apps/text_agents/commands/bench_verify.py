@@ -44,7 +44,7 @@ def bench_verify(
         try:
             checked, mark = verify(folder), "replayed"
             if player is not None:
-                from wordcraft_kg.apps.text_agents.benchmark_players import reproduce  # loads torch
+                from wordcraft_kg.apps.text_agents.benchmark_players import reproduce
 
                 reproduce(folder, checked, player, timeout, weights)
                 mark = "reproduced"

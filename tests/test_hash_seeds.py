@@ -123,6 +123,7 @@ def elsewhere(tmp_path_factory):
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MAKERS)
 def test_another_process_with_another_hash_seed_makes_the_same_bytes(name, elsewhere, tmp_path):
     here = made_by(MAKERS[name], tmp_path / "here")

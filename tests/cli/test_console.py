@@ -484,7 +484,10 @@ TORN = {
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
-@pytest.mark.parametrize(("command", "write"), [(line, write) for line, writes in TORN.items() for write in writes])
+@pytest.mark.parametrize(
+    ("command", "write"),
+    [pytest.param(line, write, marks=[pytest.mark.slow] * ("s 3" in line)) for line in TORN for write in TORN[line]],
+)
 def test_a_disk_that_takes_no_more_files_is_one_line_and_the_same_command_goes_on(
     run, refused, home, monkeypatch, command, write, number
 ):

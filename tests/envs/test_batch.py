@@ -113,7 +113,11 @@ def test_a_batch_on_the_kitchen_agrees_in_every_part(opened_kitchen, part):
 
 
 @pytest.mark.parametrize(
-    ("depth", "ambiguity", "reward"), [*product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))]
+    ("depth", "ambiguity", "reward"),
+    [
+        pytest.param(*case, marks=[pytest.mark.slow] * (case[::2] in ((2, "sparse"), (2, "official"))))
+        for case in product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))
+    ],
 )
 def test_a_batch_does_step_for_step_what_the_readable_environment_does(ambiguous, depth, ambiguity, reward):
     settings = {"part": "all", "depth": depth, "ambiguity": ambiguity, "reward": reward, "num_tasks": 50}

@@ -192,6 +192,7 @@ def success(world, source):
     return won / len(world.tasks)
 
 
+@pytest.mark.slow
 def test_planning_with_all_recipes_solves_every_task(opened):
     source = BestPlan.of_recipes(opened.graph.num_entities, opened.graph.recipes)
     for depth in (1, 2, 3):

@@ -260,7 +260,8 @@ def send(address, *lines):
         return connection.recv(100)
 
 
-@pytest.mark.parametrize("termination", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("termination", [signal.SIGINT, signal.SIGTERM])
 def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(termination):
     with serving("explore", "kitchen", "--no-browser") as (server, address):
         assert address.startswith("http://127.0.0.1:")

@@ -223,17 +223,14 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play, kit
         external_rows(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
 
 
-@pytest.mark.parametrize("track", ["depth-2-lite", "discover-500-lite"])
+@pytest.mark.parametrize("track", [pytest.param("depth-2-lite", marks=pytest.mark.slow), "discover-500-lite"])
 def test_a_log_of_a_benchmark_track_becomes_a_submission_that_verifies(play, tmp_path, track):
     log = play(crafting(track=track), lambda messages: "1 + 2" if turn(messages) % 2 else "nonsense", message_limit=12)
     bench_run(track, player=f"inspect:{log.location}", out=tmp_path / "out")
     submission = verify(tmp_path / "out")
     assert (submission.player, submission.prompts) == ("mockllm/model", "standard")
     assert submission.invalid_actions >= submission.figures.games == len(log.samples)
-    assert submission.tokens == {
-        "input": 100 * submission.tokens["output"] // 10,
-        "output": submission.tokens["output"],
-    }
+    assert submission.tokens["input"] == 10 * submission.tokens["output"] > 0
     with pytest.raises(ConfigError, match=f"are of everyday-v2/{track}; expected everyday-v2/craft-8-lite"):
         bench_run("craft-8-lite", player=f"inspect:{log.location}", out=tmp_path / "other")
     with pytest.raises(ConfigError, match="the games have none"):

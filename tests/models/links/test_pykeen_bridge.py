@@ -194,14 +194,8 @@ def settings(graph):
     }
 
 
-@pytest.mark.parametrize(
-    "first",
-    [
-        "wordcraft_kg.models",
-        pytest.param("pykeen.models", marks=pytest.mark.slow),
-        pytest.param("wordcraft_kg.models.links.pykeen_bridge", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("first", ["wordcraft_kg.models", "pykeen.models", "wordcraft_kg.models.links.pykeen_bridge"])
 def test_pykeen_knows_our_names_whichever_module_is_imported_first(first):
     code = f"import {first}\nimport wordcraft_kg.models\n{LOOK_UP}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)

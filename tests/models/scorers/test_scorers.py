@@ -277,10 +277,10 @@ def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):
     same_tables(scorer, TableScorer(expected, scorer.entities, scorer.graph_hash))
 
 
-def test_loading_and_using_a_scorer_does_not_import_pykeen(folder):
+def test_loading_and_using_a_scorer_does_not_import_pykeen(complex_folder):
     code = (
         "import sys; from wordcraft_kg.models.scorers.folder import load_scorer\n"
-        f"load_scorer({str(folder)!r}).top(None, 'componentOf', 'bread', 1); sys.exit('pykeen' in sys.modules)"
+        f"load_scorer({str(complex_folder)!r}).top(None, 'componentOf', 'bread', 1); sys.exit('pykeen' in sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], timeout=120, check=True)
 

@@ -1,11 +1,12 @@
 """CPU seconds to 95 % of the final test success: our trainer beside MaskablePPO of Stable-Baselines3.
 
     python benchmarks/seconds_to_level.py everyday
+    python benchmarks/seconds_to_level.py everyday --scorer models/everyday-recipes --use u,v --every 20000
 
-Both train the same network, without a graph, on the same train tasks and with one thread; the same Evaluator plays the
-test tasks. The clock counts training only: not the evaluation, and not building environments and learner. The level is
-95 % of what our trainer ends with. MaskablePPO has a small grid of learning rates and rollout lengths on 64
-environments, with 4 epochs and batches of 512; other settings are defaults. Needs the extra interop.
+Both train the same network, with or without a scorer, on the same train tasks and with one thread; the same Evaluator
+plays the test tasks. The clock counts training only: not the evaluation, and not building environments and learner. The
+level is 95 % of what our trainer ends with, for each seed. MaskablePPO has a small grid of learning rates and rollout
+lengths on 64 environments, with 4 epochs and batches of 512; other settings are defaults. Needs the extra interop.
 """
 
 import argparse
@@ -26,6 +27,8 @@ from wordcraft_kg.agents.sb3 import MaskableSB3Policy
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World, open_world_graph
+from wordcraft_kg.envs.wrappers import TaskObservation
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import Policy
@@ -69,18 +72,22 @@ class Look(BaseCallback):
             self.clock.look(network, self.num_timesteps)
 
 
-def ours(policy: Policy, train: World, clock: Clock, steps: int, every: int) -> None:
-    config = ImpalaConfig(steps=steps)
-    learner = Impala(policy, BatchEngine(train, config.batch_size).reset(), config)
+def ours(policy: Policy, train: World, clock: Clock, seed: int, steps: int, every: int) -> None:
+    config = ImpalaConfig(steps=steps, seed=seed)
+    learner = Impala(policy, BatchEngine(train, config.batch_size).reset(seed), config)
     clock.since = time.process_time()
+    clock.look(policy, 0)
     for number in range(1, config.updates + 1):
         learner.update()
         if number % max(1, every // config.steps_per_update) == 0 or number == config.updates:
             clock.look(policy, number * config.steps_per_update)
 
 
-def ppo(policy: Policy, train: World, clock: Clock, steps: int, every: int, rate: float, length: int) -> None:
-    envs = DummyVecEnv([lambda: gym.make("WordCraft-v0", graph=train)] * ENVS)
+def ppo(
+    policy: Policy, train: World, clock: Clock, seed: int, steps: int, every: int, rate: float, length: int
+) -> None:
+    wrap = TaskObservation if policy.reads_task else lambda env: env
+    envs = DummyVecEnv([lambda: wrap(gym.make("WordCraft-v0", graph=train))] * ENVS)
     model = MaskablePPO(
         MaskableSB3Policy,
         envs,
@@ -89,12 +96,13 @@ def ppo(policy: Policy, train: World, clock: Clock, steps: int, every: int, rate
         batch_size=512,
         n_epochs=4,
         ent_coef=0.01,
-        seed=0,
+        seed=seed,
         policy_kwargs={"network": policy},
     )
     clock.since = time.process_time()
+    clock.look(policy, 0)
     model.learn(steps, callback=Look(clock, every))
-    clock.look(model.policy.network, model.num_timesteps)  # type: ignore[arg-type]
+    clock.look(model.policy.network, model.num_timesteps)
 
 
 def main() -> None:
@@ -106,6 +114,9 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=50_000)
     parser.add_argument("--rates", default="0.001,0.003")
     parser.add_argument("--lengths", default="8,32")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--scorer", help="a model folder")
+    parser.add_argument("--use", default="u,v", help="the scorer's scores in the policy")
     options = parser.parse_args()
     torch.set_num_threads(1)
     opened = open_world_graph(options.book)
@@ -113,20 +124,28 @@ def main() -> None:
         World(opened, WordCraftConfig(part, num_distractors=options.distractors)) for part in ("train", "test")
     )
 
-    def run(trainer: Callable[..., None], *settings: Any) -> Clock:
-        policy, _ = make_policy(PolicyConfig(), opened.graph, train.num_slots)
+    settings = PolicyConfig(use=options.use)
+    guide: dict[str, Any] = {}
+    if options.scorer:
+        model = open_model(options.scorer)
+        guide = {"scorer": model.scorer, "observed": model.triples, "tasks": train.tasks}
+
+    def run(trainer: Callable[..., None], seed: int, *arguments: Any) -> Clock:
+        policy, _ = make_policy(settings, opened.graph, train.num_slots, seed=seed, **guide)
         clock = Clock(Evaluator(test))
-        trainer(policy, train, clock, *settings)
+        trainer(policy, train, clock, seed, *arguments)
         return clock
 
-    clock = run(ours, options.steps, options.every)
-    level = SHARE * clock.curve[-1][2]
-    print(f"{opened.graph.name}, {options.distractors} distractors, level {level:.3f}")
-    print(f"ours: {clock.in_words(level)}", flush=True)
-    for rate in map(float, options.rates.split(",")):
-        for length in map(int, options.lengths.split(",")):
-            clock = run(ppo, options.ppo_steps, options.every, rate, length)
-            print(f"MaskablePPO, rate {rate:g}, {length} steps: {clock.in_words(level)}", flush=True)
+    for seed in range(options.seeds):
+        clock = run(ours, seed, options.steps, options.every)
+        level = SHARE * clock.curve[-1][2]
+        start = f"untrained {clock.curve[0][2]:.3f}, level {level:.3f}"
+        print(f"{opened.graph.name}, {options.distractors} distractors, seed {seed}: {start}")
+        print(f"ours: {clock.in_words(level)}", flush=True)
+        for rate in map(float, options.rates.split(",")):
+            for length in map(int, options.lengths.split(",")):
+                clock = run(ppo, seed, options.ppo_steps, options.every, rate, length)
+                print(f"MaskablePPO, rate {rate:g}, {length} steps: {clock.in_words(level)}", flush=True)
 
 
 if __name__ == "__main__":

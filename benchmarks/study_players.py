@@ -1,12 +1,12 @@
 """Play the test tasks of the studies without agents: chance, nearest words, a recipe scorer alone, and a planner.
 
     python benchmarks/study_players.py SCORER --distractors 8,2,1
-    python benchmarks/study_players.py SCORER --depth 2 --distractors 4,0
+    python benchmarks/study_players.py SCORER --depth 2 --distractors 4,0 --distractor-seeds 1
 
 SCORER is a folder of `train-recipes` on the graph of a study, such as those below scorers/ in a folder of `reproduce`.
 The rows go to docs/study-players.json, where docs/make_results.py finds them for studies on the same graph, split and
-tasks; each has the hash of the scorer's weights and its seed. All play all test tasks with five distractor seeds, as
-the agents of the studies do.
+tasks; each has the hash of the scorer's weights and its seed. All play all test tasks with the distractor seeds of the
+agents of the studies: five, and one at depth 2.
 """
 
 import argparse
@@ -26,9 +26,7 @@ from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.folder import WEIGHTS
 
 TARGET = Path(__file__).parents[1] / "docs" / "study-players.json"
-KEY = ("graph", "split", "depth", "distractors", "player")
-SEEDS = 5
-"""Distractor seeds."""
+KEY = ("graph", "split", "depth", "distractors", "distractor_seeds", "player")
 
 
 def main() -> None:
@@ -36,6 +34,7 @@ def main() -> None:
     parser.add_argument("scorer", type=Path)
     parser.add_argument("--depth", type=int, default=1)
     parser.add_argument("--distractors", default="8,1")
+    parser.add_argument("--distractor-seeds", type=int, default=5)
     options = parser.parse_args()
     torch.set_num_threads(1)
     model = open_model(options.scorer)
@@ -47,19 +46,20 @@ def main() -> None:
     rows = json.loads(TARGET.read_text(encoding="utf-8")) if TARGET.exists() else []
     for distractors in map(int, options.distractors.split(",")):
         world = World(opened, WordCraftConfig("test", options.depth, distractors))
-        evaluator = Evaluator(world, distractor_seeds=SEEDS)
+        evaluator = Evaluator(world, distractor_seeds=options.distractor_seeds)
         for name, player in players.items():
             result = evaluator(player)
             rates = result.success.mean(axis=1)
             row = {"graph": opened.graph.hash, "split": opened.split.hash, "depth": options.depth}
-            row |= {"distractors": distractors, "player": name, "tasks": len(rates), "success": float(rates.mean())}
+            row |= {"distractors": distractors, "distractor_seeds": options.distractor_seeds, "player": name}
+            row |= {"tasks": len(rates), "success": float(rates.mean())}
             low, high = rate_interval(rates[None])
             row |= {"low": low, "high": high, "by_plan": float(result.by_plan.mean())}
             row |= {"weights": model.run.outputs[WEIGHTS], "seed": model.seed}
             row = {key: round(value, 4) if isinstance(value, float) else value for key, value in row.items()}
             rows = [*(other for other in rows if any(other[key] != row[key] for key in KEY)), row]
             print(f"depth {options.depth}, {distractors} distractors, {name}: {row['success']} [{low:.3f}, {high:.3f}]")
-    rows.sort(key=lambda row: [str(row[key]) for key in KEY[:4]])
+    rows.sort(key=lambda row: [str(row[key]) for key in KEY[:5]])
     write_atomically(TARGET, "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")
 
 

@@ -49,6 +49,7 @@ SEEDS = {"little-alchemy-2": 5, "everyday": 3}
 FEWEST = 3
 """Seeds from which on a study of cells takes the place of an earlier file."""
 NO_AGENT = "random pairs", "nearest words", "scorer alone, u v", "scorer alone, w", "planner, p"
+PLAYED = "graph", "split", "depth", "distractors", "distractor_seeds", "tasks"
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
 
@@ -289,10 +290,11 @@ def without_agent(results: StudyResults, point: PointFigures) -> Iterator[tuple[
     """Yield name, success and success by the own recipe of players without an agent, on the tasks of a point."""
     path = HERE / "study-players.json"
     settings = {"depth": 1, "distractors": 1} | results.study.settings | point.values
-    at = {(graph.hash, graph.split, settings["depth"], settings["distractors"], point.tasks) for graph in point.graphs}
-    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() and point.distractor_seeds == 5 else []
+    point_of = (settings["depth"], settings["distractors"], point.distractor_seeds, point.tasks)
+    at = {(graph.hash, graph.split, *point_of) for graph in point.graphs}
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     for row in sorted(rows, key=lambda row: NO_AGENT.index(row["player"])):
-        if (row["graph"], row["split"], row["depth"], row["distractors"], row["tasks"]) in at:
+        if tuple(row[key] for key in PLAYED) in at:
             success = f"{share(row['success'])} [{share(row['low'])}, {share(row['high'])}]"
             yield f"*no agent: {row['player']}*", success, share(row["by_plan"])
 

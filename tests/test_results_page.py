@@ -147,12 +147,10 @@ def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script
 
 def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(script, tmp_path, monkeypatch):
     results = results_of(SOME)
-    graph, row = (
-        results.graphs[0],
-        {"depth": 1, "distractors": 8, "tasks": 100, "success": 0.5, "low": 0.4, "high": 0.6},
-    )
-    row |= {"graph": graph.hash, "split": graph.split, "by_plan": 0.3, "player": "planner, p"}
-    others = [row | {"distractors": 1, "player": "random pairs"}, row | {"split": "0" * 64, "player": "nearest words"}]
+    graph, row = results.graphs[0], {"depth": 1, "distractors": 8, "distractor_seeds": 5, "tasks": 100}
+    row |= {"graph": graph.hash, "split": graph.split, "player": "planner, p"}
+    row |= {"success": 0.5, "low": 0.4, "high": 0.6, "by_plan": 0.3}
+    others = [row | other for other in ({"distractors": 1}, {"split": "0" * 64}, {"distractor_seeds": 1})]
     (tmp_path / "study-players.json").write_text(json.dumps([*others, row]))
     monkeypatch.setattr(script, "HERE", tmp_path)
     text = text_of(script, results)

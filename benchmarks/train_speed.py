@@ -3,6 +3,7 @@
     python benchmarks/train_speed.py BOOK               sustained speed, unguided and guided, and a plain loop
     python benchmarks/train_speed.py BOOK --whole       also a run with 3,000,000 steps, from command to report
     python benchmarks/train_speed.py BOOK --device cuda the same on a device
+    python benchmarks/train_speed.py BOOK --scorer MODEL --use u,v,w   guided by a model instead of counts of neighbours
 
 The plain loop follows the paper's equations literally: keys for every slot, a softmax over the last axis, torch's
 RMSProp over a parameter list, on the same batched environment. Measure on an idle machine.
@@ -35,13 +36,16 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.features import make_features
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 
-def ours(opened: OpenedGraph, config: ImpalaConfig, distractors: int, guided: bool) -> Callable[[], None]:
+def ours(
+    opened: OpenedGraph, config: ImpalaConfig, distractors: int, scorer: TripleScorer | None, use: str
+) -> Callable[[], None]:
     state = begin(opened, config, distractors)
-    scorer = NeighbourScorer(opened.graph, opened.split.partial) if guided else None
-    observed = opened.split.partial
-    policy, _ = make_policy(PolicyConfig(), opened.graph, state.engine.num_slots, scorer=scorer, observed=observed)
+    guide = {"scorer": scorer, "observed": opened.split.partial, "tasks": state.engine.world.tasks}
+    policy, _ = make_policy(PolicyConfig(use=use), opened.graph, state.engine.num_slots, **guide)  # type: ignore[arg-type]
     return Impala(policy, state, config).update
 
 
@@ -161,6 +165,8 @@ def main() -> None:
     parser.add_argument("--compile", action="store_true")
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--steps", type=int, default=3_000_000)
+    parser.add_argument("--scorer", help="a model folder")
+    parser.add_argument("--use", default="u,v", help="the scorer's scores in the policy")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     opened = open_world_graph(options.book)
@@ -169,9 +175,13 @@ def main() -> None:
         f"{opened.graph.name}, {options.distractors} distractors, batch {config.batch_size}, unroll {config.unroll}, "
         f"lag {config.policy_lag}, {options.threads} thread{'s' * (options.threads > 1)} of {os.cpu_count()}"
     )
+    neighbours = NeighbourScorer(opened.graph, opened.split.partial)
+    scorer = load_scorer(options.scorer) if options.scorer else neighbours
     for _ in range(options.rounds):
-        unguided = rate(ours(opened, config, options.distractors, False), config, options.seconds)
-        guided = rate(ours(opened, config, options.distractors, True), config, options.seconds)
+        unguided, guided = (
+            rate(ours(opened, config, options.distractors, one, options.use), config, options.seconds)
+            for one in (None, scorer)
+        )
         print(f"unguided {unguided:8,.0f} steps/s   guided {guided:8,.0f} steps/s", end="", flush=True)
         if options.device == "cpu":
             beside = rate(plain(opened, config, options.distractors), config, options.seconds)

@@ -178,6 +178,6 @@ def test_a_study_of_cells_takes_the_place_of_its_file_from_three_seeds_on(script
             assert taken.hours == round(sum(run.seconds for run in taken.runs) / 3600, 4)
             assert [of.runs for of in taken.origins] == [6]
         (row,) = json.loads((target / "left.json").read_text())
-        assert (row["trainings"], row["here"]) == (64, 7)
+        assert (row["trainings"], row["here"]) == (72, 7)
         assert row["hours"] > 0
         assert any(line.startswith("| Full and partial") for line in script.left_table(target / "left.json"))

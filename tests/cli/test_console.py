@@ -478,16 +478,12 @@ def test_what_a_command_cannot_do_is_one_line_that_says_why(refused, empty, home
 TORN = {
     "build-graph kitchen": (1, 2, 5, 8),
     "train-complex kitchen --dim 8 --epochs 3 --n3 0.1 --folds 2": (1, 4, 6, 14),
-    "train-recipes kitchen --train-fraction 0.1 --folds 3": (6,),
     "train-agent kitchen --steps 320 --batch-size 16 --eval-every 160 --checkpoint-every 160": (1, 4, 9, 16),
 }
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
-@pytest.mark.parametrize(
-    ("command", "write"),
-    [pytest.param(line, write, marks=[pytest.mark.slow] * ("s 3" in line)) for line in TORN for write in TORN[line]],
-)
+@pytest.mark.parametrize(("command", "write"), [(line, write) for line, writes in TORN.items() for write in writes])
 def test_a_disk_that_takes_no_more_files_is_one_line_and_the_same_command_goes_on(
     run, refused, home, monkeypatch, command, write, number
 ):

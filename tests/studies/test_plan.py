@@ -11,7 +11,7 @@ from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
-from wordcraft_kg.studies.plan import VERSIONS, defaults_of, make_plan
+from wordcraft_kg.studies.plan import VERSIONS, agent_config, defaults_of, make_plan
 from wordcraft_kg.studies.study import adapted, built_in, cells_of, parse_study, points_of, read_study
 
 TEXT = small_study.TRAINED
@@ -24,7 +24,6 @@ def kinds(plan):
 
 def test_what_cells_share_is_planned_once_and_before_what_needs_it():
     plan = small_plan()
-    assert len(plan.cells) == 8
     assert kinds(plan) == {"graphs": 1, "scorers": 2, "runs": 8}, "a scorer for each seed, for both tables"
     seen = set()
     for address, task in plan.tasks.items():
@@ -37,7 +36,6 @@ def test_a_scorer_with_a_seed_of_its_own_is_shared_by_all_seeds():
 
 
 def test_equal_trainings_have_one_address_in_all_studies():
-    """The default spelt out, another variant's name and another title change nothing; a setting does."""
     same = '[variants.other]\nscorer = "partial"\nuse = "u,v"\nkg_only = true'
     plan, other = small_plan(same), small_plan(same.replace("variants.other", "variants.renamed") + '\nmixing = "free"')
     assert set(plan.runs) == set(other.runs)
@@ -71,6 +69,15 @@ def test_addresses_do_not_depend_on_the_hash_seed_or_the_machine():
 def test_all_variants_come_with_their_first_seed_first():
     seeds = [task.settings["settings"].get("seed", 0) for task in small_plan().tasks.values() if task.kind == "runs"]
     assert seeds == sorted(seeds)
+
+
+def test_what_a_study_leaves_out_has_the_default_of_the_command():
+    text = 'title = "x"\nseeds = 1\n[scorers.recipes]\ncommand = "train-recipes"\n[grid]\ndepth = [1, 2]\n'
+    text += '[variants."u v"]\nscorer = "recipes"\n[variants.w]\nscorer = "recipes"\nuse = "u,v,w"'
+    scorer, *runs = (task.settings for task in small_plan(text=text).tasks.values() if task.kind != "graphs")
+    assert scorer["settings"]["features"] == "minilm"
+    costs = [agent_config(run["settings"], "", "").trainer.scorer_cost for run in runs]
+    assert costs == [0, None, 0, 0]  # the penalty is for agents with w at depth 1
 
 
 def test_defaults_are_those_that_addresses_stand_for():

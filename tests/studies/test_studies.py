@@ -126,7 +126,6 @@ def test_dose_response_is_apart_for_each_way_of_scoring_train_tasks():
 
 
 def test_steps_are_correlated_with_never_as_the_latest():
-    """The better the scorer, the sooner its agent is where the reference ends; the worst one's never is."""
     points = [({"distractors": 8}, {"no graph": ["50000"], **{name: ["55000"] for name in "abc"}})]
     curves = {
         "no graph": [[(10, 0.1), (20, 0.5)]],

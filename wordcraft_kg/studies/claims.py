@@ -102,10 +102,9 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
             figures.append(_measure(results, claim, point))
         except ConfigError as error:
             lacking.append(str(error))
+    groups: list[tuple[Measured, ...]] = [(measured,) for measured in figures]
     if claim.expected == "varies":
         groups = [tuple(figures)] if len(figures) > 1 else []
-    else:
-        groups = [(measured,) for measured in figures]
     entries = [_verdict(claim, *_rule(claim, group), group) for group in groups]
     if not groups and not lacking:
         lacking = ["the study has no results at such points"]

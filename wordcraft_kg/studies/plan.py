@@ -17,7 +17,7 @@ from wordcraft_kg.graphs.splits import SPLITS, SplitConfig, make_split
 from wordcraft_kg.models.links.config import CONFIGS
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
-from wordcraft_kg.models.scorers.features import ENCODED
+from wordcraft_kg.models.scorers.features import ENCODED, named
 from wordcraft_kg.runs.parallel import cores
 from wordcraft_kg.studies.study import (
     OF_AGENT,
@@ -47,12 +47,12 @@ _IN_STUDIES: dict[type, dict[str, Any]] = {
     RecipeScorerConfig: {"features": "glove"},
     ImpalaConfig: {"scorer_cost": 0.0},
 }
-"""Defaults that differ from the command's: the addresses of earlier results stand for them."""
+"""Values that addresses leave out, where the command's default is another value: the addresses of earlier results."""
 _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
-    """Return a dataclass's default settings in studies."""
+    """Return a dataclass's settings that addresses leave out."""
     return {field.name: field.default for field in fields(kind)} | _IN_STUDIES.get(kind, {})
 
 
@@ -149,11 +149,8 @@ class _Planner:
             described = {"graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
             if SPLITS[split.config.kind].uses_kinds:
                 described["split_hash"] = split.hash
-            task = Task(
-                "graphs",
-                _versioned("graphs", described),
-                f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}",
-            )
+            title = f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}"
+            task = Task("graphs", _versioned("graphs", described), title)
             self._made[key] = self._add(task)
             self.books[task.address] = source
         return self._made[key]
@@ -178,6 +175,9 @@ class _Planner:
         else:
             _check_kinds(settings, defaults_of(CONFIG_OF[command]))
             settings.setdefault("seed", cell.seed)
+            if command == RecipeScorerConfig.command:
+                labels = self._graphs[self.books[graph]].entities
+                settings.setdefault("features", named(RecipeScorerConfig.features, labels))
             config = scorer_config(command, settings)
             threads, device = config.threads, config.device
             settings = _not_default(settings, CONFIG_OF[command])
@@ -187,7 +187,7 @@ class _Planner:
         return self._add(Task("scorers", _versioned("scorers", described), title, (graph,), threads, device))
 
     def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
-        given = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
+        given: dict[str, Any] = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
         if scorer is None and SCORER in cell.settings:
             given = {name: value for name, value in given.items() if name not in KNOWLEDGE_SETTINGS}
         given["seed"] = cell.seed
@@ -195,6 +195,8 @@ class _Planner:
             steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
         config = agent_config(given, graph, scorer)
+        if "w" in config.policy.sources and config.tasks.depth == 1:  # the trainer's penalty is for these agents alone
+            given.setdefault("scorer_cost", ImpalaConfig.scorer_cost)
         settings: dict[str, Any] = {}
         for kind in _PART_OF_AGENT.values():
             settings |= _not_default(given, kind)

@@ -1,12 +1,12 @@
 """Play the test tasks of the studies without agents: chance, nearest words, a recipe scorer alone, and a planner.
 
     python benchmarks/study_players.py SCORER --distractors 8,2,1
-    python benchmarks/study_players.py SCORER --depth 2 --distractors 4,0 --distractor-seeds 1
+    python benchmarks/study_players.py SCORER --depth 2 --distractors 4,0
 
 SCORER is a folder of `train-recipes` on the graph of a study, such as those below scorers/ in a folder of `reproduce`.
 The rows go to docs/study-players.json, where docs/make_results.py finds them for studies on the same graph, split and
-tasks; each has the hash of the scorer's weights and its seed. All play all test tasks with the distractor seeds of the
-agents of the studies: five, and one at depth 2.
+tasks; each has the hash of the scorer's weights and its seed. All play all test tasks with as many distractor
+seeds as the agents of the studies: five, or one above 6,000 tasks.
 """
 
 import argparse
@@ -34,7 +34,6 @@ def main() -> None:
     parser.add_argument("scorer", type=Path)
     parser.add_argument("--depth", type=int, default=1)
     parser.add_argument("--distractors", default="8,1")
-    parser.add_argument("--distractor-seeds", type=int, default=5)
     options = parser.parse_args()
     torch.set_num_threads(1)
     model = open_model(options.scorer)
@@ -46,12 +45,12 @@ def main() -> None:
     rows = json.loads(TARGET.read_text(encoding="utf-8")) if TARGET.exists() else []
     for distractors in map(int, options.distractors.split(",")):
         world = World(opened, WordCraftConfig("test", options.depth, distractors))
-        evaluator = Evaluator(world, distractor_seeds=options.distractor_seeds)
+        evaluator = Evaluator(world)
         for name, player in players.items():
             result = evaluator(player)
             rates = result.success.mean(axis=1)
             row = {"graph": opened.graph.hash, "split": opened.split.hash, "depth": options.depth}
-            row |= {"distractors": distractors, "distractor_seeds": options.distractor_seeds, "player": name}
+            row |= {"distractors": distractors, "distractor_seeds": evaluator.distractor_seeds, "player": name}
             row |= {"tasks": len(rates), "success": float(rates.mean())}
             low, high = rate_interval(rates[None])
             row |= {"low": low, "high": high, "by_plan": float(result.by_plan.mean())}

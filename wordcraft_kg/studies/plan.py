@@ -57,7 +57,7 @@ def defaults_of(kind: type) -> dict[str, Any]:
 
 
 def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
-    """Return a trained scorer's configuration in a study; ConfigError if a setting is invalid."""
+    """Return a scorer's configuration from settings of an address, without `_IN_STUDIES`; ConfigError if invalid."""
     kind = CONFIG_OF[command]
     return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 

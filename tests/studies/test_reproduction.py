@@ -35,20 +35,14 @@ steps = 2_560
 distractors = 2
 [grid]
 split = ["by-recipe", "by-goal"]
-[scorers.partial]
-command = "train-complex"
-dim = 8
-epochs = 20
-folds = 2
-[scorers.recipes]
-command = "train-recipes"
-folds = 3
-[variants."no graph"]
-[variants."partial, u v"]
-scorer = "partial"
-[variants."partial, u v w"]
-scorer = "recipes"
-use = "u,v,w"
+[scorers]
+partial = { command = "train-complex", dim = 8, epochs = 20, folds = 2 }
+recipes = { command = "train-recipes", folds = 3, features = "glove" }
+[variants]
+"no graph" = {}
+"partial, u v" = { scorer = "partial" }
+"partial, u v w" = { scorer = "recipes", use = "u,v,w" }
+"partial, u v w, no penalty" = { scorer = "recipes", use = "u,v,w", scorer_cost = 0.0 }
 """
 TIMES = {"seconds": 0.0, "steps_per_second": 0}
 

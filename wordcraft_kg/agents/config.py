@@ -1,5 +1,6 @@
 """Trainer settings with defaults, units and allowed ranges; imports no torch."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -128,6 +129,11 @@ class ImpalaConfig:
             number_in(name, getattr(self, name), 0, 1, "0 to 1")
         is_known = isinstance(self.device, str) and (self.device == "cpu" or self.device.startswith("cuda"))
         require(self, "device", is_known, "cpu or cuda")
+
+    @staticmethod
+    def has_scorer_cost(sources: Collection[str], depth: int) -> bool:
+        """Return whether agents with the scores ``sources`` and tasks of this depth have the penalty."""
+        return "w" in sources and depth == 1
 
     @property
     def steps_per_update(self) -> int:

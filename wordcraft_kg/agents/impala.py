@@ -72,7 +72,7 @@ class Impala:
         cost = config.scorer_cost
         if cost is None:  # attention sees each of a few tasks more often, and remembers it
             cost = 3.0 if len(envs.world.tasks) < 1_000 else 0.3
-        self._scorer_cost = cost if W.name in policy.sources and envs.world.config.depth == 1 else 0.0
+        self._scorer_cost = cost if config.has_scorer_cost(policy.sources, envs.world.config.depth) else 0.0
         self._parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
         # The parameters are views of a flat tensor, so that an optimiser step takes a few calls, not hundreds.
         self._flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters]))

@@ -128,7 +128,8 @@ class _Planner:
         except (ConfigError, SplitError) as error:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
 
-    def _add(self, task: Task) -> str:
+    def _add(self, kind: Kind, described: dict[str, Any], *others: Any) -> str:
+        task = Task(kind, {"version": VERSIONS[kind], **described}, *others)
         return self.tasks.setdefault(task.address, task).address
 
     def _graph(self, settings: Values) -> str:
@@ -150,9 +151,8 @@ class _Planner:
             if SPLITS[split.config.kind].uses_kinds:
                 described["split_hash"] = split.hash
             title = f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}"
-            task = Task("graphs", _versioned("graphs", described), title)
-            self._made[key] = self._add(task)
-            self.books[task.address] = source
+            self._made[key] = address = self._add("graphs", described, title)
+            self.books[address] = source
         return self._made[key]
 
     def _scorer(self, cell: Cell, graph: str) -> str | None:
@@ -184,7 +184,7 @@ class _Planner:
         described = {"graph": graph, "command": command, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{command}{_values(settings)} on {self.tasks[graph].title}"
-        return self._add(Task("scorers", _versioned("scorers", described), title, (graph,), threads, device))
+        return self._add("scorers", described, title, (graph,), threads, device)
 
     def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
         given: dict[str, Any] = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
@@ -195,18 +195,14 @@ class _Planner:
             steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
         config = agent_config(given, graph, scorer)
-        if "w" in config.policy.sources and config.tasks.depth == 1:  # the trainer's penalty is for these agents alone
+        if ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth):
             given.setdefault("scorer_cost", ImpalaConfig.scorer_cost)
-        settings: dict[str, Any] = {}
-        for kind in _PART_OF_AGENT.values():
-            settings |= _not_default(given, kind)
+        settings = {name: v for kind in _PART_OF_AGENT.values() for name, v in _not_default(given, kind).items()}
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
         needs = (graph,) if scorer is None else (graph, scorer)
-        return self._add(
-            Task("runs", _versioned("runs", described), title, needs, config.trainer.threads, config.trainer.device)
-        )
+        return self._add("runs", described, title, needs, config.trainer.threads, config.trainer.device)
 
     def _content(self, features: Value | None) -> dict[str, str]:
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
@@ -225,12 +221,11 @@ class _Planner:
         return {"content": self._files[spec.source]}
 
 
-def _versioned(kind: Kind, described: dict[str, Any]) -> dict[str, Any]:
-    return {"version": VERSIONS[kind], **described}
-
-
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
-    """Return an agent's configuration from settings and the folders of its graph and scorer; ConfigError if invalid."""
+    """Return an agent's configuration from settings of an address, without `_IN_STUDIES`; ConfigError if invalid.
+
+    ``graph`` and ``scorer`` are folders.
+    """
     settings = {**_IN_STUDIES[ImpalaConfig], **settings}
     parts = {
         name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})

@@ -1,11 +1,11 @@
-"""Write the tables of docs/partial-graph.md and README.md and the picture from two files of figures.
+"""Write the tables of docs/partial-graph.md and README.md and the picture from files of figures.
 
     python docs/make_partial_graph.py [--check]
 
-The figures of trained agents are those of ``benchmarks/partial_graph.py --json``, the figures of players that learn
-nothing those of ``benchmarks/untrained_players.py --json``, the figures by depth those of ``benchmarks/planning.py
---json``. With ``--check`` nothing is written, and the exit code is 1
-if something would be.
+README's table and the first tables of the page are from the studies in docs/results/. The figures of other scorers are
+those of ``benchmarks/partial_graph.py --json``, the figures of players that learn nothing those of
+``benchmarks/untrained_players.py --json``, the figures by depth those of ``benchmarks/planning.py --json``. With
+``--check`` nothing is written, and the exit code is 1 if something would be.
 """
 
 import json
@@ -14,13 +14,21 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from make_results import BOOKS as STUDIED_BOOKS
+from make_results import NO_AGENT, replaced, without_agent
+
+from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.studies.claims import share
+from wordcraft_kg.studies.results import StudyResults
+from wordcraft_kg.studies.view import view_study
 
 HERE = Path(__file__).parent
 SOURCE, PAGE, PICTURE = HERE / "partial-graph.json", HERE / "partial-graph.md", HERE / "images" / "partial_graph.svg"
 PLANNING = HERE / "planning.json"
 UNTRAINED, README, RESULTS = HERE / "untrained-players.json", HERE.parent / "README.md", HERE / "results.md"
-BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->"
+FIGURES = "<!-- figures -->\n", "<!-- end of figures -->"
+STUDIED = "<!-- studies -->\n", "<!-- end of studies -->"
 ALONE = {
     "random": "random",
     "nearest words": "nearest words: no graph, nothing learned",
@@ -49,10 +57,20 @@ NAMES = {
     "recipes, u v w": "**recipe scorer, u v w**",
     "recipes, w alone": "recipe scorer, w alone",
 }
+STUDIES = {"by-recipe": "knowledge", "by-goal": "splits", "by-slot": "splits"}
+"""The study with agents of each split."""
+IN_STUDIES = {
+    "no graph": "no graph",
+    "partial, in-sample, u v": "ComplEx in-sample, u v",
+    "partial, u v": "ComplEx, u v",
+    "partial, u v w, no penalty": "recipe scorer, u v w, without penalty",
+    "partial, u v w": "recipes, u v w",
+}
+"""Variants of the studies, and their names here."""
 SHOWN = ("no graph", "ComplEx in-sample, u v", "ComplEx, u v", "recipes, u v w")
 """What the picture shows."""
 LEGEND = (
-    "Pale bars: intervals over trainings; without a bar: one training.",
+    "Pale bars: 95 % intervals; without a bar: a single training.",
     "u: does the pair combine? v: is it part of the goal?",
     "w: does the pair make the goal?",
     "In-sample: scores of recipes that the scorer has learned.",
@@ -67,7 +85,7 @@ IN_README = {
     "nearest words": "the two items with the nearest words, nothing learned",
     "no graph": "agent without a graph",
     "ComplEx in-sample, u v": "agent with ComplEx, scores in-sample",
-    "recipe scorer alone, w": "recipe scorer alone: its best pair",
+    "scorer alone, w": "recipe scorer alone: its best pair",
     "recipes, u v w": "agent with the recipe scorer",
 }
 """Players and agents in README, and their names there."""
@@ -151,23 +169,62 @@ def agents(book: str, split: str, steps: int, of: list[Row], players: list[Row])
     yield ""
 
 
-def short(rows: list[Row], alone: list[Row]) -> Iterator[str]:
+def studied() -> list[Row]:
+    """Return a row for each book, split, number of distractors and player or variant of the studies."""
+    rows: list[Row] = []
+    for book, name in STUDIED_BOOKS.items():
+        for split, study in STUDIES.items():
+            path = HERE / "results" / f"{study}-{book}.json"
+            if not path.exists():
+                continue
+            results = read_record(path, StudyResults)
+            for point in view_study(results).points:
+                settings = {"split": "by-recipe"} | results.study.settings | point.values
+                if settings["split"] != split:
+                    continue
+                at: Row = {"book": book, "named": name, "split": split, "distractors": settings["distractors"]}
+                for player, text, _ in without_agent(results, point):
+                    rows.append(at | {"variant": player.strip("*").removeprefix("no agent: "), "text": text})
+                for entry in point.variants:
+                    if entry.variant in IN_STUDIES:
+                        row = {"variant": IN_STUDIES[entry.variant], "success": entry.mean, "interval": entry.interval}
+                        low, high = map(share, entry.interval)
+                        text = f"{share(entry.mean)} [{low}, {high}]"
+                        rows.append(at | row | {"steps": entry.steps, "seeds": len(entry.seeds), "text": text})
+    return rows
+
+
+def study_tables(rows: list[Row]) -> Iterator[str]:
+    """Yield a table of players and agents for each book: a column for each split and number of distractors."""
+    for book in dict.fromkeys(row["book"] for row in rows):
+        of = [row for row in rows if row["book"] == book]
+        columns = list(dict.fromkeys((row["split"], row["distractors"]) for row in of))
+        trained = next(row for row in of if "steps" in row)
+        yield f"{trained['named']}, {trained['steps']:,} steps, {trained['seeds']} agent seeds, one split of each kind:"
+        yield ""
+        yield "| |" + "".join(f" {split}, {amount} distractor{'s' * (amount > 1)} |" for split, amount in columns)
+        yield "|---|" + "---|" * len(columns)
+        for variant in (*NO_AGENT, *IN_STUDIES.values()):
+            texts = [_text(of, variant, column) for column in columns]
+            if any(texts):
+                name = f"*no agent: {variant}*" if variant in NO_AGENT else NAMES.get(variant, variant)
+                yield f"| {name} | {' | '.join(texts)} |"
+        yield ""
+
+
+def short(rows: list[Row]) -> Iterator[str]:
     """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and agents."""
+    of = [row for row in rows if row["book"] == "little-alchemy-2"]
     yield "| Little Alchemy 2, 8 distractors | unseen recipes | unseen goals |"
     yield "|---|---|---|"
-    for player, name in IN_README.items():
-        cells = []
-        for split, splits in (("by-recipe", 3), ("by-goal", 1)):
-            means = [_mean(row["success"][:splits]) for row in alone if _key(row, "player") == (player, split, 8)]
-            means += [row["success"] for row in rows if _key(row, "variant") == (player, split, 8)]
-            cells.append(_figure(means[0]))
-        yield f"| {name} | {' | '.join(cells)} |"
+    for variant, name in IN_README.items():
+        texts = [_text(of, variant, (split, 8)).partition(" ")[0] for split in ("by-recipe", "by-goal")]
+        yield f"| {name} | {' | '.join(texts)} |"
 
 
-def _key(row: Row, player: str) -> tuple[str, str, int] | None:
-    """Return what a row is about, or None for other books."""
-    is_own = BOOKS[row["book"]] == "Little Alchemy 2"
-    return (row[player], row["split"], row["distractors"]) if is_own else None
+def _text(rows: list[Row], variant: str, column: tuple[str, int]) -> str:
+    keys = variant, *column
+    return next((row["text"] for row in rows if (row["variant"], row["split"], row["distractors"]) == keys), "")
 
 
 def _mean(values: list[float]) -> float:
@@ -286,19 +343,30 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
-def _filled(path: Path, lines: Iterator[str]) -> str:
-    before, _, rest = path.read_text(encoding="utf-8").partition(BEGIN)
-    return before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + rest.partition(END)[2]
+def drawn(trained: list[Row], of_studies: list[Row]) -> list[Row]:
+    """Return the rows of the picture: agents of the studies, and other trainings on other books or splits."""
+    studied_too = {(row["named"], row["split"]) for row in of_studies}
+    names = {"`everyday-1`": "`everyday`"}
+    return [row for row in of_studies if "steps" in row] + [
+        row for row in trained if (names.get(BOOKS[row["book"]], BOOKS[row["book"]]), row["split"]) not in studied_too
+    ]
+
+
+def _filled(path: Path, *blocks: tuple[tuple[str, str], Iterator[str]]) -> str:
+    text = path.read_text(encoding="utf-8")
+    for marks, lines in blocks:
+        text = replaced(text, marks, lines)
+    return text
 
 
 if __name__ == "__main__":
     trained, untrained_rows = (json.loads(path.read_text(encoding="utf-8")) for path in (SOURCE, UNTRAINED))
-    by_depth = json.loads(PLANNING.read_text(encoding="utf-8"))
+    by_depth, of_studies = json.loads(PLANNING.read_text(encoding="utf-8")), studied()
     for path, text in (
-        (PAGE, _filled(PAGE, tables(trained, untrained_rows))),
-        (README, _filled(README, short(trained, untrained_rows))),
-        (RESULTS, _filled(RESULTS, alone_tables(untrained_rows))),
-        (PICTURE, picture(trained, by_depth)),
+        (PAGE, _filled(PAGE, (STUDIED, study_tables(of_studies)), (FIGURES, tables(trained, untrained_rows)))),
+        (README, _filled(README, (FIGURES, short(of_studies)))),
+        (RESULTS, _filled(RESULTS, (FIGURES, alone_tables(untrained_rows)))),
+        (PICTURE, picture(drawn(trained, of_studies), by_depth)),
     ):
         if "--check" not in sys.argv:
             path.write_text(text, encoding="utf-8")

@@ -40,7 +40,8 @@ def main() -> None:
     opened = model.opened
     alone = scorer_players(opened.graph, model.scorer, model.triples)
     players: dict[str, Player] = {"random pairs": random_distinct, "nearest words": nearest_words(opened.graph)}
-    players |= {"scorer alone, u v": alone["u+v, self edges dropped"], "scorer alone, w": alone["w, best pair"]}
+    players |= {"recipe scorer alone, u v": alone["u+v, self edges dropped"]}
+    players["recipe scorer alone, w"] = alone["w, best pair"]
     players["planner, p"] = knowledge_player(make_sources(["p"], model.scorer))
     rows = json.loads(TARGET.read_text(encoding="utf-8")) if TARGET.exists() else []
     for distractors in map(int, options.distractors.split(",")):

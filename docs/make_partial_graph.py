@@ -70,12 +70,13 @@ IN_STUDIES = {
 SHOWN = ("no graph", "ComplEx in-sample, u v", "ComplEx, u v", "recipes, u v w")
 """What the picture shows."""
 LEGEND = (
-    "Pale bars: 95 % intervals; without a bar: a single training.",
+    "Pale bars: 95 % intervals (by depth over splits); none: one training.",
     "u: does the pair combine? v: is it part of the goal?",
     "w: does the pair make the goal?",
     "In-sample: scores of recipes that the scorer has learned.",
     "Split by-goal: no train recipe makes the goal; by-slot: no",
     "train recipe makes it with one of these ingredients.",
+    "1,000,000 steps: without the penalty.",
 )
 """Lines in the cell after the last panel."""
 DEPTHS = {"chance": "#8c959f", "w": "#0969da", "planner, train recipes": "#bf8700", "planner": "#1a7f37"}
@@ -85,7 +86,7 @@ IN_README = {
     "nearest words": "the two items with the nearest words, nothing learned",
     "no graph": "agent without a graph",
     "ComplEx in-sample, u v": "agent with ComplEx, scores in-sample",
-    "scorer alone, w": "recipe scorer alone: its best pair",
+    "recipe scorer alone, w": "recipe scorer alone: its best pair",
     "recipes, u v w": "agent with the recipe scorer",
 }
 """Players and agents in README, and their names there."""
@@ -179,7 +180,7 @@ def studied() -> list[Row]:
                 continue
             results = read_record(path, StudyResults)
             for point in view_study(results).points:
-                settings = {"split": "by-recipe"} | results.study.settings | point.values
+                settings = {"split": "by-recipe", "distractors": 1} | results.study.settings | point.values
                 if settings["split"] != split:
                     continue
                 at: Row = {"book": book, "named": name, "split": split, "distractors": settings["distractors"]}
@@ -199,8 +200,9 @@ def study_tables(rows: list[Row]) -> Iterator[str]:
     for book in dict.fromkeys(row["book"] for row in rows):
         of = [row for row in rows if row["book"] == book]
         columns = list(dict.fromkeys((row["split"], row["distractors"]) for row in of))
-        trained = next(row for row in of if "steps" in row)
-        yield f"{trained['named']}, {trained['steps']:,} steps, {trained['seeds']} agent seeds, one split of each kind:"
+        trained = [row for row in of if "steps" in row]
+        steps, seeds = (_ends({row[key] for row in trained}) for key in ("steps", "seeds"))
+        yield f"{of[0]['named']}, agents after {steps} steps, {seeds} seeds of scorer and agent, a split of each kind:"
         yield ""
         yield "| |" + "".join(f" {split}, {amount} distractor{'s' * (amount > 1)} |" for split, amount in columns)
         yield "|---|" + "---|" * len(columns)
@@ -219,12 +221,18 @@ def short(rows: list[Row]) -> Iterator[str]:
     yield "|---|---|---|"
     for variant, name in IN_README.items():
         texts = [_text(of, variant, (split, 8)).partition(" ")[0] for split in ("by-recipe", "by-goal")]
+        if not all(texts):
+            sys.exit(f"the studies of Little Alchemy 2 have no figure of '{variant}' for README")
         yield f"| {name} | {' | '.join(texts)} |"
 
 
 def _text(rows: list[Row], variant: str, column: tuple[str, int]) -> str:
     keys = variant, *column
     return next((row["text"] for row in rows if (row["variant"], row["split"], row["distractors"]) == keys), "")
+
+
+def _ends(values: set[int]) -> str:
+    return " to ".join(f"{value:,}" for value in sorted({min(values), max(values)}))
 
 
 def _mean(values: list[float]) -> float:
@@ -309,9 +317,9 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
     for line_number, text in enumerate(LEGEND):
         x, y = cells[-1]
         parts.append(f'<text x="{x + 14}" y="{y + 42 + 20 * line_number}" fill="#57606a">{text}</text>')
-    for ((book, split, _), of), (x0, y0) in zip(panels.items(), cells, strict=False):
+    for ((book, split, steps), of), (x0, y0) in zip(panels.items(), cells, strict=False):
         scale = width - left - 40
-        title = f"{BOOKS[book].strip('`')}, {split}"
+        title = f"{BOOKS[book].strip('`')}, {split}, {round(steps, -4):,} steps"
         parts.append(f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">{title}</text>')
         for tick in (0, 0.25, 0.5, 0.75, 1):
             x = x0 + left + scale * tick
@@ -355,6 +363,8 @@ def drawn(trained: list[Row], of_studies: list[Row]) -> list[Row]:
 def _filled(path: Path, *blocks: tuple[tuple[str, str], Iterator[str]]) -> str:
     text = path.read_text(encoding="utf-8")
     for marks, lines in blocks:
+        if not all(mark in text for mark in marks):
+            sys.exit(f"{path.name} has no place for a table between {marks[0].strip()} and {marks[1]}")
         text = replaced(text, marks, lines)
     return text
 

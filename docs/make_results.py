@@ -48,7 +48,7 @@ SEEDS = {"little-alchemy-2": 5, "everyday": 3}
 """Declared seeds by book."""
 FEWEST = 3
 """Seeds from which on a study of cells takes the place of an earlier file."""
-NO_AGENT = "random pairs", "nearest words", "scorer alone, u v", "scorer alone, w", "planner, p"
+NO_AGENT = "random pairs", "nearest words", "recipe scorer alone, u v", "recipe scorer alone, w", "planner, p"
 PLAYED = "graph", "split", "depth", "distractors", "distractor_seeds", "tasks"
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""

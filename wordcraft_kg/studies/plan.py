@@ -128,8 +128,8 @@ class _Planner:
         except (ConfigError, SplitError) as error:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
 
-    def _add(self, kind: Kind, described: dict[str, Any], *others: Any) -> str:
-        task = Task(kind, {"version": VERSIONS[kind], **described}, *others)
+    def _add(self, kind: Kind, described: dict[str, Any], title: str, *others: Any) -> str:
+        task = Task(kind, {"version": VERSIONS[kind], **described}, title, *others)
         return self.tasks.setdefault(task.address, task).address
 
     def _graph(self, settings: Values) -> str:

@@ -196,18 +196,19 @@ def studied() -> list[Row]:
 
 
 def study_tables(rows: list[Row]) -> Iterator[str]:
-    """Yield a table of players and agents for each book: a column for each split and number of distractors."""
-    for book in dict.fromkeys(row["book"] for row in rows):
-        of = [row for row in rows if row["book"] == book]
-        columns = list(dict.fromkeys((row["split"], row["distractors"]) for row in of))
+    """Yield a table of players and agents for each book and number of distractors: a column for each split."""
+    for book, amount in dict.fromkeys((row["book"], row["distractors"]) for row in rows):
+        of = [row for row in rows if (row["book"], row["distractors"]) == (book, amount)]
+        splits = list(dict.fromkeys(row["split"] for row in of))
         trained = [row for row in of if "steps" in row]
         steps, seeds = (_ends({row[key] for row in trained}) for key in ("steps", "seeds"))
-        yield f"{of[0]['named']}, agents after {steps} steps, {seeds} seeds of scorer and agent, a split of each kind:"
+        where = f"{of[0]['named']}, {amount} distractor{'s' * (amount > 1)}"
+        yield f"{where}, agents after {steps} steps, {seeds} seeds of scorer and agent:"
         yield ""
-        yield "| |" + "".join(f" {split}, {amount} distractor{'s' * (amount > 1)} |" for split, amount in columns)
-        yield "|---|" + "---|" * len(columns)
+        yield f"| | {' | '.join(splits)} |"
+        yield "|---|" + "---|" * len(splits)
         for variant in (*NO_AGENT, *IN_STUDIES.values()):
-            texts = [_text(of, variant, column) for column in columns]
+            texts = [_text(of, variant, (split, amount)) for split in splits]
             if any(texts):
                 name = f"*no agent: {variant}*" if variant in NO_AGENT else NAMES.get(variant, variant)
                 yield f"| {name} | {' | '.join(texts)} |"

@@ -1,28 +1,19 @@
 """Measure the reference pack, and write its files.
 
-    python benchmarks/make_reference.py everyday [--agents RUNS ...]
+    python benchmarks/make_reference.py everyday --studies docs/results/knowledge-everyday.json
     python benchmarks/make_reference.py little-alchemy-2 --studies docs/results/embeddings-little-alchemy-2.json ...
     python benchmarks/make_reference.py everyday --check
 
 Scripted players are always measured: on test tasks with depth 1 and 1, 2 and 8 distractors, with depth 2 and 1 and 8
-distractors, and in open-ended mode. Agents come from run folders (``--agents``: a folder with seeds per agent, played
-with 1, 2 and 8 distractors) or from study results (``--studies``: each variant with the number of distractors in
-training); ``--scorers`` are models that play without an agent. The file's rows of other agents and scorers stay
-unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's figures differ from the
-file.
+distractors, and in open-ended mode. Agents come from study results (``--studies``: each variant with the number of
+distractors in training), which replace the file's agents; ``--scorers`` are models that play without an agent. The
+file's rows of other scorers stay unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's
+figures differ from the file.
 
-Train the agents for ``everyday`` as follows, in about 25 minutes on a single core:
+The scorers for ``everyday``, without an agent:
 
-    wordcraft-kg build-graph everyday --out graphs/everyday
-    wordcraft-kg train-agent graphs/everyday --steps 1000000 --seeds 0-4 --eval-every 0 --out runs/no-kg
-    wordcraft-kg train-complex graphs/everyday --out models/everyday
-    wordcraft-kg train-agent graphs/everyday --scorer models/everyday --steps 1000000 --seeds 0-4 --eval-every 0 \
---out runs/complex
-    wordcraft-kg train-recipes graphs/everyday --features glove --out models/everyday-recipes
-    wordcraft-kg train-agent graphs/everyday --scorer models/everyday-recipes --use u,v,w --steps 1000000 --seeds 0-4 \
---eval-every 0 --out runs/recipes
-    python benchmarks/make_reference.py everyday --agents "no scorer=runs/no-kg" "ComplEx, u v=runs/complex" \
-"recipe scorer, u v w=runs/recipes" --scorers "recipe scorer alone=models/everyday-recipes"
+    wordcraft-kg train-recipes everyday --out models/everyday-recipes
+    python benchmarks/make_reference.py everyday --scorers "recipe scorer alone=models/everyday-recipes"
 
 The tables of SmolLM2-135M-Instruct alone, without recipes (docs/outside-knowledge.md):
 
@@ -42,7 +33,6 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.base.errors import TaskError
 from wordcraft_kg.base.records import as_values, read_record
 from wordcraft_kg.base.statistics import rate_interval
@@ -59,9 +49,8 @@ from wordcraft_kg.evaluation.reference import (
 )
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.runs.record import run_folders
 from wordcraft_kg.studies.references import DISTRACTORS, in_order, open_play, scorer_rows, scripted_rows
-from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN, agent_rows
+from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN
 from wordcraft_kg.studies.results import StudyResults
 
 PLAYS = ((TaskPlay("test", 1, 1), DISTRACTORS), (TaskPlay("test", 2, 2), (1, 8)))
@@ -76,7 +65,6 @@ def main() -> None:
     """Measure, and write or compare a file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("graph", help="graph folder, recipe book or known book's name")
-    parser.add_argument("--agents", nargs="+", default=(), metavar="NAME=RUNS", help="folders of seeds, by agent")
     parser.add_argument("--studies", nargs="+", default=(), type=Path, help="results of studies of this book")
     parser.add_argument("--scorers", nargs="+", default=(), metavar="NAME=MODEL", help="model folders, by scorer")
     parser.add_argument("--check", action="store_true", help="compare scripted players with the file")
@@ -87,11 +75,10 @@ def main() -> None:
     kept = read_pack(path).rows if path.exists() else ()
     if chosen.check:
         sys.exit(differences(read_pack(path), scripted))
-    agents = [*trained(opened, chosen.agents), *studied(opened, chosen.studies)]
+    agents = [*studied(opened, chosen.studies)] or [row for row in kept if row.kind == "agent"]
     scorers = [*alone(opened, chosen.scorers)]
-    for kind, measured in (("agent", agents), ("scorer", scorers)):
-        names = {row.player for row in measured}
-        measured[:0] = [row for row in kept if row.kind == kind and row.player not in names]
+    names = {row.player for row in scorers}
+    scorers[:0] = [row for row in kept if row.kind == "scorer" and row.player not in names]
     pack = ReferencePack(
         format=FORMAT,
         title=opened.graph.name,
@@ -112,16 +99,6 @@ def scripted_players(opened: OpenedGraph) -> Iterator[ReferenceRow]:
             print(error, file=sys.stderr)
     for play in dict.fromkeys(open_play(opened, base) for base in BASES):
         yield from scripted_rows(opened, play, ())
-
-
-def trained(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]:
-    """Yield the rows of agents by their run folders, ``NAME=RUNS``."""
-    groups = {}
-    for text in named:
-        name, _, folder = text.partition("=")
-        groups[name] = [open_agent(run, opened) for run in run_folders(Path(folder))]
-    if groups:
-        yield from agent_rows(groups, opened, PLAYS[0][0], DISTRACTORS, "ours")
 
 
 def alone(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]:

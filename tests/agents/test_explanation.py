@@ -334,7 +334,7 @@ def test_recipes_are_in_sample_for_a_scorer_without_folds_that_was_trained_on_th
             assert all(one.is_in_sample == (kg == "full" or one.part == "train") for one in way)
 
 
-@pytest.mark.parametrize("in_sample", [False, True])
+@pytest.mark.parametrize("in_sample", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once, in_sample):
     with_train_sample = RecipeScorerConfig(folds=3, train_fraction=0.6, label_noise=0.2)
     config = RecipesConfig("kitchen", with_train_sample)

@@ -104,6 +104,7 @@ def test_the_indexed_loop_refuses_another_loss_and_a_model_with_two_embeddings_a
         loop_of(kind(triples_factory=factory, embedding_dim=3, loss=loss), factory)
 
 
+@pytest.mark.slow
 def test_the_indexed_loop_trains_another_model_of_single_embeddings(factory):
     model = TransE(triples_factory=factory, embedding_dim=3, loss="crossentropy", random_seed=0)
     loop = IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory, optimizer_kwargs={"lr": 0.1})

@@ -149,7 +149,9 @@ def test_models_are_evaluated_on_the_same_triples_and_baselines_know_what_the_mo
     assert not known.equals(rank_triples(FrequencyScorer(graph, opened_kitchen.split.partial), test, graph.triples))
 
 
-@pytest.mark.parametrize(("train_fraction", "label_noise"), [(0.1, 0.0), (1.0, 1.0)])
+@pytest.mark.parametrize(
+    ("train_fraction", "label_noise"), [(0.1, 0.0), pytest.param(1.0, 1.0, marks=pytest.mark.slow)]
+)
 def test_the_checks_of_a_report_are_those_of_the_train_sample(opened_kitchen, train_fraction, label_noise):
     graph, train_sample = opened_kitchen.graph, draw_train_sample(opened_kitchen.split, train_fraction, label_noise)
     ranked = rank_links(FrequencyScorer(graph, train_sample.triples), opened_kitchen, train_sample=train_sample)
@@ -201,6 +203,7 @@ def test_other_link_predictors_learn_from_a_train_sample(opened_kitchen, tmp_pat
     assert (len(model.train_sample.recipes), model.metrics.triples) == (26, len(model.triples))
 
 
+@pytest.mark.slow
 def test_a_recipe_scorer_knows_its_train_sample_and_no_more(opened_kitchen, tmp_path):
     settings = RecipeScorerConfig(folds=3, features="one-hot", train_fraction=0.5, label_noise=0.2, seed=1)
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "recipes")

@@ -482,7 +482,7 @@ TORN = {
 }
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+@pytest.mark.parametrize("number", [errno.ENOSPC, pytest.param(errno.EROFS, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("command", "write"), [(line, write) for line, writes in TORN.items() for write in writes])
 def test_a_disk_that_takes_no_more_files_is_one_line_and_the_same_command_goes_on(
     run, refused, home, monkeypatch, command, write, number

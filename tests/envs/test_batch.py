@@ -115,14 +115,14 @@ def test_a_batch_on_the_kitchen_agrees_in_every_part(opened_kitchen, part):
 @pytest.mark.parametrize(
     ("depth", "ambiguity", "reward"),
     [
-        pytest.param(*case, marks=[pytest.mark.slow] * (case[::2] in ((2, "sparse"), (2, "official"))))
+        pytest.param(*case, marks=[pytest.mark.slow] * (case[0] == 2 and case[1:] != ("all", SHAPED)))
         for case in product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))
     ],
 )
 def test_a_batch_does_step_for_step_what_the_readable_environment_does(ambiguous, depth, ambiguity, reward):
     settings = {"part": "all", "depth": depth, "ambiguity": ambiguity, "reward": reward, "num_tasks": 50}
     twins = Twins(ambiguous, 12, seed=depth, num_distractors=4, max_attempts=depth + 1, **settings)
-    count = twins.run(120, np.random.default_rng(0))
+    count = twins.run(60, np.random.default_rng(0))
     assert min(count["goal"], count["over"], count["illegal"]) > 3
     assert depth == 1 or ambiguity == "last" or count["other way"] > 0
 

@@ -86,7 +86,7 @@ def train(request):
 def test_no_distractor_completes_a_held_out_recipe_of_the_goal(train, depth, attempts, engine):
     world = train.variant(depth=depth, max_attempts=attempts)
     of_task, closest = cache(partial(guarded, world)), 0
-    for task, table in tables(world, engine, 200 if engine == "readable" else 4_000):
+    for task, table in tables(world, engine, 200 if engine == "readable" else 1_500):
         pairs, near = of_task(task)
         distractors = set(table) - set(world.tasks.starts[task].tolist()) - {world.nothing}
         there = near | distractors

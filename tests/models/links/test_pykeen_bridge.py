@@ -6,6 +6,7 @@ import math
 import random
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -111,13 +112,14 @@ def train(model="DistMult", **settings):
     return pipeline(**kind, epochs=1, random_seed=0, training_kwargs=quiet, evaluation_kwargs=quiet, **settings)
 
 
-def on_kitchen(model="DistMult", **settings):
-    return train(model, dataset="wordcraft", dataset_kwargs={"graph": "kitchen", **settings})
+@cache
+def on_kitchen(is_inverse=False):
+    return train("TransE", dataset="wordcraft", dataset_kwargs={"graph": "kitchen", "create_inverse_triples": is_inverse})
 
 
 @pytest.mark.parametrize("is_inverse", [False, True])
 def test_the_scorer_gives_every_triple_pykeens_own_score(is_inverse, opened_kitchen):
-    result = on_kitchen("TransE", create_inverse_triples=is_inverse)
+    result = on_kitchen(is_inverse)
     scorer = from_pykeen(result.model, result.training, opened_kitchen)
     triples = torch.from_numpy(opened_kitchen.graph.triples[::7].copy())
     theirs = result.model.predict_hrt(triples)[:, 0]  # on this dataset PyKEEN's ids are the graph's
@@ -155,7 +157,7 @@ def test_a_table_that_is_too_large_is_refused(opened_kitchen, monkeypatch):
 
 
 def test_it_becomes_a_model_folder_of_the_same_scores(opened_kitchen, tmp_path):
-    result = on_kitchen("TransE")
+    result = on_kitchen()
     scorer = from_pykeen(result.model, result.training, opened_kitchen)
     model = open_model(save_scorer(tmp_path / "model", scorer, opened_kitchen, kg="partial"))
     assert (model.kg, model.provenance["what it is"]) == ("partial", "TransE")

@@ -114,15 +114,17 @@ def train(model="DistMult", **settings):
 
 @cache
 def on_kitchen(is_inverse=False):
-    return train("TransE", dataset="wordcraft", dataset_kwargs={"graph": "kitchen", "create_inverse_triples": is_inverse})
+    graph = {"graph": "kitchen", "create_inverse_triples": is_inverse}
+    result = train("TransE", dataset="wordcraft", dataset_kwargs=graph)
+    return result.model, result.training
 
 
 @pytest.mark.parametrize("is_inverse", [False, True])
 def test_the_scorer_gives_every_triple_pykeens_own_score(is_inverse, opened_kitchen):
-    result = on_kitchen(is_inverse)
-    scorer = from_pykeen(result.model, result.training, opened_kitchen)
+    model, training = on_kitchen(is_inverse)
+    scorer = from_pykeen(model, training, opened_kitchen)
     triples = torch.from_numpy(opened_kitchen.graph.triples[::7].copy())
-    theirs = result.model.predict_hrt(triples)[:, 0]  # on this dataset PyKEEN's ids are the graph's
+    theirs = model.predict_hrt(triples)[:, 0]  # on this dataset PyKEEN's ids are the graph's
     torch.testing.assert_close(scorer.score(*triples.T), theirs)
 
 
@@ -138,27 +140,23 @@ def test_labels_are_matched_whatever_pykeens_ids_are(opened_kitchen):
     scorer = from_pykeen(result.model, factory, opened_kitchen)
     for head, relation, tail in labelled[::50]:
         ids = [factory.entity_to_id[head], factory.relation_to_id[relation], factory.entity_to_id[tail]]
-        assert float(scorer.score(head, relation, tail)) == pytest.approx(
-            result.model.predict_hrt(torch.tensor([ids])).item(), abs=1e-5
-        )
+        theirs = result.model.predict_hrt(torch.tensor([ids])).item()
+        assert float(scorer.score(head, relation, tail)) == pytest.approx(theirs, abs=1e-5)
 
 
 def test_a_model_of_another_graph_is_refused_with_what_differs():
-    result = on_kitchen()
     with pytest.raises(GraphMismatchError, match=r"entities .* are missing .* are unknown"):
-        from_pykeen(result.model, result.training, open_graph("paper-examples"))
+        from_pykeen(*on_kitchen(), open_graph("paper-examples"))
 
 
 def test_a_table_that_is_too_large_is_refused(opened_kitchen, monkeypatch):
-    result = on_kitchen()
     monkeypatch.setattr(config, "TABLE_LIMIT", 1_000)
     with pytest.raises(ConfigError, match="80 entities"):
-        from_pykeen(result.model, result.training, opened_kitchen)
+        from_pykeen(*on_kitchen(), opened_kitchen)
 
 
 def test_it_becomes_a_model_folder_of_the_same_scores(opened_kitchen, tmp_path):
-    result = on_kitchen()
-    scorer = from_pykeen(result.model, result.training, opened_kitchen)
+    scorer = from_pykeen(*on_kitchen(), opened_kitchen)
     model = open_model(save_scorer(tmp_path / "model", scorer, opened_kitchen, kg="partial"))
     assert (model.kg, model.provenance["what it is"]) == ("partial", "TransE")
     torch.testing.assert_close(model.scorer.table(0), scorer.table(0))

@@ -70,15 +70,14 @@ IN_STUDIES = {
 SHOWN = ("no graph", "ComplEx in-sample, u v", "ComplEx, u v", "recipes, u v w")
 """What the picture shows."""
 LEGEND = (
-    "Pale bars: 95 % intervals (by depth over splits); none: one training.",
+    "Pale bars: 95 % intervals (by depth over splits).",
+    "In-sample: scores of recipes that the scorer has learned.",
+    "By-goal: no train recipe makes the goal.",
     "u: does the pair combine? v: is it part of the goal?",
     "w: does the pair make the goal?",
-    "In-sample: scores of recipes that the scorer has learned.",
-    "Split by-goal: no train recipe makes the goal; by-slot: no",
-    "train recipe makes it with one of these ingredients.",
-    "1,000,000 steps: without the penalty.",
+    "By-slot: none makes it with one of these ingredients.",
 )
-"""Lines in the cell after the last panel."""
+"""Lines below the panels of the studies, in two columns."""
 DEPTHS = {"chance": "#8c959f", "w": "#0969da", "planner, train recipes": "#bf8700", "planner": "#1a7f37"}
 """Players in the panels by depth, and their colours."""
 COLOURS = {8: "#0072b2", 1: "#d55e00"}
@@ -301,9 +300,10 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
     panels = {key: of for key, of in panels.items() if len({row["variant"] for row in of}) == len(SHOWN)}
     width, left, top, line, columns = 430, 176, 64, 28, 2
     height = line * len(SHOWN) + 60
-    below = top + height * -(-(len(panels) + 1) // columns)
+    legend = top + height * -(-len(panels) // columns)
+    below = legend + 84
     total = below + 210
-    cells = [(width * (n % columns), top + height * (n // columns)) for n in range(len(panels) + 1)]
+    cells = [(width * (n % columns), top + height * (n // columns)) for n in range(len(panels))]
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width * columns} {total}" '
         'font-family="system-ui, sans-serif" font-size="12">',
@@ -315,10 +315,10 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
         x = 14 + 150 * place
         parts += mark(x + 6, 44, (x, x + 12), colour)
         parts.append(f'<text x="{x + 18}" y="48" fill="#1b1f24">{amount} distractor{"s" * (amount > 1)}</text>')
-    for line_number, text in enumerate(LEGEND):
-        x, y = cells[-1]
-        parts.append(f'<text x="{x + 14}" y="{y + 42 + 20 * line_number}" fill="#57606a">{text}</text>')
-    for ((book, split, steps), of), (x0, y0) in zip(panels.items(), cells, strict=False):
+    for n, text in enumerate(LEGEND):
+        x, y = 14 + width * (n // 3), legend + 14 + 20 * (n % 3)
+        parts.append(f'<text x="{x}" y="{y}" fill="#57606a">{text}</text>')
+    for ((book, split, steps), of), (x0, y0) in zip(panels.items(), cells, strict=True):
         scale = width - left - 40
         title = f"{BOOKS[book].strip('`')}, {split}, {round(steps, -4):,} steps"
         parts.append(f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">{title}</text>')
@@ -352,15 +352,6 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
-def drawn(trained: list[Row], of_studies: list[Row]) -> list[Row]:
-    """Return the rows of the picture: agents of the studies, and other trainings on other books or splits."""
-    studied_too = {(row["named"], row["split"]) for row in of_studies}
-    names = {"`everyday-1`": "`everyday`"}
-    return [row for row in of_studies if "steps" in row] + [
-        row for row in trained if (names.get(BOOKS[row["book"]], BOOKS[row["book"]]), row["split"]) not in studied_too
-    ]
-
-
 def _filled(path: Path, *blocks: tuple[tuple[str, str], Iterator[str]]) -> str:
     text = path.read_text(encoding="utf-8")
     for marks, lines in blocks:
@@ -377,7 +368,7 @@ if __name__ == "__main__":
         (PAGE, _filled(PAGE, (STUDIED, study_tables(of_studies)), (FIGURES, tables(trained, untrained_rows)))),
         (README, _filled(README, (FIGURES, short(of_studies)))),
         (RESULTS, _filled(RESULTS, (FIGURES, alone_tables(untrained_rows)))),
-        (PICTURE, picture(drawn(trained, of_studies), by_depth)),
+        (PICTURE, picture([row for row in of_studies if "steps" in row], by_depth)),
     ):
         if "--check" not in sys.argv:
             path.write_text(text, encoding="utf-8")

@@ -73,11 +73,11 @@ def test_all_variants_come_with_their_first_seed_first():
 
 def test_what_a_study_leaves_out_has_the_default_of_the_command():
     text = 'title = "x"\nseeds = 1\n[scorers.recipes]\ncommand = "train-recipes"\n[grid]\ndepth = [1, 2]\n'
-    text += '[variants."u v"]\nscorer = "recipes"\n[variants.w]\nscorer = "recipes"\nuse = "u,v,w"'
+    text += '[variants."u v"]\nscorer = "recipes"\nscorer_cost = 0.3\n[variants.w]\nscorer = "recipes"\nuse = "u,v,w"'
     scorer, *runs = (task.settings for task in small_plan(text=text).tasks.values() if task.kind != "graphs")
     assert scorer["settings"]["features"] == "minilm"
     costs = [agent_config(run["settings"], "", "").trainer.scorer_cost for run in runs]
-    assert costs == [0, None, 0, 0]  # the penalty is for agents with w at depth 1
+    assert costs == [0, None, 0, 0]  # the penalty is for agents with w at depth 1 only
 
 
 def test_defaults_are_those_that_addresses_stand_for():

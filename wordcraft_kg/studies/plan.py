@@ -195,8 +195,8 @@ class _Planner:
             steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
         config = agent_config(given, graph, scorer)
-        if ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth):
-            given.setdefault("scorer_cost", ImpalaConfig.scorer_cost)
+        has_cost = ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth)
+        given["scorer_cost"] = given.get("scorer_cost", ImpalaConfig.scorer_cost) if has_cost else 0.0
         settings = {name: v for kind in _PART_OF_AGENT.values() for name, v in _not_default(given, kind).items()}
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))

@@ -47,8 +47,7 @@ def test_the_pack_has_everyday_as_the_package_builds_it_now(everyday):
     assert pack.title == "everyday"
     for distractors in (1, 2, 8):
         kinds = {row.kind for row in pack.rows_of(DEPTH_1, [distractors])}
-        assert kinds >= {"chance", "words", "knowledge graph", "oracle", "scorer"}
-        assert "agent" in kinds or distractors == 2
+        assert kinds >= {"chance", "words", "knowledge graph", "oracle", "scorer", "agent"}
     assert {row.player for row in pack.rows_of(OpenPlay(("air", "earth", "fire", "water")))} >= {"random", "greedy"}
 
 

@@ -18,6 +18,7 @@
     ["aria-autocomplete", "list"]]) input.setAttribute(name, value);
   form.append(list);
   let chosen = -1;
+  let asked = 0;
 
   const folded = (text) => text.trim().normalize("NFKD").replace(/\p{M}/gu, "").toLowerCase();
   const rank = (name, text) => {
@@ -47,6 +48,7 @@
     else input.removeAttribute("aria-activedescendant");
   };
   const close = () => {
+    asked++; // an answer on its way opens no list
     list.hidden = true;
     input.setAttribute("aria-expanded", "false");
     choose(-1);
@@ -63,7 +65,6 @@
     input.setAttribute("aria-expanded", String(found.length > 0));
     choose(-1);
   };
-  let asked = 0;
   input.addEventListener("input", async () => {
     const text = folded(input.value);
     const number = ++asked;

@@ -214,7 +214,7 @@ class Impala:
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def _collect(self, weights: Weights) -> bool:
         """Collect an unroll; return whether an episode continues, so that bootstrap values are needed."""
         unroll, engine = self._unroll, self.envs.engine

@@ -18,8 +18,6 @@ from wordcraft_kg.models.policies.sources.source import Source
 
 FOLD_LIMIT = 300
 """Dimensions up to which query and key weights are multiplied once per update."""
-
-
 AHEAD = 10.0
 """First λ of sources that look ahead. With 1 or 5, agents explore so much at first that they forget their planner."""
 

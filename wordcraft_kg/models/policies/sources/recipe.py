@@ -111,14 +111,16 @@ class BestRecipe(FoldedSource):
         models = len(self.knowledge.bias)
         used = torch.zeros_like(goal) if model is None else model.clamp(max=models - 1)  # the empty model is last
         scores = self._scores(goal, table, used, attempts)
-        is_selected = (table == selection[:, None]) & (table != self.num_entities)
-        place = is_selected.int().argmax(1)[:, None, None].expand(-1, 1, table.shape[1])
-        with_selection = scores.gather(1, place)[:, 0]
-        best = torch.where((selection == self.num_entities)[:, None], scores.amax(-1), with_selection)
-        is_absent = (selection != self.num_entities) & ~is_selected.any(1)
-        if is_absent.any():
-            wider = torch.cat([table, selection[:, None]], dim=1)
-            best = best.where(~is_absent[:, None], self.pair_scores(goal, wider, used, attempts)[:, -1, :-1])
+        is_first = selection == self.num_entities
+        best = scores.amax(-1)
+        if not is_first.all():
+            is_selected = (table == selection[:, None]) & ~is_first[:, None]
+            place = is_selected.int().argmax(1)[:, None, None].expand(-1, 1, table.shape[1])
+            best = best.where(is_first[:, None], scores.gather(1, place)[:, 0])
+            is_absent = ~is_first & ~is_selected.any(1)
+            if is_absent.any():
+                wider = torch.cat([table, selection[:, None]], dim=1)
+                best = best.where(~is_absent[:, None], self.pair_scores(goal, wider, used, attempts)[:, -1, :-1])
         best = best.masked_fill(table == self.num_entities, 0)
         return best if model is None else best.masked_fill((model == models)[:, None], 0)
 

@@ -106,6 +106,15 @@ def test_a_claim_has_the_verdict_of_its_measure_and_points(sides, more, changed,
     assert verdict(both(*sides, **more), **changed) == expected
 
 
+def test_amounts_at_two_points_are_compared_by_seed_and_task():
+    at_8 = both(0.6, 0.4).runs
+    lost = [(run, run.won if run.variant == "right" else "0" * 20 + run.won[20:]) for run in at_8]
+    at_1 = [msgspec.structs.replace(run, values={"distractors": 1}, won=won) for run, won in lost]
+    (entry,) = check_claim(results_of(*at_8, *at_1, points=(8, 1)), msgspec.structs.replace(CLAIM, expected="varies"))
+    assert entry.measured[0].low < entry.measured[1].high
+    assert (entry.verdict, entry.why) == ("differs", "more at all 2 points, but by different amounts")
+
+
 def test_a_claim_about_all_points_is_judged_at_each():
     results = both({8: 0.6, 1: 0.3}, 0.4, points=(8, 1))
     assert [(at.measured[0].values["distractors"], at.verdict) for at in check_claim(results, CLAIM)] == [

@@ -13,11 +13,7 @@ if TYPE_CHECKING:
 EXAMPLES = ("wordcraft-kg books", "wordcraft-kg books --fetch little-alchemy-2")
 
 
-def books(
-    *,
-    fetch: FetchableBook = None,
-    output: Output = Output(),
-) -> None:
+def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
     """List the recipe books known by name, or download a published book into the cache.
 
     Commands accept a book's name in place of a path.

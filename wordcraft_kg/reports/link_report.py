@@ -78,7 +78,7 @@ def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
             "filtered MRR, with 95 % intervals",
             "Filtered MRR of the model and of each baseline",
             reference=view.metrics["all"].mrr,
-        ),
+        )
     }
 
 

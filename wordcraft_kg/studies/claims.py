@@ -12,9 +12,9 @@ between the sides, a claim of *more, by at least b* (default 0) is
 
 For *less* all signs are reversed. *Comparable, closer than b* is reproduced if [l, h] lies within ±b, not reproduced if
 it lies beyond ±b, differs if it otherwise excludes 0, and else undecided. *Varies* is reproduced if one grid interval
-is above 0 and another below; with one sign everywhere, it differs if two intervals are disjoint and else is not
-reproduced; it is not reproduced either if all intervals lie within ±.02, and else undecided. A claim without runs is
-*not run*.
+is above 0 and another below; with one sign everywhere, it differs if the difference surely changes between two points
+(in pairs; for other tasks: disjoint intervals) and else is not reproduced; it is not reproduced either if all intervals
+lie within ±.02, and else undecided. A claim without runs is *not run*.
 
 Intervals for success are over seeds and tasks (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals
 for figures per run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Differences are paired by seed,
@@ -23,14 +23,15 @@ task and table. Verdicts are not corrected for multiple claims. With fewer than 
 """
 
 from collections.abc import Iterable, Sequence
+from itertools import combinations
 from typing import Literal
 
+import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.statistics import FEWEST_PAIRS, crossed_difference, rate_interval, student_interval
+from wordcraft_kg.base.statistics import FEWEST_PAIRS, Scores, crossed_difference, rate_interval, student_interval
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.results import RunResult, StudyResults, steps_to
 from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at
@@ -105,7 +106,7 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
     groups: list[tuple[Measured, ...]] = [(measured,) for measured in figures]
     if claim.expected == "varies":
         groups = [tuple(figures)] if len(figures) > 1 else []
-    entries = [_verdict(claim, *_rule(claim, group), group) for group in groups]
+    entries = [_verdict(claim, *_rule(results, claim, group), group) for group in groups]
     if not groups and not lacking:
         lacking = ["the study has no results at such points"]
     return entries + [_verdict(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
@@ -138,20 +139,24 @@ def _point(values: Values) -> str:
     return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
-def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
+def _sides(results: StudyResults, claim: Claim, point: Values) -> tuple[list[int], Scores, Scores]:
+    """Return the common seeds and both sides' figures, shapes (seeds, tasks) for success and else (seeds, 1)."""
     left = _runs(results, claim.left, point)
     right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else left
     pairs = [(left[seed], right[seed]) for seed in sorted(left.keys() & right.keys())]
     _check_runs(results, claim, point, [run for pair in pairs for run in pair])
-    is_success = claim.measure == "success"
     a = np.array([_figures(claim.measure, run, other) for run, other in pairs])
     b = np.array([_figures(claim.measure, other, other) for _, other in pairs])
     if not claim.right:
         b = np.full_like(a, claim.than)
+    return [left.seed for left, _ in pairs], a, b
+
+
+def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
+    seeds, a, b = _sides(results, claim, point)
     low, high = _interval(claim, a, b)
-    difference = float(a.mean() - b.mean())
-    tasks = a.shape[1] if is_success else 0
-    return Measured(point, float(a.mean()), float(b.mean()), difference, low, high, len(pairs), tasks)
+    left, right, tasks = float(a.mean()), float(b.mean()), a.shape[1] if claim.measure == "success" else 0
+    return Measured(point, left, right, left - right, low, high, len(seeds), tasks)
 
 
 def _check_runs(results: StudyResults, claim: Claim, point: Values, runs: Sequence[RunResult]) -> None:
@@ -172,7 +177,7 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
     return runs
 
 
-def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | NDArray[np.float64]:
+def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
     if measure == "success":
         return run.rates
     if measure == "same_twice":
@@ -183,9 +188,7 @@ def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
     return [min(steps_to(run.curve, level), run.steps) / run.steps]
 
 
-def _interval(
-    claim: Claim, left: NDArray[np.float64], right: NDArray[np.float64]
-) -> tuple[float, float] | tuple[None, None]:
+def _interval(claim: Claim, left: Scores, right: Scores) -> tuple[float, float] | tuple[None, None]:
     # An interval over tasks alone would be about two trainings, but the claim is about agents.
     if len(left) == 1:
         return None, None
@@ -198,12 +201,12 @@ def _interval(
     return student_interval((left - right)[:, 0], within=within) or (None, None)
 
 
-def _rule(claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
+def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
     intervals = [(of.low, of.high) for of in measured if of.low is not None and of.high is not None]
     if len(intervals) < len(measured):
         return "undecided", "one seed shows no variation between seeds"
     if claim.expected == "varies":
-        return _varies(claim, measured, intervals)
+        return _varies(results, claim, measured, intervals)
     low, high = intervals[0]
     if claim.expected == "comparable":
         return _comparable(low, high, claim.by)
@@ -235,7 +238,7 @@ def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
 
 
 def _varies(
-    claim: Claim, measured: Sequence[Measured], intervals: Sequence[tuple[float, float]]
+    results: StudyResults, claim: Claim, measured: Sequence[Measured], intervals: Sequence[tuple[float, float]]
 ) -> tuple[Verdict, str]:
     lows, highs = zip(*intervals, strict=True)
     more = [_point(of.values) for of, low in zip(measured, lows, strict=True) if low > 0]
@@ -245,12 +248,24 @@ def _varies(
         return "reproduced", f"{claim.left} is ahead with {'; '.join(more)}, {right} with {'; '.join(less)}"
     if len(measured) in (len(more), len(less)):
         everywhere = f"{'more' if more else 'less'} at all {counted(len(measured), 'point')}"
-        if max(lows) > min(highs):
+        if any(_changes(results, claim, *pair) for pair in combinations(measured, 2)):
             return "differs", f"{everywhere}, but by different amounts"
-        return "not reproduced", f"{everywhere}, by amounts that do not differ"
+        return "not reproduced", f"{everywhere}, by amounts that do not surely differ"
     if min(lows) >= -_SAME and max(highs) <= _SAME:
         return "not reproduced", f"no difference of {_SAME:g} anywhere"
     return "undecided", "the intervals are too wide"
+
+
+def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured) -> bool:
+    """Return whether the difference of the sides surely changes between two points, paired by seed and task."""
+    (seeds, *left), (others, *right) = (_sides(results, claim, of.values) for of in (one, other))
+    tasks = [{results.tasks_of(run) for run in _runs(results, claim.left, of.values).values()} for of in (one, other)]
+    common = sorted({*seeds} & {*others})
+    if tasks[0] != tasks[1] or len(common) < FEWEST_PAIRS:
+        return max(one.low or 0, other.low or 0) > min(one.high or 0, other.high or 0)
+    paired = [(a - b)[[of.index(seed) for seed in common]] for of, (a, b) in ((seeds, left), (others, right))]
+    low, high = _interval(msgspec.structs.replace(claim, than=None), *paired)
+    return (low or 0) > 0 or (high or 0) < 0
 
 
 def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:

@@ -9,13 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.statistics import (
-    FEWEST_PAIRS,
-    correlation,
-    crossed_difference,
-    rate_interval,
-    student_interval,
-)
+from wordcraft_kg.base.statistics import FEWEST_PAIRS, correlation, crossed_difference, rate_interval, student_interval
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.evaluation.training_curves import CurvePoint
 from wordcraft_kg.studies.results import RunResult, StudyResults, steps_to

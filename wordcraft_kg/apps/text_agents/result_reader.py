@@ -9,13 +9,7 @@ import msgspec
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log, read_logged_games
-from wordcraft_kg.apps.text_agents.records import (
-    GAMES_FILE,
-    GamesFormat,
-    PlayedSettings,
-    PlayedTask,
-    TextResult,
-)
+from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GamesFormat, PlayedSettings, PlayedTask, TextResult
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, result_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Submission, read_lines

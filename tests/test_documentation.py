@@ -19,7 +19,7 @@ PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", 
 ELSEWHERE = {"chat_player", "line_player", "impala_single_file", "transformers_player"}
 """Examples with tests of their own."""
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELSEWHERE)
-LONG = ("first_steps", "own_tracker", "pykeen_model", "stable_baselines")
+LONG = ("first_steps", "own_scorer", "own_source", "own_tracker", "pykeen_model", "stable_baselines")
 NOTEBOOKS = sorted(f"docs/notebooks/{path.name}" for path in (ROOT / "docs" / "notebooks").glob("*.py"))
 SOURCES = [*PAGES, *(f"examples/{name}.py" for name in EXAMPLES), *NOTEBOOKS]
 SMALL = ("--steps", "256", "--eval-every", "0", "--quiet")
@@ -94,13 +94,6 @@ def test_an_example_runs(name, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("wordcraft_kg.agents.players.PLAYERS", {})
     runpy.run_path(str(ROOT / "examples" / f"{name}.py"), run_name="__main__")
     assert capsys.readouterr().out
-
-
-def test_the_readme_names_the_size_of_the_example_book():
-    from wordcraft_kg import open_book
-
-    book = open_book(ROOT / "examples/my-book.csv")
-    assert f"{len(book.recipes)} recipes of a farm" in (ROOT / "README.md").read_text()
 
 
 def test_the_citation_has_the_fields_of_a_release_and_those_of_the_package():

@@ -259,6 +259,7 @@ def test_unknown_players_and_settings_out_of_range_are_refused(kitchen):
             discovery_curves(kitchen, make_discoverers(["random"], kitchen), **settings)
 
 
+@pytest.mark.slow
 def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
     players = make_discoverers(["random", "random-no-repeat", "greedy", "empowerment"], alchemy)
     curves = discovery_curves(alchemy, players, attempts=100, runs=60, base=FOUR)

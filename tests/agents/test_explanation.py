@@ -334,7 +334,8 @@ def test_recipes_are_in_sample_for_a_scorer_without_folds_that_was_trained_on_th
             assert all(one.is_in_sample == (kg == "full" or one.part == "train") for one in way)
 
 
-@pytest.mark.parametrize("in_sample", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("in_sample", [False, True])
 def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once, in_sample):
     with_train_sample = RecipeScorerConfig(folds=3, train_fraction=0.6, label_noise=0.2)
     config = RecipesConfig("kitchen", with_train_sample)
@@ -373,6 +374,7 @@ def test_tables_are_explained_whatever_the_split(opened, kind):
         assert bool(found.in_sample) == (kind == "none") or len(found.ways) > 1
 
 
+@pytest.mark.slow
 def test_parallel_threads_get_the_same_explanations_as_one_thread(made):
     train, policy = made("recipes", "train")
     explainers = [Explainer(policy, train), Explainer(policy, train.variant(part="all"))]

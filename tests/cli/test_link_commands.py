@@ -118,15 +118,6 @@ def test_ctrl_c_ends_with_130_and_the_same_command_goes_on(printed, refused, run
     assert same(WEIGHTS, tmp_path / "model", tmp_path / "undisturbed")
 
 
-def test_ctrl_c_elsewhere_ends_with_130_and_one_line(refused, trained, tmp_path, monkeypatch):
-    def interrupted(*arguments, **settings):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("wordcraft_kg.reports.pages.render", interrupted)
-    refused("evaluate-links", trained / "one", "--out", tmp_path / "report", code=130, says="interrupted")
-    assert not (tmp_path / "report").exists()
-
-
 def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(evaluated, trained):
     values = evaluated[2]
     for metric in METRICS:

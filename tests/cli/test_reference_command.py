@@ -111,6 +111,7 @@ def test_figures_that_the_pack_lacks_are_measured_and_the_rest_is_not(printed, r
     assert pack.rows_of(TaskPlay("test", 1, 3)) == ()
 
 
+@pytest.mark.slow
 def test_open_ended_play_stands_beside_people_and_language_models(printed, run, pack):
     assert printed(*OPEN)["rows"][-1]["player"] == "explorer"
     text = run(*OPEN).out
@@ -211,6 +212,7 @@ def test_a_player_that_has_played_the_same_twice_has_two_rows(printed, pack, kit
     assert [figures(row) for row in rows] == [{"4": 0.111111, "1": 0.111111}, {"4": 0.142857}]
 
 
+@pytest.mark.slow
 def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(printed, refused, pack, tmp_path, monkeypatch):
     env = OpenEndedEnv("kitchen", max_attempts=20)
     played = [

@@ -68,7 +68,10 @@ def test_candidates_are_refused_that_complete_a_guarded_recipe(world, device):
     assert min(refused, safe) > 10
 
 
-@pytest.fixture(scope="module", params=["random", "everyday", "little alchemy 2"])
+@pytest.fixture(
+    scope="module",
+    params=["random", *(pytest.param(name, marks=pytest.mark.slow) for name in ("everyday", "little alchemy 2"))],
+)
 def train(request):
     """Train tasks of a book; in the random one, one attempt or two make nearly everything."""
     rows = np.random.default_rng(2).integers(0, 60, size=(500, 3)).tolist()

@@ -6,7 +6,7 @@ from .__main__ import run_case
 from .home import make_home
 from .values import cases
 
-SHORT = {"books": 15, "artefacts": 12, "values": 12}
+SHORT = {"books": 8, "artefacts": 6, "values": 8}
 LONG = {"books": 2_000, "artefacts": 1_000, "values": len(cases()) // 4}
 COUNTS = [*SHORT.items(), *(pytest.param(part, count, marks=pytest.mark.slow) for part, count in LONG.items())]
 

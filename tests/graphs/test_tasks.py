@@ -340,7 +340,8 @@ def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
 
 
 @pytest.mark.parametrize(
-    ("depth", "number", "train", "test", "mixed"), [(1, 3_417, 2_718, 653, 46), (2, 26_859, 16_435, 9_434, 990)]
+    ("depth", "number", "train", "test", "mixed"),
+    [(1, 3_417, 2_718, 653, 46), pytest.param(2, 26_859, 16_435, 9_434, 990, marks=pytest.mark.slow)],
 )
 def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed):
     everything, split = make_tasks(alchemy, depth), make_split(alchemy, SplitConfig())

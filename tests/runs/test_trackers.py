@@ -145,6 +145,7 @@ def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(tmp_
     assert (settings["host"], settings["username"], settings["x_disable_meta"]) == ("", "", True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("wish", "is_shown"), [(True, True), (False, False), (None, False)])
 def test_a_bar_is_shown_on_stderr_only_if_it_is_wished_for(wish, is_shown, tmp_path, capsys):
     train_links(LINKS, tmp_path / "model", progress=wish)

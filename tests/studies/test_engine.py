@@ -312,6 +312,7 @@ def test_a_task_that_is_always_killed_fails(tmp_path):
     assert "memory is too small" in next(iter(state.failed.values())).error
 
 
+@pytest.mark.slow
 def test_workers_that_are_stopped_write_a_checkpoint_first(tmp_path):
     plan = small_plan()
     workers = LocalWorkers(tmp_path, 1, endless)

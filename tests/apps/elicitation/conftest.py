@@ -2,8 +2,8 @@
 
 import pytest
 import torch
+import transformers
 from tokenizers import Tokenizer, models, pre_tokenizers
-from transformers import BertConfig, BertForMaskedLM, BertModel, LlamaConfig, LlamaForCausalLM, PreTrainedTokenizerFast
 
 from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts
 
@@ -27,25 +27,25 @@ def tokenizer(kitchen):
     vocabulary = {word: number for number, word in enumerate(dict.fromkeys(("[UNK]", "[PAD]", *words)))}
     made = Tokenizer(models.WordLevel(vocabulary, unk_token="[UNK]"))
     made.pre_tokenizer = pre_tokenizers.Whitespace()
-    return PreTrainedTokenizerFast(tokenizer_object=made, unk_token="[UNK]", pad_token="[PAD]")
+    return transformers.PreTrainedTokenizerFast(tokenizer_object=made, unk_token="[UNK]", pad_token="[PAD]")
 
 
 @pytest.fixture(scope="session")
 def model_folder(tokenizer, tmp_path_factory):
     """A causal language model; read only."""
-    config = LlamaConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
-    return save(tmp_path_factory.mktemp("lm"), LlamaForCausalLM, config, tokenizer)
+    config = transformers.LlamaConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("lm"), transformers.LlamaForCausalLM, config, tokenizer)
 
 
 @pytest.fixture(scope="session")
 def masked_folder(tokenizer, tmp_path_factory):
     """A masked language model, which sees later words; read only."""
-    config = BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
-    return save(tmp_path_factory.mktemp("masked"), BertForMaskedLM, config, tokenizer)
+    config = transformers.BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("masked"), transformers.BertForMaskedLM, config, tokenizer)
 
 
 @pytest.fixture(scope="session")
 def encoder_folder(tokenizer, tmp_path_factory):
     """An encoder without a pooling of its own; read only."""
-    config = BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
-    return save(tmp_path_factory.mktemp("encoder"), BertModel, config, tokenizer)
+    config = transformers.BertConfig(vocab_size=len(tokenizer), initializer_range=0.5, **SIZES)
+    return save(tmp_path_factory.mktemp("encoder"), transformers.BertModel, config, tokenizer)

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 import torch
+import transformers
 from refusals import refuses
-from transformers import AutoModel
 
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
@@ -25,7 +25,7 @@ def vectors(encoder_folder, kitchen, tmp_path_factory):
 
 
 def test_a_vector_is_the_mean_over_the_tokens_with_length_1(vectors, encoder_folder, tokenizer, kitchen):
-    model = AutoModel.from_pretrained(encoder_folder).eval()
+    model = transformers.AutoModel.from_pretrained(encoder_folder).eval()
     features = make_features(str(vectors), kitchen.entities)
     for label, vector in list(zip(kitchen.entities, features.vectors, strict=True))[::7]:
         with torch.no_grad():

@@ -230,6 +230,7 @@ def test_a_summary_refuses_what_it_cannot_sum_up(summary, begun, tmp_path):
         refused(summary(path), "ArtefactError")
 
 
+@pytest.mark.slow
 def test_agents_are_compared_with_people(run, summary, begun, tmp_path):
     for name in ("one", "two"):
         assert run("train-agent", "kitchen", "--steps", "256", "--eval-every", "0", "--out", tmp_path / name).code == 0
@@ -243,6 +244,7 @@ def test_agents_are_compared_with_people(run, summary, begun, tmp_path):
     assert "expected a run" in refused(summary(begun, "--run", tmp_path / "nowhere"), "ArtefactError")
 
 
+@pytest.mark.slow
 def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_double(tmp_path):
     out, acknowledged, failed = tmp_path / "study", [], []
 

@@ -387,6 +387,7 @@ def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path
     assert connect(command, transcripts((0, 40)), "legacy") == played_alone((0, 40))
 
 
+@pytest.mark.slow
 def test_malformed_messages_on_stdin_are_passed_over_and_the_last_ones_answered_though_the_input_ends():
     malformed = (b"nonsense", b'{"jsonrpc": "2.0"}', b'"\xff\xfe"', b"[" * 100_000, b"x" * 3_000_000)
     ready = b'{"jsonrpc": "2.0", "method": "notifications/initialized"}'

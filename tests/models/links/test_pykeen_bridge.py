@@ -14,7 +14,6 @@ import torch
 from graph_folders import write_graph
 from link_helpers import random_graph
 from pykeen.datasets import dataset_resolver, get_dataset
-from pykeen.hpo import hpo_pipeline
 from pykeen.pipeline import pipeline
 from pykeen.triples import TriplesFactory
 
@@ -214,13 +213,6 @@ def test_the_pipeline_without_a_loss_is_an_error_that_says_which_loss_to_give():
     # PyKEEN's pipeline passes its own default, a margin loss, to every model, whatever the model's default is.
     with pytest.raises(ConfigError, match=r"(?i)cross.?entropy.*loss=.crossentropy."):
         pipeline(dataset="wordcraft", model="ComplExN3", training_loop="IndexedSymmetricLCWA", device="cpu")
-
-
-def test_the_hpo_pipeline_takes_our_model_by_name_for_a_trial(parted_folder):
-    result = hpo_pipeline(**settings(parted_folder), n_trials=1)
-    (trial,) = result.study.trials
-    assert trial.state.name == "COMPLETE"
-    assert 0 < trial.value < 1
 
 
 def test_the_dataset_holds_the_parts_of_the_graphs_split_and_keeps_its_ids(parted_kitchen, parted_folder):

@@ -140,6 +140,7 @@ def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen, tmp_path, c
     assert str(choice) in open_model(trained.folder).provenance.values()
 
 
+@pytest.mark.slow
 def test_a_resumed_run_does_not_choose_again(opened_kitchen, tmp_path, monkeypatch):
     settings = replace(OPEN, epochs=10)
     undisturbed = train(opened_kitchen, settings, tmp_path / "undisturbed")
@@ -151,6 +152,7 @@ def test_a_resumed_run_does_not_choose_again(opened_kitchen, tmp_path, monkeypat
     assert weights[0] == weights[1]
 
 
+@pytest.mark.slow
 def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(opened_kitchen, tmp_path, choice):
     chosen = train(opened_kitchen, OPEN, tmp_path / "chosen")
     given = train(opened_kitchen, replace(OPEN, n3=choice.n3, popularity=choice.popularity), tmp_path / "given")

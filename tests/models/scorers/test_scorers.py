@@ -277,6 +277,7 @@ def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):
     same_tables(scorer, TableScorer(expected, scorer.entities, scorer.graph_hash))
 
 
+@pytest.mark.slow
 def test_loading_and_using_a_scorer_does_not_import_pykeen(complex_folder):
     code = (
         "import sys; from wordcraft_kg.models.scorers.folder import load_scorer\n"

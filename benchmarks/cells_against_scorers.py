@@ -1,11 +1,12 @@
-"""What learning adds in a study: success of agents minus the success of their scorers alone, on the same tables.
+"""What learning adds in the studies: success of agents minus the success of their scorers alone, on the same tables.
 
-    wordcraft-kg reproduce splits --seeds 3 --keep figures --out results
-    python benchmarks/cells_against_scorers.py results docs/results/splits-little-alchemy-2.json
+    wordcraft-kg train-recipes GRAPH --seed 0 --out scorers/any-name    (each graph of the studies, each seed)
+    python benchmarks/cells_against_scorers.py scorers docs/results/splits-little-alchemy-2.json ...
 
-The scorer of each training, in the folder of ``reproduce``, plays the tables of the training's agent by itself: the
-pair with the highest recipe score beside agents with w at depth 1, its plans beside agents with p at more. Intervals
-are over seeds and tasks.
+The scorer of each training, below the folder ``scorers`` by graph, split and seed, plays the tables of the training's
+agent by itself: the pair with the highest recipe score beside agents with w at depth 1, its plans beside agents with p
+at more. Intervals are over seeds and tasks. The rows go to docs/agents-against-scorers.json, where
+docs/make_results.py finds them; a variant that several studies share has one row.
 """
 
 import argparse
@@ -19,20 +20,26 @@ import torch
 
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import knowledge_player, scorer_players
+from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.statistics import crossed_difference
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.scorers.folder import WEIGHTS
+
+TARGET = Path(__file__).parents[1] / "docs" / "agents-against-scorers.json"
+KEY = ("graph", "split", "depth", "distractors", "variant")
 
 
-def recipe_scorers(results: Path) -> dict[tuple[str, int | None], Any]:
-    """Return the finished recipe scorers of a results folder, by split and seed."""
+def recipe_scorers(folder: Path) -> dict[tuple[str, int | None], Any]:
+    """Return the finished recipe scorers of a folder, by split and seed."""
     found = {}
-    for folder in sorted((results / "scorers").iterdir()):
+    for path in sorted(folder.iterdir()):
         try:
-            model = open_model(folder)
+            model = open_model(path)
         except WordCraftKGError:  # not finished
             continue
         if model.run.kind == "train-recipes":
@@ -40,40 +47,68 @@ def recipe_scorers(results: Path) -> dict[tuple[str, int | None], Any]:
     return found
 
 
+def rates_alone(model: Any, depth: int, distractors: int, distractor_seeds: int) -> np.ndarray:
+    """Return the success of a recipe scorer alone on each test task: by w at depth 1, by its plans at more."""
+    player = knowledge_player(make_sources(["p"], model.scorer))
+    if depth == 1:
+        player = scorer_players(model.opened.graph, model.scorer, model.triples)["w, best pair"]
+    world = World(model.opened, WordCraftConfig("test", depth, distractors))
+    return Evaluator(world, distractor_seeds=distractor_seeds)(player).success.mean(axis=1)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("results", type=Path)
-    parser.add_argument("study", type=Path)
+    parser.add_argument("scorers", type=Path)
+    parser.add_argument("studies", type=Path, nargs="+")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    study: dict[str, Any] = json.loads(options.study.read_text(encoding="utf-8"))
-    scorers = recipe_scorers(options.results)
-    variants, depth = study["study"]["variants"].items(), study["study"]["settings"].get("depth", 1)
-    source = "w" if depth == 1 else "p"
-    compared = [name for name, settings in variants if source in settings.get("use", "").split(",")]
-    points = defaultdict(list)
-    for run in study["runs"]:
-        if run["variant"] in compared:
-            points[study["graphs"][run["graph"]]["split"], run["values"]["distractors"], run["variant"]].append(run)
-    alone: dict[tuple[str, int, int], Any] = {}
-    for (split, distractors, variant), runs in sorted(points.items()):
-        for run in runs:
-            model, key = scorers[split, run["seed"]], (split, distractors, run["seed"])
-            if key not in alone:
-                player = knowledge_player(make_sources(["p"], model.scorer))
-                if depth == 1:
-                    player = scorer_players(model.opened.graph, model.scorer, model.triples)["w, best pair"]
-                world = World(model.opened, WordCraftConfig("test", depth, distractors))
-                evaluator = Evaluator(world, distractor_seeds=run["distractor_seeds"])
-                alone[key] = evaluator(player).success.mean(axis=1)
-        won = np.array([[int(count) / run["distractor_seeds"] for count in run["won"]] for run in runs])
-        scores = np.array([alone[split, distractors, run["seed"]] for run in runs])
-        (value, low, high), _ = crossed_difference(won - scores)
-        kind = scorers[split, runs[0]["seed"]].opened.split.config.kind
-        print(
-            f"{kind}, {distractors} distractors, {variant}: agent {won.mean():.3f}, scorer {scores.mean():.3f}, "
-            f"difference {value:+.3f} [{low:+.3f}, {high:+.3f}], {len(runs)} seeds"
-        )
+    scorers = recipe_scorers(options.scorers)
+    rows = json.loads(TARGET.read_text(encoding="utf-8")) if TARGET.exists() else []
+    done = set()
+    alone: dict[tuple[str, int, int, int], Any] = {}
+    for path in options.studies:
+        study: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        depth = study["study"]["settings"].get("depth", 1)
+        source = "w" if depth == 1 else "p"
+        variants = study["study"]["variants"].items()
+        compared = [name for name, settings in variants if source in settings.get("use", "").split(",")]
+        points = defaultdict(list)
+        for run in study["runs"]:
+            if run["variant"] in compared:
+                points[run["graph"], run["values"]["distractors"], run["variant"]].append(run)
+        for (number, distractors, variant), runs in sorted(points.items()):
+            graph = study["graphs"][number]
+            key = dict(zip(KEY, (graph["hash"], graph["split"], depth, distractors, variant), strict=True))
+            if tuple(key.values()) in done:
+                continue
+            done.add(tuple(key.values()))
+            for run in runs:
+                played = (graph["split"], depth, distractors, run["seed"])
+                if played not in alone:
+                    alone[played] = rates_alone(scorers[played[0], played[3]], *played[1:3], run["distractor_seeds"])
+            won = np.array([[int(count) / run["distractor_seeds"] for count in run["won"]] for run in runs])
+            own = np.array([alone[graph["split"], depth, distractors, run["seed"]] for run in runs])
+            (value, low, high), p_value = crossed_difference(won - own)
+            figures = {"agent": won.mean(), "scorer": own.mean(), "difference": value, "low": low, "high": high}
+            ratio = runs[0]["values"].get("train_ratio", SplitConfig().train_ratio)
+            row = key | {
+                "book": graph["name"],
+                "kind": graph["kind"],
+                "train_ratio": ratio,
+                "seeds": len(runs),
+                "tasks": won.shape[1],
+            }
+            row |= {name: round(float(figure), 4) for name, figure in figures.items()} | {"p": float(f"{p_value:.3g}")}
+            row["weights"] = [scorers[graph["split"], run["seed"]].run.outputs[WEIGHTS] for run in runs]
+            rows = [*(other for other in rows if any(other[name] != row[name] for name in KEY)), row]
+            print(
+                f"{row['book']} {row['kind']}, depth {depth}, {distractors} distractors, {variant}: agent "
+                f"{row['agent']:.3f}, scorer {row['scorer']:.3f}, difference {value:+.3f} [{low:+.3f}, {high:+.3f}], "
+                f"p {p_value:.2g}, {len(runs)} seeds",
+                flush=True,
+            )
+            rows.sort(key=lambda row: [str(row[name]) for name in KEY])
+            write_atomically(TARGET, "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")
 
 
 if __name__ == "__main__":

@@ -85,6 +85,7 @@ IN_README = {
     "nearest words": "the two items with the nearest words, nothing learned",
     "no graph": "agent without a graph",
     "ComplEx in-sample, u v": "agent with ComplEx, scores in-sample",
+    "ComplEx, u v": "agent with ComplEx, scores cross-fitted",
     "recipe scorer alone, w": "recipe scorer alone: its best pair",
     "recipes, u v w": "agent with the recipe scorer",
 }
@@ -100,13 +101,11 @@ def groups(rows: list[Row]) -> dict[tuple[str, str, int], list[Row]]:
     return found
 
 
-def tables(rows: list[Row], alone: list[Row]) -> Iterator[str]:
-    """Yield the lines of all tables: the agents by book and split, and first the players without an agent."""
-    for number, ((book, split, steps), of) in enumerate(groups(rows).items()):
-        players = [row for row in alone if (BOOKS[row["book"]], row["split"]) == (BOOKS[book], split)]
-        if number == 0:
-            yield from untrained(BOOKS[book], split, players)
-        yield from agents(book, split, steps, of, players)
+def tables(rows: list[Row]) -> Iterator[str]:
+    """Yield the lines of the tables of agents by book and split, without the agents with ComplEx of the studies."""
+    for (book, split, steps), of in groups(rows).items():
+        is_studied = book in STUDIED_BOOKS
+        yield from agents(book, split, steps, [row for row in of if not (is_studied and "ComplEx" in row["variant"])])
 
 
 def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
@@ -139,25 +138,14 @@ def alone_tables(rows: list[Row]) -> Iterator[str]:
         yield from untrained(BOOKS[book], split, [row for row in rows if (row["book"], row["split"]) == (book, split)])
 
 
-def agents(book: str, split: str, steps: int, of: list[Row], players: list[Row]) -> Iterator[str]:
-    """Yield the table of the agents; the players without an agent are added with their means on the agents' splits."""
+def agents(book: str, split: str, steps: int, of: list[Row]) -> Iterator[str]:
+    """Yield the table of the agents."""
     amounts = list(dict.fromkeys(row["distractors"] for row in of))
     trainings = max(row["trainings"] for row in of)
     yield f"{BOOKS[book]}, {split}, {steps:,} steps, {trainings} training{'s' * (trainings > 1)} of each:"
     yield ""
     yield "| | MRR |" + "".join(f" {amount} distractor{'s' * (amount > 1)} | more |" for amount in amounts)
     yield "|---|---|" + "---|---|" * len(amounts)
-    none = {row["distractors"]: row["success"] for row in of if row["variant"] == "no graph"}
-    for player, name in ALONE.items():
-        cells = [
-            row for amount in amounts for row in players if (row["player"], row["distractors"]) == (player, amount)
-        ]
-        if cells:
-            line = f"| {name} | {_figure(_mean(cells[0]['mrr'][:trainings])) if cells[0]['mrr'] else ''} |"
-            for row in cells:
-                mean = _mean(row["success"][:trainings])
-                line += f" {_figure(mean)} | {_signed(mean - none[row['distractors']])} |"
-            yield line
     for variant in dict.fromkeys(row["variant"] for row in of):
         cells = [row for row in of if row["variant"] == variant]
         mrr = cells[0]["mrr"]
@@ -183,11 +171,14 @@ def studied() -> list[Row]:
                 if settings["split"] != split:
                     continue
                 at: Row = {"book": book, "named": name, "split": split, "distractors": settings["distractors"]}
-                for player, text, _ in without_agent(results, point):
-                    rows.append(at | {"variant": player.strip("*").removeprefix("no agent: "), "text": text})
+                for player, text, own in without_agent(results, point):
+                    rows.append(
+                        at | {"variant": player.strip("*").removeprefix("no agent: "), "text": text, "own": own}
+                    )
                 for entry in point.variants:
                     if entry.variant in IN_STUDIES:
                         row = {"variant": IN_STUDIES[entry.variant], "success": entry.mean, "interval": entry.interval}
+                        row["own"] = share(entry.by_plan)
                         low, high = map(share, entry.interval)
                         text = f"{share(entry.mean)} [{low}, {high}]"
                         rows.append(at | row | {"steps": entry.steps, "seeds": len(entry.seeds), "text": text})
@@ -217,18 +208,19 @@ def study_tables(rows: list[Row]) -> Iterator[str]:
 def short(rows: list[Row]) -> Iterator[str]:
     """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and agents."""
     of = [row for row in rows if row["book"] == "little-alchemy-2"]
-    yield "| Little Alchemy 2, 8 distractors | unseen recipes | unseen goals |"
-    yield "|---|---|---|"
+    yield "| Little Alchemy 2, 8 distractors | unseen recipes | by the task's own recipe | unseen goals |"
+    yield "|---|---|---|---|"
     for variant, name in IN_README.items():
-        texts = [_text(of, variant, (split, 8)).partition(" ")[0] for split in ("by-recipe", "by-goal")]
+        columns = (("by-recipe", "text"), ("by-recipe", "own"), ("by-goal", "text"))
+        texts = [_text(of, variant, (split, 8), part).partition(" ")[0] for split, part in columns]
         if not all(texts):
             sys.exit(f"the studies of Little Alchemy 2 have no figure of '{variant}' for README")
         yield f"| {name} | {' | '.join(texts)} |"
 
 
-def _text(rows: list[Row], variant: str, column: tuple[str, int]) -> str:
+def _text(rows: list[Row], variant: str, column: tuple[str, int], part: str = "text") -> str:
     keys = variant, *column
-    return next((row["text"] for row in rows if (row["variant"], row["split"], row["distractors"]) == keys), "")
+    return next((row[part] for row in rows if (row["variant"], row["split"], row["distractors"]) == keys), "")
 
 
 def _ends(values: set[int]) -> str:
@@ -365,7 +357,7 @@ if __name__ == "__main__":
     trained, untrained_rows = (json.loads(path.read_text(encoding="utf-8")) for path in (SOURCE, UNTRAINED))
     by_depth, of_studies = json.loads(PLANNING.read_text(encoding="utf-8")), studied()
     for path, text in (
-        (PAGE, _filled(PAGE, (STUDIED, study_tables(of_studies)), (FIGURES, tables(trained, untrained_rows)))),
+        (PAGE, _filled(PAGE, (STUDIED, study_tables(of_studies)), (FIGURES, tables(trained)))),
         (README, _filled(README, (FIGURES, short(of_studies)))),
         (RESULTS, _filled(RESULTS, (FIGURES, alone_tables(untrained_rows)))),
         (PICTURE, picture([row for row in of_studies if "steps" in row], by_depth)),

@@ -3,8 +3,9 @@
     python docs/make_results.py [--check | --take FOLDER | --cells [FOLDER]]
 
 The committed results hold figures and hashes, and nothing of a book. Of a store of cells, a study with at least three
-seeds of all variants takes the place of its file; docs/results/left.json lists the rest with the hours. Cells hold no
-durations: ``--take`` keeps the hours of a study, and ``--cells`` does not.
+seeds of all variants takes the place of its file; docs/results/left.json counts the cells, and has the hours of the
+missing ones. Further tables come from docs/study-players.json, docs/agents-against-scorers.json and
+docs/interval-coverage.json.
 """
 
 import argparse
@@ -15,15 +16,17 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
-from typing import get_args
+from typing import Any, get_args
 
 import msgspec
+import numpy as np
 
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.records import read_record
-from wordcraft_kg.base.statistics import FEWEST_PAIRS
+from wordcraft_kg.base.statistics import FEWEST_PAIRS, holm
 from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.splits import SplitConfig
 from wordcraft_kg.studies.cells import exchange_cells
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.studies.engine import estimated_hours
@@ -32,7 +35,6 @@ from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.store import collect_study, own_results, studies_of, write_plan
 from wordcraft_kg.studies.study import Study, Values, adapted, built_in, read_study
-from wordcraft_kg.studies.tables import origin_in_words
 from wordcraft_kg.studies.variants import PointFigures, ScorerScatter, VariantFigures
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
@@ -40,6 +42,7 @@ HERE = Path(__file__).parent
 BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"
 COVERAGE = "<!-- coverage -->\n", "<!-- end of coverage -->"
 LEFT = "<!-- left -->\n", "<!-- end of left -->"
+AGAINST = "<!-- agents against scorers -->\n", "<!-- end of agents against scorers -->"
 MOST_BYTES = 4 * 1024 * 1024
 """Of all committed results together."""
 ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csrl", "training-data")
@@ -48,7 +51,10 @@ SEEDS = {"little-alchemy-2": 5, "everyday": 3}
 """Declared seeds by book."""
 FEWEST = 3
 """Seeds from which on a study of cells takes the place of an earlier file."""
+WIDE = 0.05
+"""Standard deviation of success over seeds from which on the page shows each seed."""
 NO_AGENT = "random pairs", "nearest words", "recipe scorer alone, u v", "recipe scorer alone, w", "planner, p"
+TRAIN_RATIO = SplitConfig().train_ratio
 PLAYED = "graph", "split", "depth", "distractors", "distractor_seeds", "tasks"
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
@@ -140,13 +146,42 @@ def collect(store: Path, target: Path) -> None:
 
 
 def left_table(path: Path) -> Iterator[str]:
-    """Yield the lines of a table of the declared trainings that are not there yet."""
+    """Yield a sentence if all declared trainings are there, or else the lines of a table of the missing ones."""
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    declared, here = (sum(row[name] for row in rows) for name in ("trainings", "here"))
+    if here == declared:
+        yield f"All {declared:,} declared trainings are there."
+        return
+    yield f"{here:,} of {declared:,} declared trainings are there. The others:"
+    yield ""
     yield "| study | book | declared trainings | there | hours of one core for the rest, estimated |"
     yield "|---|---|---|---|---|"
     for row in rows:
-        yield f"| {row['study']} | {row['book']} | {row['trainings']} | {row['here']} | {row['hours']:.1f} |"
-    yield f"| all | | {sum(row['trainings'] for row in rows)} | {sum(row['here'] for row in rows)} | |"
+        if row["here"] < row["trainings"]:
+            yield f"| {row['study']} | {row['book']} | {row['trainings']} | {row['here']} | {row['hours']:.1f} |"
+
+
+def against_table(path: Path) -> Iterator[str]:
+    """Yield the lines of a table of agents against their own scorers; p has Holm's correction over all rows."""
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    order = {name: number for number, name in enumerate(BOOKS)}
+    corrected = dict(zip(map(id, rows), holm([row["p"] for row in rows]), strict=True))
+    yield "| book, split | depth | distractors | agent | success | its scorer alone | difference | p |"
+    yield "|---|---|---|---|---|---|---|---|"
+
+    def key(row: dict[str, Any]) -> tuple[Any, ...]:
+        kinds = ("by-recipe", "by-goal", "by-slot")
+        of_split = order[row["book"]], row["depth"], -row["train_ratio"], kinds.index(row["kind"])
+        return *of_split, -row["distractors"], row["variant"]
+
+    for row in sorted(rows, key=key):
+        split = row["kind"] + (f", {row['train_ratio']:.0%} in train" if row["train_ratio"] != TRAIN_RATIO else "")
+        ends = ", ".join(signed(row[name]) for name in ("low", "high"))
+        p_value = "< .001" if corrected[id(row)] < 0.001 else share(corrected[id(row)])
+        yield (
+            f"| {BOOKS[row['book']]}, {split} | {row['depth']} | {row['distractors']} | {row['variant']} | "
+            f"{share(row['agent'])} | {share(row['scorer'])} | {signed(row['difference'])} [{ends}] | {p_value} |"
+        )
 
 
 def read_all(folder: Path) -> list[StudyResults]:
@@ -169,20 +204,26 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
         yield "No study has been run yet: this page fills itself from the files in `docs/results/`."
         return
     has_gaps = any(results.missing for results in found)
-    yield f"| study | book | steps | seeds | trainings |{' missing |' * has_gaps} hours of one core |"
-    yield f"|---|---|---|---|---|{'---|' * has_gaps}---|"
+    yield f"| study | book | steps | seeds | trainings |{' missing |' * has_gaps}"
+    yield f"|---|---|---|---|---|{'---|' * has_gaps}"
     for results, view in zip(found, views, strict=True):
         trainings = f"{len(results.runs)}" + f" | {len(results.missing) or ''}" * has_gaps
         yield (
             f"| [{current(results).title}](#{anchor(results)}) | {shown_book(results)} | {steps_of(view)} | "
-            f"{seeds_of(view)} | {trainings} | {f'{results.hours:.1f}' if results.hours else 'not recorded'} |"
+            f"{seeds_of(view)} | {trainings} |"
         )
+    yield ""
+    number = len({run.run for results in found for run in results.runs})
+    yield f"In all {number:,} different trainings: one that several studies or points of a grid share runs once, and"
+    yield f"counts in each. Platform and versions: {origins_of(found)}."
     yield ""
     evaluated = [(results, view_claims(results, current(results).claims)) for results in found]
     yield "## Claims"
     yield ""
     yield f"Of the paper: {verdicts(evaluated, of_paper=True)}. Of this project: {verdicts(evaluated, of_paper=False)}."
     yield "Each claim counts at each point that it is about, on each book; [the rule](#how-to-read-this-page) is below."
+    yield ""
+    yield from summary_table(evaluated)
     yield ""
     for results, claims in evaluated:
         yield f"**{current(results).title}**, {shown_book(results)}, by `{results.command}`:"
@@ -191,6 +232,21 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
         yield ""
     for results, view in zip(found, views, strict=True):
         yield from section(results, view)
+
+
+def summary_table(evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]]) -> Iterator[str]:
+    """Yield the lines of a table with a row for each claim, and the number of its points by verdict and book."""
+    counts: dict[tuple[str, str], dict[str, Counter[Verdict]]] = {}
+    for results, claims in evaluated:
+        for claim in claims:
+            of_book = counts.setdefault((claim.text, claim.source), {}).setdefault(shown_book(results), Counter())
+            of_book[claim.verdict] += 1
+    books = list(dict.fromkeys(book for found in counts.values() for book in found))
+    yield f"| claim | {' | '.join(books)} |"
+    yield f"|---|{'---|' * len(books)}"
+    for (text, source), found in counts.items():
+        texts = (", ".join(f"{n} {verdict}" for verdict, n in found.get(book, Counter()).items()) for book in books)
+        yield f"| {text} *({source})* | {' | '.join(texts)} |"
 
 
 def verdicts(evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]], *, of_paper: bool) -> str:
@@ -272,18 +328,18 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
         yield f"Missing: {missing_text(results)}."
         yield ""
     graphs = [f"{of.name} `{of.hash[:12]}` ({of.kind}, split `{of.split[:12]}`)" for of in results.graphs]
-    hours = f"{results.hours:.1f} core hours" if results.hours else "from stored cells, which hold no hours"
-    yield f"Made with `{results.command}`: {hours}, on {', '.join(graphs)}; {origins_of(results)}."
+    yield f"Made with `{results.command}`, on {', '.join(graphs)}."
     yield ""
 
 
-def origins_of(results: StudyResults) -> str:
-    """Return the platforms and versions of the trainings."""
-    made = [(f"{origin_in_words(of)}, {of.platform}: ", of.versions) for of in results.origins] or [
-        ("", results.versions)
-    ]
-    texts = (who + ", ".join(f"{name} {version}" for name, version in versions.items()) for who, versions in made)
-    return "; ".join(texts)
+def origins_of(found: list[StudyResults]) -> str:
+    """Return the platforms of the trainings, and the versions of packages that all trainings on a platform had."""
+    made: dict[str, dict[str, str]] = {}
+    for of in (of for results in found for of in results.origins):
+        versions = made.setdefault(of.platform, of.versions)
+        made[of.platform] = {name: at for name, at in versions.items() if of.versions.get(name) == at}
+    texts = (f"{who}: {', '.join(f'{name} {at}' for name, at in made[who].items())}" for who in sorted(made))
+    return "; ".join(texts) or "not recorded"
 
 
 def without_agent(results: StudyResults, point: PointFigures) -> Iterator[tuple[str, str, str]]:
@@ -320,6 +376,11 @@ def point_table(results: StudyResults, view: StudyView, point: PointFigures) -> 
     for name, success, own in without_agent(results, point):
         yield f"| {name} | |{' |' * has_mrr} {success} | | {own} | |"
     yield ""
+    uneven = [entry for entry in point.variants if len(entry.success) > 1 and np.std(entry.success, ddof=1) > WIDE]
+    for entry in uneven:
+        yield f"Seeds of *{entry.variant}* differ much: {', '.join(share(rate) for rate in entry.success)}."
+    if uneven:
+        yield ""
 
 
 def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter) -> Iterator[str]:
@@ -386,6 +447,7 @@ def written(found: list[StudyResults], text: str) -> dict[str, str]:
     views = [view_study(results) for results in found]
     text = replaced(text, (BEGIN, END), page(found, views))
     text = replaced(text, LEFT, left_table(HERE / "results" / "left.json"))
+    text = replaced(text, AGAINST, against_table(HERE / "agents-against-scorers.json"))
     files = {"results.md": replaced(text, COVERAGE, coverage_table(HERE / "interval-coverage.json"))}
     for results, view in zip(found, views, strict=True):
         title = f"{current(results).title} ({shown_book(results).strip('`')})"

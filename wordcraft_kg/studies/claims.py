@@ -218,7 +218,8 @@ def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> 
 def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple[Verdict, str]:
     if low > 0:
         if low >= by:
-            return "reproduced", f"{word}, by more than {by:g}" if by else word
+            small = f", by less than {_SAME:g}" if high < _SAME else ""
+            return "reproduced", f"{word}, by more than {by:g}" if by else word + small
         return "differs", f"{word}, but {'not' if high < by else 'not surely'} by {by:g}"
     if high < 0:
         return "not reproduced", f"it is {opposite}"

@@ -145,6 +145,23 @@ def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script
     assert "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00" in text
 
 
+def test_the_page_names_uneven_seeds_counts_verdicts_and_says_that_all_is_there(script, tmp_path):
+    text = text_of(script, results_of({"none": [1, 1], "guided": [1, 4]}))
+    assert "Seeds of *guided* differ much: .200, .800." in text
+    assert "| Guided is better. *(paper, Somewhere)* | 1 undecided, 1 not run |" in text
+    (tmp_path / "left.json").write_text('[{"study": "A", "book": "B", "trainings": 4, "here": 4, "hours": 0.0}]')
+    assert list(script.left_table(tmp_path / "left.json")) == ["All 4 declared trainings are there."]
+
+
+def test_agents_against_their_scorers_have_corrected_p_values(script, tmp_path):
+    row = {"book": "everyday", "kind": "by-goal", "train_ratio": 0.8, "depth": 1, "distractors": 8, "variant": "guided"}
+    row |= {"agent": 0.6, "scorer": 0.5, "difference": 0.1, "low": 0.05, "high": 0.15, "p": 0.01}
+    (tmp_path / "rows.json").write_text(json.dumps([row, row | {"train_ratio": 0.1, "p": 0.2}]))
+    first, second = list(script.against_table(tmp_path / "rows.json"))[2:]
+    assert first == "| `everyday`, by-goal | 1 | 8 | guided | .600 | .500 | +.100 [+.050, +.150] | .020 |"
+    assert second.startswith("| `everyday`, by-goal, 10% in train |")
+
+
 def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(script, tmp_path, monkeypatch):
     results = results_of(SOME)
     graph, row = results.graphs[0], {"depth": 1, "distractors": 8, "distractor_seeds": 5, "tasks": 100}

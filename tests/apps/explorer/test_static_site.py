@@ -47,18 +47,6 @@ def test_every_link_of_every_file_leads_to_a_file(static_site, pages):
             assert not anchor or f'id="{anchor}"' in pages[file].page, (path, link)
 
 
-def test_the_first_page_leads_to_every_entity(static_site, pages, explored):
-    todo = [static_site / "index.html"]
-    seen = set(todo)
-    while todo:
-        path = todo.pop()
-        links = [link.partition("#")[0] for link in pages[path].links if link[0] != "#"]
-        files = {(path.parent / unquote(link)).resolve() for link in links} - seen
-        todo += files
-        seen |= files
-    assert sum(path.parent.name == "entity" for path in seen) == explored.opened.graph.num_entities
-
-
 def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages):
     for path, page in pages.items():
         assert all("hidden" in form.attributes for form in page.forms), path

@@ -6,7 +6,8 @@
 The scorer of each training, below the folder ``scorers`` by graph, split and seed, plays the tables of the training's
 agent by itself: the pair with the highest recipe score beside agents with w at depth 1, its plans beside agents with p
 at more. Intervals are over seeds and tasks. The rows go to docs/agents-against-scorers.json, where
-docs/make_results.py finds them; a variant that several studies share has one row.
+docs/make_results.py finds them; a variant that several studies share has one row. Points without their scorers are
+left out, and keep earlier rows.
 """
 
 import argparse
@@ -79,7 +80,7 @@ def main() -> None:
         for (number, distractors, variant), runs in sorted(points.items()):
             graph = study["graphs"][number]
             key = dict(zip(KEY, (graph["hash"], graph["split"], depth, distractors, variant), strict=True))
-            if tuple(key.values()) in done:
+            if tuple(key.values()) in done or any((graph["split"], run["seed"]) not in scorers for run in runs):
                 continue
             done.add(tuple(key.values()))
             for run in runs:
@@ -98,7 +99,7 @@ def main() -> None:
                 "seeds": len(runs),
                 "tasks": won.shape[1],
             }
-            row |= {name: round(float(figure), 4) for name, figure in figures.items()} | {"p": float(f"{p_value:.3g}")}
+            row |= {name: round(float(figure), 6) for name, figure in figures.items()} | {"p": float(f"{p_value:.3g}")}
             row["weights"] = [scorers[graph["split"], run["seed"]].run.outputs[WEIGHTS] for run in runs]
             rows = [*(other for other in rows if any(other[name] != row[name] for name in KEY)), row]
             print(

@@ -52,6 +52,7 @@ def test_a_scorer_that_has_seen_no_recipe_is_compared_with_baselines_of_the_trai
     assert "none knowledge graph" not in page
 
 
+@pytest.mark.slow
 def test_an_agent_can_be_guided_by_it_explained_and_compared(run, models, tmp_path):
     for seed in (0, 1):
         options = ("--scorer", models / "mine", "--seed", seed, "--out", tmp_path / f"run-{seed}")

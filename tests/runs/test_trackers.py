@@ -70,6 +70,7 @@ def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path, par
     assert notes.ended == ["done"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("train", "config", "stop"), [(train_links, LINKS, 1), (train_agent, AGENT, 800)])
 def test_a_resumed_run_continues_where_the_interrupted_one_ended(train, config, stop, tmp_path):
     one, other, whole = Notes(), Notes(), Notes()

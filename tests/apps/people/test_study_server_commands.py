@@ -77,6 +77,7 @@ def nothing_waits(monkeypatch):
     monkeypatch.setattr("wordcraft_kg.apps.web.serving.serve", serve)
 
 
+@pytest.mark.slow
 def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp_path):
     out = tmp_path / "study"
     with served(out) as (process, address):
